@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.preprocessing.recipe import DatasetEntry
-from kennfeld.project.document import format_toml
-from kennfeld.project.forms import default_of, entry_schema, form_of, is_required, keys_of
+from kennfeld.project.forms import entry_schema, form_of, keys_of, meaning_of
+from kennfeld.project.key_descriptions import default_text
 from kennfeld.project.schema import (
     CalibrationEntry,
     CriterionEntry,
@@ -68,17 +68,8 @@ def _fill(match: re.Match[str]) -> str:
 
 
 def _row(part: Field[Any]) -> str:
-    cells = (f"`{part.metadata['name'] or part.name}`", form_of(part).label, _default(part), part.metadata["meaning"])
+    cells = (f"`{part.metadata['name'] or part.name}`", form_of(part).label, default_text(part), meaning_of(part))
     return "|" + "|".join(f" {cell.replace('|', chr(92) + '|')} " if cell else " " for cell in cells) + "|"
-
-
-def _default(part: Field[Any]) -> str:
-    if "default_text" in part.metadata or is_required(part):
-        return str(part.metadata.get("default_text", "required"))
-    default = default_of(part)
-    if isinstance(default, int | float) and not isinstance(default, bool):
-        return f"{default:g}"
-    return f"`{format_toml(default)}`" if default or default is False else ""
 
 
 if __name__ == "__main__":

@@ -17,9 +17,10 @@ def key(
         default: the value if the key is missing; without default and factory the key is required.
         factory: returns a mutable default.
         name: the key in the file, if it differs from the field.
-        metadata: `least`, `above` and `most` bound a number; `form` reads and writes a value that its annotation does
-            not describe; `missing` is the remedy for a required key that is missing; `default_text` describes the
-            default, if a value cannot.
+        metadata: `least`, `above` and `most` bound a number, `unit` is its unit; `form` reads and writes a value that
+            its annotation does not describe; `missing` is the remedy for a required key that is missing;
+            `default_text` describes the default, if a value cannot. `holds` names what texts are: "channel", "node",
+            "condition", "formula" and so on; `by` names what the keys of a table are.
 
     >>> from dataclasses import dataclass, fields
     >>> @dataclass

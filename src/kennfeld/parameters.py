@@ -212,6 +212,12 @@ class Parameter:
         """The values as compiled code reads them if no calibration changes them, in C order."""
         return self.values.ravel()
 
+    def has_grid_of(self, other: "Parameter") -> bool:
+        """Check whether another parameter is of the same kind, with the same shape and breakpoints."""
+        same = self.kind == other.kind and self.values.shape == other.values.shape
+        pairs = zip(self.axes, other.axes, strict=False)
+        return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in pairs)
+
     def with_values(self, values: ArrayLike) -> Self:
         """Return the same parameter holding other values: an array of its shape, or a flat one in C order."""
         numbers = array(values, f"values of {self.name}")

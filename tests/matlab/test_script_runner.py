@@ -172,6 +172,14 @@ def test_invalid_statements_are_reported_and_the_others_run():
     assert set(outcome.variables) == {"a", "c"}
 
 
+def test_a_failure_after_a_jump_out_of_try_is_reported():
+    outcome = run_script("for k = 1:2\n try\n  break\n catch\n end\nend\na = eye(1, 2, 3);\nb = 2;", "init.m")
+    assert list(outcome.variables) == ["k", "b"]
+    assert [str(finding) for finding in outcome.findings] == [
+        "init.m line 7, column 5: eye: a matrix requires two sizes; a remains undefined"
+    ]
+
+
 def test_a_script_that_stops_with_an_error_is_reported():
     outcome = run_script("a = 1;\nif a == 1, error('Wrong engine'), end\nb = 2;", "init.m")
     assert [str(finding) for finding in outcome.findings] == [

@@ -230,3 +230,29 @@ def test_a_document_that_is_no_toml_is_refused(shop):
     shop.toml = "[model"
     with pytest.raises(InputError, match="line 1"):
         ProjectDocument.read(shop.path)
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "expected"),
+    [
+        ("[model]\nfile = 'a'\n\n[optimizer]\nstarts = 4\n", ("optimizer", "starts"), "[model]\nfile = 'a'\n"),
+        ("[parameters.A]\ngradient = { x = [0, 1] }\n", ("parameters", "A", "gradient", "x"), ""),
+        ("[optimizer]\n# four\nstarts = 4\n", ("optimizer", "starts"), "[optimizer]\n# four\n"),
+        ("[[step]]\nname = 'a'\n", ("step", 1, "name"), "[[step]]\n"),
+        ("[[dataset]]\nfiles = 'a'\nshift.n = 1\n", ("dataset", 1, "shift", "n"), "[[dataset]]\nfiles = 'a'\n"),
+    ],
+)
+def test_tables_that_lost_their_last_key_are_removed_unless_they_mean_something(text, path, expected):
+    document = ProjectDocument(text)
+    document.remove(path)
+    document.remove_empty(path[:-1])
+    assert document.text == expected
+
+
+def test_the_notation_of_an_earlier_text_is_restored_with_its_values():
+    text = "[parameters.A]\r\nsmoothness = 1e4  # large\r\n"
+    changed = ProjectDocument(text)
+    changed.set(("parameters", "A", "smoothness"), 5)
+    document = ProjectDocument(changed.text, earlier=[text])
+    document.set(("parameters", "A", "smoothness"), 10000)
+    assert document.text == text

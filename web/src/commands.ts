@@ -2,10 +2,11 @@
 
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
+import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
 import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
-export interface Command { title: string; keys: string[]; run: () => void; enabled?: () => boolean }
+export interface Command { title: string; hint?: string; keys: string[]; run: () => void; enabled?: () => boolean }
 
 export const overlay = signal<"" | "palette" | "keys">("");
 
@@ -25,12 +26,17 @@ export const COMMANDS: Command[] = [
   { title: "Cross-validate", keys: [], run: () => { screen.value = "optimization"; view.value = "cross-validation"; }, enabled: () => state.value.project !== null },
   { title: "Compare, merge or convert calibration files", keys: [], run: () => { screen.value = "files"; } },
   { title: "Download the folder as ZIP", keys: [], run: () => { location.assign("/project.zip"); }, enabled: () => state.value.project !== null },
+  { title: "Settings of this screen", keys: ["Ctrl", ","], run: togglePanel, enabled: () => state.value.project !== null && screen.value in panel },
   { title: "Light or dark", keys: [], run: toggleTheme },
   { title: "Keys", keys: ["?"], run: () => { overlay.value = "keys"; } },
 ];
 
-/** All commands, and one for each parameter. */
+/** All commands, one for each parameter, and one for each key of the project file. */
 export function searchable(): Command[] {
+  return [...actions(), ...(state.value.project === null ? [] : allKeys()).map(({ section, key }): Command => ({ title: key.name ? `${section}.${key.name}` : section, hint: key.help, keys: [], run: () => jump(section, key.name) }))];
+}
+
+function actions(): Command[] {
   return [...COMMANDS.filter((command) => command.enabled?.() ?? true), ...state.value.parameters.map((p): Command => ({ title: `Open ${p.name}`, keys: [], run: () => { open(p.name); screen.value = "parameters"; } }))];
 }
 

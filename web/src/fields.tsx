@@ -1,71 +1,52 @@
-// Fields that show a key of the project file and change it. Each says in its tooltip what it means and which key it is.
+// Fields that show a key of the project file and change it. What each means, its default and its limits come from the schema.
 
 import { useSignal } from "@preact/signals";
-import { parseNumber } from "./drawing/numbers";
-import { describePath, messagesOf, setKeys, valueAt, type Path, type Toml } from "./settings";
+import { ChoiceInput, LineInput, NumberInput, PairInput } from "./inputs";
+import { keyAt, settingName, type Key } from "./schema";
+import { describePath, messagesWithin, setKeys, valueAt, type Path, type Toml } from "./settings";
 
 interface FieldProps { path: Path; label: string; help?: string; width?: number; placeholder?: string; unit?: string }
 
-function title({ path, help }: FieldProps): string {
-  const own = messagesOf(path).value.map((f) => f.text);
-  return [help, describePath(path), ...own].filter(Boolean).join("\n");
+/** What a key means, as a tooltip says it. */
+export function tooltip(path: Path, key: Key | undefined, help = key?.help ?? ""): string {
+  const facts = key === undefined ? "" : [key.type, key.unit, key.default && `default: ${key.default}`].filter(Boolean).join(", ");
+  return [help, facts, describePath(path), ...messagesWithin(path, key).map((f) => f.text)].filter(Boolean).join("\n");
 }
 
-const kind = (path: Path): string => (messagesOf(path).value.some((f) => f.severity === "error") ? "bad" : "");
+const title = ({ path, help }: FieldProps): string => tooltip(path, keyAt(path), help);
+const bad = (path: Path): boolean => messagesWithin(path, keyAt(path)).some((f) => f.severity === "error");
+const set = (props: FieldProps, value: Toml | null, text: string): void => { void setKeys([[props.path, value]], `${props.label}: ${text || "default"}`); };
 
 /** A number; empty removes the key, so that the default shown in grey counts. */
 export function NumberField(props: FieldProps) {
-  const own = valueAt(props.path);
-  const typed = useSignal<string | null>(null);
-  const text = typed.value ?? (own === undefined ? "" : typeof own === "number" ? asTyped(own) : String(own));
-  const commit = () => {
-    const entered = typed.value;
-    typed.value = null;
-    if (entered === null) return;
-    if (entered.trim() === "") {
-      if (own !== undefined) void setKeys([[props.path, null]], `${props.label}: default`);
-      return;
-    }
-    const value = parseNumber(entered);
-    const next: Toml = value === null ? entered.trim() : value;
-    if (next !== own) void setKeys([[props.path, next]], `${props.label}: ${entered.trim()}`);
-  };
+  const [own, key] = [valueAt(props.path), keyAt(props.path)];
+  const unit = props.unit ?? key?.unit;
   return (
-    <span class={`field small num ${kind(props.path)} ${own === undefined ? "empty" : ""}`} style={{ width: `${props.width ?? 56}px` }} title={title(props)}>
-      <input aria-label={props.label} value={text} placeholder={props.placeholder} inputMode="decimal" onInput={(event) => { typed.value = event.currentTarget.value; }} onBlur={commit} onKeyDown={(event) => { if (event.key === "Enter") event.currentTarget.blur(); if (event.key === "Escape") { typed.value = null; event.currentTarget.blur(); } }} />
-      {props.unit && <u>{props.unit}</u>}
+    <span class={`field small num ${bad(props.path) ? "bad" : ""} ${own === undefined ? "empty" : ""}`} data-setting={settingName(props.path)} style={{ width: `${props.width ?? 56}px` }} title={title(props)}>
+      <NumberInput label={props.label} placeholder={props.placeholder ?? key?.default} own={own} enter={(value, text) => set(props, value, text)} />
+      {unit && <u>{unit}</u>}
     </span>
   );
 }
-
-
-/** A number as one would type it. */
-const asTyped = (value: number): string => String(value).replace("e+", "e");
 
 export function TextField(props: FieldProps & { mono?: boolean }) {
-  const own = valueAt(props.path);
-  const typed = useSignal<string | null>(null);
-  const commit = () => {
-    const entered = typed.value;
-    typed.value = null;
-    if (entered === null || entered === (own ?? "")) return;
-    void setKeys([[props.path, entered === "" ? null : entered]], `${props.label}: ${entered || "none"}`);
-  };
+  const [own, key] = [valueAt(props.path), keyAt(props.path)];
   return (
-    <span class={`field small ${kind(props.path)} ${props.mono ? "mono" : ""}`} style={{ width: props.width ? `${props.width}px` : "100%" }} title={title(props)}>
-      <input aria-label={props.label} value={typed.value ?? (own === undefined ? "" : String(own))} placeholder={props.placeholder} onInput={(event) => { typed.value = event.currentTarget.value; }} onBlur={commit} onKeyDown={(event) => { if (event.key === "Enter") event.currentTarget.blur(); if (event.key === "Escape") { typed.value = null; event.currentTarget.blur(); } }} />
+    <span class={`field small ${bad(props.path) ? "bad" : ""} ${props.mono ? "mono" : ""}`} data-setting={settingName(props.path)} style={{ width: props.width ? `${props.width}px` : "100%" }} title={title(props)}>
+      <LineInput label={props.label} placeholder={props.placeholder ?? key?.default} text={own === undefined ? "" : String(own)} enter={(text) => set(props, text === "" ? null : text, text)} />
     </span>
   );
 }
 
-/** One of a few words; the first is the default, for which the key is removed. */
-export function ChoiceField(props: FieldProps & { options: string[] }) {
-  const own = valueAt(props.path) ?? props.options[0];
+/** One of a few words; the key is removed for the default. */
+export function ChoiceField(props: FieldProps & { options?: string[] }) {
+  const key = keyAt(props.path);
+  const options = props.options ?? key?.form.options ?? [];
+  const standard = options.find((each) => each === key?.default.replaceAll('"', "")) ?? options[0]!;
   return (
-    <select class={`field small ${kind(props.path)}`} aria-label={props.label} title={title(props)} style={{ width: `${props.width ?? 84}px` }} value={String(own)} onChange={(event) => {
-      const value = event.currentTarget.value;
-      void setKeys([[props.path, value === props.options[0] ? null : value]], `${props.label}: ${value}`);
-    }}>{props.options.map((each) => <option value={each}>{each}</option>)}</select>
+    <span class="row" data-setting={settingName(props.path)} title={title(props)}>
+      <ChoiceInput own={String(valueAt(props.path) ?? standard)} options={options} label={props.label} bad={bad(props.path)} width={props.width ?? 84} choose={(option) => set(props, option === standard ? null : option, option)} />
+    </span>
   );
 }
 
@@ -75,34 +56,12 @@ export function Segment(props: { options: string[]; chosen: string; choose: (opt
 }
 
 /** Two numbers, such as bounds; both empty removes the key, one empty is no limit on that side. */
-export function PairField(props: FieldProps & { none?: string }) {
+export function PairField(props: FieldProps) {
   const own = valueAt(props.path);
-  const pair = Array.isArray(own) && own.length === 2 && own.every((side) => typeof side === "number" || typeof side === "string") ? own : null;
-  const typed = useSignal<[string | null, string | null]>([null, null]);
+  const pair = Array.isArray(own) && own.length === 2 && own.every((side) => typeof side !== "object") ? own : null;
   if (own !== undefined && pair === null) return <span class="field small" title={title(props)}>a table of values</span>;
-  const shown = (side: 0 | 1): string => {
-    if (typed.value[side] !== null) return typed.value[side]!;
-    const value = pair?.[side];
-    return value === undefined || String(value).endsWith("inf") ? "" : String(value);
-  };
-  const commit = () => {
-    if (typed.value[0] === null && typed.value[1] === null) return;
-    const sides = [shown(0), shown(1)].map((text, side) => (text.trim() === "" ? (side ? Infinity : -Infinity) : parseNumber(text)));
-    typed.value = [null, null];
-    const [low, high] = sides;
-    if (low === null || high === null) return;
-    const next = low === -Infinity && high === Infinity ? null : [infinite(low!), infinite(high!)];
-    if (JSON.stringify(next) !== JSON.stringify(pair)) void setKeys([[props.path, next]], `${props.label}: ${next === null ? "none" : next.join(" to ")}`);
-  };
-  const side = (which: 0 | 1) => (
-    <span class={`field small num ${kind(props.path)}`} style={{ width: "54px" }}>
-      <input aria-label={`${props.label}, ${which ? "upper" : "lower"}`} value={shown(which)} placeholder={which ? "∞" : "−∞"} onInput={(event) => { const next: [string | null, string | null] = [...typed.value]; next[which] = event.currentTarget.value; typed.value = next; }} onBlur={commit} onKeyDown={(event) => { if (event.key === "Enter") event.currentTarget.blur(); if (event.key === "Escape") { typed.value = [null, null]; event.currentTarget.blur(); } }} />
-    </span>
-  );
-  return <span class="row" title={title(props)}>{side(0)}<span class="q">…</span>{side(1)}</span>;
+  return <span class="row" data-setting={settingName(props.path)} title={title(props)}><PairInput own={pair} label={props.label} bad={bad(props.path)} enter={(value) => set(props, value, value === null ? "none" : (value as Toml[]).join(" to "))} /></span>;
 }
-
-const infinite = (value: number): Toml => (value === Infinity ? "inf" : value === -Infinity ? "-inf" : value);
 
 /** A number on a logarithmic slider, from 0 (off) over 1e-3 to 1e6, and as text. */
 export function LogSlider(props: FieldProps) {
@@ -115,7 +74,7 @@ export function LogSlider(props: FieldProps) {
     <span class="row" title={title(props)}>
       <input class="slide" type="range" min="0" max="10" step="0.1" aria-label={`${props.label}, logarithmic`} value={dragged.value ?? position} onInput={(event) => { dragged.value = Number(event.currentTarget.value); }}
         onChange={(event) => { dragged.value = null; const next = numberAt(Number(event.currentTarget.value)); void setKeys([[props.path, next || null]], `${props.label}: ${next}`); }} />
-      <NumberField {...props} width={48} placeholder="0" />
+      {typeof own === "object" ? <span class="field small" title={title(props)}>by axis</span> : <NumberField {...props} width={48} />}
     </span>
   );
 }

@@ -1,5 +1,6 @@
 // The frame around every screen: header with the errors and the job, the steps on the left, the status line.
 
+import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
 import { MISSING, count, significant, signed } from "./drawing/numbers";
@@ -53,14 +54,21 @@ function jobText(job: typeof state.value.job, runs: number): string {
   return runs ? `run ${runs} · ${job.iterations} it. · ${job.seconds.toFixed(2)} s` : "no run yet";
 }
 
+/** The criterion whose error the header shows; the first one that has samples, if it has none. */
+const criterion = signal("");
+
 function Rmse({ use }: { use: "training" | "test" }) {
-  const score: Score | undefined = state.value.scores.find((s) => s.use === use && s.samples > 0);
+  const scores = state.value.scores.filter((s) => s.use === use && s.samples > 0);
+  const score: Score | undefined = scores.find((s) => s.criterion === criterion.value) ?? scores[0];
+  const all = scores.map((s) => `${s.criterion}: ${s.rmse === null ? MISSING : significant(s.rmse)} ${s.unit}`).join("\n");
   const { rmse = null, before = null, last = null, unit = "" } = score ?? {};
   const share = rmse !== null && before ? (rmse / before - 1) * 100 : null;
   const edit = rmse !== null && last !== null && last !== rmse ? rmse - last : null;
   return (
-    <div class="rmse">
-      <span class="lab">RMSE {use}</span>
+    <div class="rmse" title={scores.length > 1 ? `RMSE of the ${use} data\n${all}` : undefined}>
+      {scores.length > 1 ? (
+        <span class="lab cut">{use} <select aria-label={`Criterion of the RMSE of the ${use} data`} value={score!.criterion} onChange={(event) => { criterion.value = event.currentTarget.value; }}>{scores.map((s) => <option value={s.criterion}>{s.criterion}</option>)}</select></span>
+      ) : <span class="lab cut">{state.value.criteria.length > 1 && score ? <>{use} <b>{score.criterion}</b></> : `RMSE ${use}`}</span>}
       <span class={`last ${edit === null ? "" : edit > 0 ? "bad" : "good"}`}>{edit === null ? "" : `last edit ${signed(edit, 3)}`}</span>
       <div class="val">
         <span class="from">{before === null ? MISSING : significant(before)}</span>

@@ -15,6 +15,7 @@ import { Results } from "./screens/results";
 import { Start } from "./screens/start";
 import { connected, message, request, screen, state, takeState, type Screen } from "./store";
 import "./style.css";
+import "./instruments/settings.css";
 import "./screens/data.css";
 import "./screens/files.css";
 import "./screens/function.css";

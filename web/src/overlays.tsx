@@ -1,7 +1,7 @@
 // What lies over the page: the command palette, the list of keys, and notices that ask for a decision.
 
-import { useSignal } from "@preact/signals";
-import { COMMANDS, overlay, searchable } from "./commands";
+import { useComputed, useSignal } from "@preact/signals";
+import { COMMANDS, overlay, searchable, type Command } from "./commands";
 import { Icon } from "./icons";
 import { foreign } from "./restart";
 import { connected, request, state } from "./store";
@@ -23,8 +23,7 @@ function Veil() {
 function Palette() {
   const text = useSignal("");
   const chosen = useSignal(0);
-  const words = text.value.toLowerCase().split(/\s+/).filter(Boolean);
-  const found = searchable().filter((command) => words.every((word) => command.title.toLowerCase().includes(word))).slice(0, 12);
+  const found = useComputed(() => rank(searchable(), text.value.toLowerCase().split(/\s+/).filter(Boolean))).value;
   const run = (index: number) => {
     overlay.value = "";
     found[index]?.run();
@@ -40,12 +39,19 @@ function Palette() {
     <>
       <Veil />
       <div class="over palette" role="dialog" aria-label="Find or do">
-        <label class="field big"><Icon name="find" kind="q" /><input ref={(element) => element?.focus()} aria-label="Command or parameter" placeholder="Find a parameter, or do something" value={text.value} onInput={(event) => { text.value = event.currentTarget.value; chosen.value = 0; }} onKeyDown={key} /></label>
-        <div role="listbox">{found.map((command, k) => <button class={`entry ${k === chosen.value ? "on" : ""}`} role="option" aria-selected={k === chosen.value} onMouseEnter={() => { chosen.value = k; }} onClick={() => run(k)}><span>{command.title}</span><span>{command.keys.map((each) => <kbd>{each}</kbd>)}</span></button>)}</div>
+        <label class="field big"><Icon name="find" kind="q" /><input ref={(element) => element?.focus()} aria-label="Command or parameter" placeholder="Find a parameter or a setting, or do something" value={text.value} onInput={(event) => { text.value = event.currentTarget.value; chosen.value = 0; }} onKeyDown={key} /></label>
+        <div role="listbox">{found.map((command, k) => <button class={`entry ${k === chosen.value ? "on" : ""}`} role="option" aria-selected={k === chosen.value} onMouseEnter={() => { chosen.value = k; }} onClick={() => run(k)}><span>{command.title}</span>{command.hint && <span class="q cut hint">{command.hint}</span>}<span>{command.keys.map((each) => <kbd>{each}</kbd>)}</span></button>)}</div>
         {found.length === 0 && <p class="pad q">Nothing is called so.</p>}
       </div>
     </>
   );
+}
+
+/** Those whose title has all words come first, then those whose help has. */
+function rank(all: Command[], words: string[]): Command[] {
+  const has = (text: string) => words.every((word) => text.toLowerCase().includes(word));
+  const inTitle = all.filter((command) => has(command.title));
+  return [...inTitle, ...all.filter((command) => !inTitle.includes(command) && has(`${command.title} ${command.hint ?? ""}`))].slice(0, 12);
 }
 
 const GROUPS: [string, [string[], string][]][] = [

@@ -31,7 +31,8 @@ export interface Parameter {
 
 export interface Finding {
   severity: "error" | "warning" | "remark";
-  text: string;
+  text: string; // with its location
+  message: string; // without
   screen: Screen;
   file: string;
   line: number;

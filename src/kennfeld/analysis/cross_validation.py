@@ -259,7 +259,7 @@ def cross_validate(
         raise ArgumentError("cross_validate(problem) accepts only folds, kind, seed, options and progress")
     else:
         problem = model
-    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
+    training = problem.fitted_datasets
     memory = bool(problem.model.graph.states)
     rows: list[FoldQuality] = []
     for number, fold in enumerate(folds_of(training, folds, kind, memory=memory, seed=seed), 1):

@@ -10,7 +10,6 @@ from kennfeld.graph.traversal import with_names
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 
 
@@ -92,13 +91,6 @@ class Evaluator:
 def _same_axes(first: ParameterSet, second: ParameterSet) -> bool:
     """Return True if two sets hold the same tables over the same breakpoints."""
     return list(first) == list(second) and all(
-        same_grid(first[name], second[name]) and first[name].extrapolation == second[name].extrapolation
+        first[name].has_grid_of(second[name]) and first[name].extrapolation == second[name].extrapolation
         for name in first
-    )
-
-
-def same_grid(first: Parameter, second: Parameter) -> bool:
-    """Return True if two tables have the same shape and breakpoints."""
-    return first.values.shape == second.values.shape and all(
-        np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(first.axes, second.axes, strict=True)
     )

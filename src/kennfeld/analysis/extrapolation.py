@@ -125,7 +125,6 @@ class _Calls:
         self.computed = {at: f"\0at {at}" for at in places if at not in self.inputs}
 
     def rows(self) -> Iterator[Extrapolation]:
-        """Yield a row per dataset."""
         name, validity, nodes = self.surrogate.name, self.surrogate.validity, None
         if validity is not None and self.computed:
             grown = with_names(self.problem.graph, self.computed)

@@ -169,7 +169,7 @@ def _differences(first: _Item, second: _Item, allowed: Tolerance) -> Iterator[Di
 def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance) -> Iterator[Difference]:
     name = first.name
     if first.values.shape != second.values.shape:
-        yield Difference(name, "size", _size(first.values), _size(second.values))
+        yield Difference(name, "size", size_text(first.values.shape), size_text(second.values.shape))
     else:
         yield from _number_differences(name, "values", first.values, second.values, allowed, first.axes)
     for letter, mine, its in zip(AXIS_LETTERS, first.axes, second.axes, strict=False):
@@ -237,8 +237,4 @@ def _describe_item(item: _Item | None) -> str:
         return f"group axis of {len(item)}"
     if isinstance(item, Text):
         return item.kind
-    return f"{item.kind} of {_size(item.values)}" if item.values.ndim else item.kind
-
-
-def _size(values: Float) -> str:
-    return size_text(values.shape)
+    return f"{item.kind} of {size_text(item.values.shape)}" if item.values.ndim else item.kind

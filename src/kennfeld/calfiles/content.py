@@ -44,11 +44,7 @@ def same_content(first: Item, second: Item) -> bool:
     """Check whether two definitions of a label have the same text, or the same kind, values and breakpoints."""
     if isinstance(first, Text) or isinstance(second, Text):
         return isinstance(first, Text) and isinstance(second, Text) and first.text == second.text
-    return (
-        first.kind == second.kind
-        and np.array_equal(first.values, second.values)
-        and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in zip(first.axes, second.axes, strict=True))
-    )
+    return first.has_grid_of(second) and np.array_equal(first.values, second.values)
 
 
 def drop_trailing_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:

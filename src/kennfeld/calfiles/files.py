@@ -14,6 +14,7 @@ from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, fragment_of_a2l, 
 from kennfeld.calfiles.format import HEAD_SIZE, BinaryFormat, CalibrationSource, Format, Item, ReadResult
 from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_content
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
@@ -144,11 +145,8 @@ def write(
     if image is not None:
         parameters = parameters.from_origin(_read_content(Path(image), a2l).parameters.origin)
     result = _format_for(target).write(parameters, target.name)
-    try:
+    with convert_errors(os.path.realpath(target), "cannot be written", "Choose another path."):
         write_whole(target, result.raw)
-    except OSError as error:
-        message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(Location(os.path.realpath(target)), message, "Choose another path.") from None
     return result.findings
 
 
@@ -253,20 +251,11 @@ def _no_collection() -> Iterator[None]:
 
 def _bytes(path: Path) -> bytes:
     """Read a file; a large one of another kind is refused by its head."""
-    try:
-        with path.open("rb") as file:
-            head = CalibrationSource(path.name, file.read(HEAD_SIZE), path)
-            if head.is_binary and not any(
-                known.recognises(head) for known in _FORMATS if isinstance(known, BinaryFormat)
-            ):
-                raise InputError([_unsupported_file(path, head.raw, "holds binary data")])
-            return head.raw + file.read()
-    except FileNotFoundError:
-        neighbours = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-        remedy = nearest(path.name, neighbours)
-        raise InputError.of(Location(str(path)), "there is no such file", remedy) from None
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
+    with convert_errors(path, "cannot be read", missing="there is no such file"), path.open("rb") as file:
+        head = CalibrationSource(path.name, file.read(HEAD_SIZE), path)
+        if head.is_binary and not any(known.recognises(head) for known in _FORMATS if isinstance(known, BinaryFormat)):
+            raise InputError([_unsupported_file(path, head.raw, "holds binary data")])
+        return head.raw + file.read()
 
 
 def _unrecognised_file(path: Path, source: CalibrationSource) -> Finding:

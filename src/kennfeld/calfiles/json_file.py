@@ -310,7 +310,6 @@ class _JsonReader:
         return None
 
     def check_group_axes(self) -> None:
-        """Report group axes that differ between tables."""
         first: dict[str, tuple[str, Axis]] = {name: (name, axis) for name, axis in self.axes.items()}
         for member in self.members:
             for letter, axis in zip(AXIS_LETTERS, member.axes, strict=False):

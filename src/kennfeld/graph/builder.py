@@ -55,6 +55,10 @@ class GraphBuilder:
             self.nodes.append(Node(op, args, payload))
         return number
 
+    def rebuild(self, node: Node, args: tuple[int, ...]) -> int:
+        """Return a node like another one, but with these arguments; operations are simplified as by `call`."""
+        return self.call(node.op, *args) if node.op in OPERATIONS else self.node(node.op, args, node.payload)
+
     def const(self, value: float) -> int:
         """Return the node of a constant."""
         return self.node("const", (), math.nan if math.isnan(value) else float(value))  # one NaN, so that == holds

@@ -21,7 +21,6 @@ from kennfeld.graph.adjoints import AdjointProgram, breakpoint_slope, partials, 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, Node, State
-from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors, dependents
 
 MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
@@ -158,13 +157,12 @@ def _starts(b: GraphBuilder, states: Sequence[State]) -> list[int]:
         return number[root]
 
     def first_value(at: int) -> int:
-        op, args, payload = b.nodes[at]
-        if op == "state":
-            if payload in open_states:
+        node = b.nodes[at]
+        if node.op == "state":
+            if node.payload in open_states:
                 raise ArgumentError("the first value of a state depends on itself")
-            open_states.add(payload)
-            return at_start(states[payload].init)
-        renamed = tuple(number[a] for a in args)
-        return b.call(op, *renamed) if op in OPERATIONS else b.node(op, renamed, payload)
+            open_states.add(node.payload)
+            return at_start(states[node.payload].init)
+        return b.rebuild(node, tuple(number[a] for a in node.args))
 
     return [at_start(b.node("state", (), which)) for which in range(len(states))]

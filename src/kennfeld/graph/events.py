@@ -149,7 +149,6 @@ class _Step:
 
 
 def _find_changes(level: Float) -> Int:
-    """Return the points after which a condition changes."""
     following = np.roll(level, -1)
     with np.errstate(invalid="ignore"):
         apart = np.isfinite(level) & np.isfinite(following) & (level != following)

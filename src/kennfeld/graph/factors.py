@@ -34,7 +34,6 @@ def factors(graph: Graph) -> set[str]:
 
 
 def _non_zero_nodes(graph: Graph, adjustable: set[int]) -> Iterator[int]:
-    """Return the nodes that should not be 0."""
     for op, args, _ in graph.nodes:
         if op in ("mul", "div") and adjustable.issuperset(args):
             yield from args

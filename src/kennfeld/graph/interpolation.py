@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.parameters import Extrapolation
+from kennfeld.parameters import Axis, Extrapolation
 
 WINDOW = 4.0  # standard deviations at which the smoothing kernel is truncated
 
@@ -53,6 +53,15 @@ def cell_weights(place: Float, count: int) -> tuple[Float, Float]:
     weights[samples, cell], weights[samples, cell + 1] = 1.0 - (place - cell), place - cell
     slopes[samples, cell], slopes[samples, cell + 1] = -1.0, 1.0
     return weights, slopes
+
+
+def regrid(values: Float, axes: Sequence[Axis], onto: Sequence[Axis], extrapolation: Extrapolation) -> Float:
+    """Interpolate the values of a table over `axes` at the grid points of as many other axes."""
+    for i, (before, after) in enumerate(zip(axes, onto, strict=True)):
+        if not np.array_equal(before.breakpoints, after.breakpoints):
+            place = position(after.breakpoints, before.breakpoints, extrapolation)
+            values = np.moveaxis(np.tensordot(cell_weights(place, len(before))[0], values, axes=(1, i)), 0, i)
+    return values
 
 
 def smooth_weights(x: Float, breakpoints: Float, extrapolation: Extrapolation, width: float) -> tuple[Float, Float]:

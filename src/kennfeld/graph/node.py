@@ -70,6 +70,16 @@ class Graph:
         return tuple(dict.fromkeys(n.payload for n in self.nodes if n.op == "input" and n.payload not in CLOCK))
 
     @property
+    def clocks(self) -> set[str]:
+        """Names of the clock inputs, time and step, that the graph reads."""
+        return {n.payload for n in self.nodes if n.op == "input" and n.payload in CLOCK}
+
+    @property
+    def is_timed(self) -> bool:
+        """True if the step matters: the graph has memory, or reads the time or the step."""
+        return bool(self.states or self.clocks)
+
+    @property
     def parameters(self) -> Mapping[str, int]:
         """The parameters that the graph looks up, with their numbers of axes."""
         return {n.payload: len(n.args) for n in self.nodes if n.op == "lookup"}

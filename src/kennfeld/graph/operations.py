@@ -22,6 +22,7 @@ class Writer(Protocol):
 
 
 Partial = Callable[[Writer, tuple[int, ...], int], int]
+Branches = Callable[[Writer, tuple[int, ...]], tuple[int | None, ...]]
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Operation:
     arity: int
     evaluate: Callable[..., Any]
     partials: tuple[Partial | None, ...]
-    branches: Callable[[Writer, tuple[int, ...]], tuple[int | None, ...]] | None = None
+    branches: Branches | None = None
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -58,10 +59,6 @@ def _mod(a: Any, b: Any) -> Any:
     return np.where(b == 0, a, a - np.floor(a / b) * b)
 
 
-def _guard(a: Any, b: Any) -> Any:
-    return np.where(a == 0, 0.0, a * b)
-
-
 def _truth(function: Callable[..., Any]) -> Callable[..., Any]:
     return _quiet(lambda *args: function(*args).astype(np.float64))
 
@@ -74,12 +71,19 @@ def _unary(evaluate: Callable[..., Any], slope: Callable[[Writer, int, int], int
     return Operation(1, _quiet(evaluate), (lambda w, args, y: slope(w, args[0], y),))
 
 
-def _one(w: Writer, args: tuple[int, ...], y: int) -> int:
+def _binary(
+    evaluate: Callable[..., Any],
+    first: Callable[..., int],
+    second: Callable[..., int],
+    branches: Branches | None = None,
+) -> Operation:
+    """Return an operation of two arguments, whose slopes are written by `slope(writer, a, b, y)`."""
+    partials = (lambda w, args, y: first(w, *args, y), lambda w, args, y: second(w, *args, y))
+    return Operation(2, _quiet(evaluate), partials, branches)
+
+
+def _one(w: Writer, *_: Any) -> int:
     return w.const(1.0)
-
-
-def _minus_one(w: Writer, args: tuple[int, ...], y: int) -> int:
-    return w.const(-1.0)
 
 
 def _one_over(w: Writer, x: int) -> int:
@@ -94,30 +98,15 @@ def _one_plus_square(w: Writer, x: int) -> int:
     return w.call("add", w.const(1.0), w.call("mul", x, x))
 
 
-def _power_base(w: Writer, args: tuple[int, ...], y: int) -> int:
-    base, exponent = args
+def _over_squares(w: Writer, x: int, a: int, b: int) -> int:
+    return w.call("div", x, w.call("add", w.call("mul", a, a), w.call("mul", b, b)))
+
+
+def _power_base(w: Writer, base: int, exponent: int, _: int) -> int:
     return w.call("guard", exponent, w.call("pow", base, w.call("sub", exponent, w.const(1.0))))
 
 
-def _power_exponent(w: Writer, args: tuple[int, ...], y: int) -> int:
-    return w.call("guard", y, w.call("log", args[0]))
-
-
-def _minus_ratio(w: Writer, args: tuple[int, ...], y: int) -> int:
-    return w.call("neg", w.call("div", y, args[1]))
-
-
-def _atan2_first(w: Writer, args: tuple[int, ...], y: int) -> int:
-    a, b = args
-    return w.call("div", b, w.call("add", w.call("mul", a, a), w.call("mul", b, b)))
-
-
-def _atan2_second(w: Writer, args: tuple[int, ...], y: int) -> int:
-    a, b = args
-    return w.call("neg", w.call("div", a, w.call("add", w.call("mul", a, a), w.call("mul", b, b))))
-
-
-def _either(comparison: str) -> Callable[[Writer, tuple[int, ...]], tuple[int, int]]:
+def _either(comparison: str) -> Branches:
     def conditions(w: Writer, args: tuple[int, ...]) -> tuple[int, int]:
         first = w.call(comparison, *args)
         return first, w.call("not", first)
@@ -125,23 +114,30 @@ def _either(comparison: str) -> Callable[[Writer, tuple[int, ...]], tuple[int, i
     return conditions
 
 
-def _choices(w: Writer, args: tuple[int, ...]) -> tuple[None, int, int]:
-    return None, args[0], w.call("not", args[0])
-
-
 OPERATIONS: dict[str, Operation] = {
-    "add": Operation(2, _quiet(np.add), (_one, _one)),
-    "sub": Operation(2, _quiet(np.subtract), (_one, _minus_one)),
-    "mul": Operation(2, _quiet(np.multiply), (lambda w, args, y: args[1], lambda w, args, y: args[0])),
+    "add": _binary(np.add, _one, _one),
+    "sub": _binary(np.subtract, _one, lambda w, a, b, y: w.const(-1.0)),
+    "mul": _binary(np.multiply, lambda w, a, b, y: b, lambda w, a, b, y: a),
     # the product of an adjoint that a condition may have switched off with a slope that may not be finite
-    "guard": Operation(2, _quiet(_guard), (lambda w, args, y: args[1], lambda w, args, y: args[0])),
-    "div": Operation(2, _quiet(np.divide), (lambda w, args, y: _one_over(w, args[1]), _minus_ratio)),
-    "pow": Operation(2, _quiet(np.power), (_power_base, _power_exponent)),
-    "mod": Operation(2, _quiet(_mod), (_one, lambda w, args, y: w.call("neg", w.call("floor", w.call("div", *args))))),
-    "atan2": Operation(2, _quiet(np.arctan2), (_atan2_first, _atan2_second)),
-    "min": Operation(2, _quiet(np.minimum), (_one, _one), _either("le")),
-    "max": Operation(2, _quiet(np.maximum), (_one, _one), _either("ge")),
-    "select": Operation(3, _quiet(lambda c, a, b: np.where(c != 0, a, b)), (None, _one, _one), _choices),
+    "guard": _binary(lambda a, b: np.where(a == 0, 0.0, a * b), lambda w, a, b, y: b, lambda w, a, b, y: a),
+    "div": _binary(
+        np.divide, lambda w, a, b, y: _one_over(w, b), lambda w, a, b, y: w.call("neg", w.call("div", y, b))
+    ),
+    "pow": _binary(np.power, _power_base, lambda w, a, b, y: w.call("guard", y, w.call("log", a))),
+    "mod": _binary(_mod, _one, lambda w, a, b, y: w.call("neg", w.call("floor", w.call("div", a, b)))),
+    "atan2": _binary(
+        np.arctan2,
+        lambda w, a, b, y: _over_squares(w, b, a, b),
+        lambda w, a, b, y: w.call("neg", _over_squares(w, a, a, b)),
+    ),
+    "min": _binary(np.minimum, _one, _one, _either("le")),
+    "max": _binary(np.maximum, _one, _one, _either("ge")),
+    "select": Operation(
+        3,
+        _quiet(lambda c, a, b: np.where(c != 0, a, b)),
+        (None, _one, _one),
+        lambda w, args: (None, args[0], w.call("not", args[0])),
+    ),
     "neg": _unary(np.negative, lambda w, x, y: w.const(-1.0)),
     "abs": _unary(np.abs, lambda w, x, y: w.call("sign", x)),
     "sqrt": _unary(np.sqrt, lambda w, x, y: w.call("div", w.const(0.5), y)),

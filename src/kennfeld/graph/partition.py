@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, extract
-from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import dependents, rewrite
 
 _COST = {
@@ -49,10 +48,7 @@ def partition_graph(graph: Graph, outputs: Collection[str], free: Free) -> Graph
     name_of = {at: name for name, at in columns.items()}
 
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
-        op, _, payload = graph.nodes[at]
-        if at in name_of:
-            return b.input(name_of[at])
-        return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
+        return b.input(name_of[at]) if at in name_of else b.rebuild(graph.nodes[at], args)
 
     names = {name: graph.names[name] for name in outputs}
     reduced = Graph(graph.nodes, names, graph.states, graph.units, tuple(outputs))

@@ -95,7 +95,9 @@ def _assign_cell(
     if rest:
         value = _assign_part(evaluator, _element(evaluator, holder, indices), rest, value, owned=False)
     evaluator.budget.allocate(_COPY * holder.values.size)
-    return v.MatlabCell(_put(evaluator, holder.values, indices, v.object_array([value], (1, 1)), v.EMPTY))
+    return v.MatlabCell(
+        assign_elements(holder.values, indices, v.object_array([value], (1, 1)), v.EMPTY, evaluator.budget)
+    )
 
 
 def _element(evaluator: NumericEvaluator, holder: v.MatlabCell | v.MatlabStruct, indices: Sequence[Index]) -> Any:
@@ -149,7 +151,7 @@ def _assign_structs(
         return v.object_array([{**empty, **fields} for fields in data.ravel(order="F")], data.shape)
 
     elements = holder.elements if set(names) == set(holder.names) else complete(holder.elements)
-    put = _put(evaluator, elements, indices, complete(value.elements), empty)
+    put = assign_elements(elements, indices, complete(value.elements), empty, evaluator.budget)
     return v.MatlabStruct(put, names, holder.kind or value.kind)
 
 
@@ -166,7 +168,7 @@ def _assign_elements(
         return _assign_elements(evaluator, holder, indices, value, owned)
     if isinstance(holder, v.MatlabCell):
         values = value.values if isinstance(value, v.MatlabCell) else v.object_array([value], (1, 1))
-        return v.MatlabCell(_put(evaluator, holder.values, indices, values, v.EMPTY))
+        return v.MatlabCell(assign_elements(holder.values, indices, values, v.EMPTY, evaluator.budget))
     if not isinstance(holder, np.ndarray):
         raise v.MatlabValueError(
             f"a {v.class_name(value)} cannot be assigned to an element of a {v.class_name(holder)}"
@@ -181,27 +183,11 @@ def _assign_numbers(
         if holder.size and holder.dtype.kind != "O":
             raise v.MatlabValueError("a string cannot be assigned to an element of a numeric array")
         strings = values if values.dtype.kind == "O" else v.object_array(["".join(values.ravel().tolist())], (1, 1))
-        return _put(evaluator, holder.astype(object), indices, strings, "")
+        return assign_elements(holder.astype(object), indices, strings, "", evaluator.budget)
     if holder.dtype.kind == values.dtype.kind == "U":
-        return _put(evaluator, holder, indices, values, "\0", owned)
+        return assign_elements(holder, indices, values, "\0", evaluator.budget, owned)
     if holder.dtype != values.dtype:
         name = v.class_name(holder) if holder.size and holder.dtype.kind in "iub" else result_class(holder, values)
-        owned = owned and holder.dtype == cast_to_class(np.zeros((1, 1)), name if name != "logical" else "double").dtype
-        if name == "logical":
-            values = v.numbers(values) != 0
-        else:
-            holder, values = cast_to_class(v.numbers(holder), name), cast_to_class(v.numbers(values), name)
-    return _put(evaluator, holder, indices, values, False if holder.dtype == np.bool_ else 0, owned)
-
-
-def _put(
-    evaluator: NumericEvaluator,
-    data: v.Array,
-    indices: Sequence[Index],
-    values: v.Array,
-    fill: Any,
-    owned: bool = False,
-) -> v.Array:
-    if not indices:
-        raise v.MatlabValueError("an index is missing")
-    return assign_elements(data, indices, values, fill, evaluator.budget, owned)
+        owned = owned and v.class_name(holder) == name
+        holder, values = cast_to_class(v.numbers(holder), name), cast_to_class(v.numbers(values), name)
+    return assign_elements(holder, indices, values, False if holder.dtype == np.bool_ else 0, evaluator.budget, owned)

@@ -1,7 +1,8 @@
 """The evaluation of expressions by the rules of MATLAB; nothing is executed outside of this evaluator."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ class NumericEvaluator:
             case m.Matrix():
                 return self._matrix(node)
             case m.CellArray():
-                return make_cells([self._flatten(row) for row in node.rows if row], self.budget)
+                return make_cells([self.flat_values(row) for row in node.rows if row], self.budget)
             case m.Transpose():
                 operand = self.value(node.operand)
                 return v.with_class_of(operand, transpose(v.elements_of(operand)))
@@ -155,9 +156,10 @@ class NumericEvaluator:
             if all(element is not None for row in literals for element in row):
                 self.budget.allocate(len(rows) * len(rows[0]))
                 return np.array(literals, dtype=np.float64)
-        return concatenate_rows([self._flatten(row) for row in rows], self.budget)
+        return concatenate_rows([self.flat_values(row) for row in rows], self.budget)
 
-    def _flatten(self, nodes: Sequence[m.Expression]) -> list[v.Value]:
+    def flat_values(self, nodes: Sequence[m.Expression]) -> list[v.Value]:
+        """Return the values of several expressions in one list."""
         return [value for node in nodes for value in self.values(node)]
 
     def _binary(self, node: m.Binary) -> v.Value:
@@ -219,7 +221,7 @@ class NumericEvaluator:
                 raise v.MatlabValueError(f"a {v.class_name(value)} cannot be indexed with braces")
             case m.Call():
                 if isinstance(value, v.MatlabFunctionHandle):
-                    return self.apply(value, self._arguments(step.arguments), outputs)
+                    return self.apply(value, self.flat_values(step.arguments), outputs)
                 indices = self.indices(step.arguments, value)
                 if isinstance(value, v.OpaqueValue):
                     raise v.MatlabValueError(f"a {value.kind} can be read by MATLAB only")
@@ -244,9 +246,6 @@ class NumericEvaluator:
                 self._ends.pop()
         return indices
 
-    def _arguments(self, nodes: Sequence[m.Expression]) -> list[v.Value]:
-        return self._flatten(nodes)
-
     def _call_by_name(self, base: m.Name, steps: Sequence[m.Expression], outputs: int) -> tuple[list[v.Value], int]:
         """Call the function at the base of a chain; return its values and the number of accesses it consumes."""
         if base.name in self.undefined:
@@ -256,20 +255,16 @@ class NumericEvaluator:
             path, at = f"{path}.{field.name}", at + 1
             if is_constructor(path):
                 behind = steps[at] if at < len(steps) else None
-                known = self._arguments(behind.arguments) if isinstance(behind, m.Call) else []
+                known = self.flat_values(behind.arguments) if isinstance(behind, m.Call) else []
                 return [construct_object(path, known)], at + isinstance(behind, m.Call)
-        first = steps[0] if steps else None
-        arguments = self._arguments(first.arguments) if isinstance(first, m.Call) else []
-        is_call = isinstance(first, m.Call)
-        wanted = outputs if len(steps) == is_call else 1
+        call = steps[0] if steps and isinstance(steps[0], m.Call) else None
+        arguments = self.flat_values(call.arguments) if call is not None else []
         if not self.knows(base.name):
-            self._raise_unknown(base, path if not is_call else base.name, is_call)
-        return self.call(base.name, arguments, wanted, base.place), int(is_call)
-
-    def _raise_unknown(self, base: m.Name, path: str, is_call: bool) -> None:
-        remedy = nearest(base.name, [*self.variables, *NUMERIC_FUNCTIONS])
-        message = f"unknown function {path}" if is_call or "." in path else f"{path} is not defined"
-        raise MatlabError.at(self.name, base.place, message, remedy)
+            remedy = nearest(base.name, [*self.variables, *NUMERIC_FUNCTIONS])
+            message = f"unknown function {path}" if call is not None or "." in path else f"{path} is not defined"
+            raise MatlabError.at(self.name, base.place, message, remedy)
+        used = 0 if call is None else 1
+        return self.call(base.name, arguments, outputs if len(steps) == used else 1, base.place), used
 
     def knows(self, name: str) -> bool:
         """Return True if a function of this name exists."""
@@ -315,30 +310,22 @@ class NumericEvaluator:
         if function.body is None:
             return self.call(function.name, arguments, outputs, m.SourcePosition())
         with self.nested_call():
-            inner = self.inner(_bind_arguments(function, arguments))
-            return inner.values(function.body, outputs)
+            return self.inner(_bind_arguments(function, arguments)).values(function.body, outputs)
 
     def inner(self, variables: dict[str, v.Value]) -> "NumericEvaluator":
         """Return an evaluator for the body of a function."""
         return NumericEvaluator(variables, self.functions, self.budget, self.name)
 
-    def nested_call(self) -> "_NestedCall":
-        """Return a context that counts calls within calls."""
-        return _NestedCall(self.budget)
-
-
-class _NestedCall:
-    def __init__(self, budget: Budget) -> None:
-        self.budget = budget
-
-    def __enter__(self) -> None:
+    @contextmanager
+    def nested_call(self) -> Iterator[None]:
+        """Count calls within calls."""
         self.budget.calls -= 1
-        if self.budget.calls < 0:
+        try:
+            if self.budget.calls < 0:
+                raise LimitError("function calls are nested too deeply")
+            yield
+        finally:
             self.budget.calls += 1
-            raise LimitError("function calls are nested too deeply")
-
-    def __exit__(self, *_: object) -> None:
-        self.budget.calls += 1
 
 
 def _literal(node: m.Expression) -> float | None:
@@ -352,8 +339,8 @@ def _bind_arguments(function: v.MatlabFunctionHandle, arguments: Sequence[v.Valu
     parameters = function.parameters
     if parameters and parameters[-1] == "varargin":
         count = len(parameters) - 1
-        rest = make_cells([list(arguments[count:])], Budget()) if arguments[count:] else make_cells([], Budget())
-        arguments = [*arguments[:count], rest]
+        rest = [arguments[count:]] if arguments[count:] else []
+        arguments = [*arguments[:count], make_cells(rest, Budget())]
     if len(arguments) > len(parameters):
         raise v.MatlabValueError(f"the function takes {len(parameters)} arguments, got {len(arguments)}")
     bound = dict(zip(parameters, arguments, strict=False))

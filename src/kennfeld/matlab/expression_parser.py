@@ -11,8 +11,11 @@ from kennfeld.matlab.traversal import children
 
 MAX_HEIGHT = 150  # levels of a tree
 _MAX_BRACKETS = 30  # nested
-_LEVELS = (("||",), ("&&",), ("|",), ("&",), ("==", "~=", "!=", "<", "<=", ">", ">="))
-_SUMS = (("+", "-"), ("*", "/", "\\", ".*", "./", ".\\"))
+_LEVELS = (
+    ("||",), ("&&",), ("|",), ("&",), ("==", "~=", "!=", "<", "<=", ">", ">="), (":",), ("+", "-"),
+    ("*", "/", "\\", ".*", "./", ".\\"),
+)  # fmt: skip
+_RANGE = _LEVELS.index((":",))
 _SIGNS = ("+", "-", "~", "!")
 _POWERS = ("^", ".^")
 _BASES = ("0x", "0X", "0b", "0B")
@@ -82,16 +85,16 @@ class ExpressionParser:
         return tree
 
     def _binary(self, level: int) -> m.Expression:
-        if level == len(_LEVELS):
+        if level == _RANGE:
             return self._range()
+        if level == len(_LEVELS):
+            return self._apply_signs(self._signs(), self._power())
         left = self._binary(level + 1)
         while self._continues(_LEVELS[level]):
-            left = self._join(left, self.take(), self._binary(level + 1))
+            word = self.take().text
+            left = m.Binary("~=" if word == "!=" else word, left, self._binary(level + 1), place=left.place)
+            self.steps += 1
         return left
-
-    def _join(self, left: m.Expression, token: MatlabToken, right: m.Expression) -> m.Expression:
-        self.steps += 1
-        return m.Binary("~=" if token.text == "!=" else token.text, left, right, place=left.place)
 
     def _continues(self, words: tuple[str, ...]) -> bool:
         """Return True if the next token is one of these operators, and not the sign of an element: [1 -2]."""
@@ -102,23 +105,15 @@ class ExpressionParser:
         return self.tokens[self.at + 1].blank
 
     def _range(self) -> m.Expression:
-        first = self._sum(0)
+        first = self._binary(_RANGE + 1)
         if not self.is_operator(":"):
             return first
         self.at += 1
-        second = self._sum(0)
+        second = self._binary(_RANGE + 1)
         if not self.is_operator(":"):
             return m.Range(first, None, second, place=first.place)
         self.at += 1
-        return m.Range(first, second, self._sum(0), place=first.place)
-
-    def _sum(self, level: int) -> m.Expression:
-        if level == len(_SUMS):
-            return self._apply_signs(self._signs(), self._power())
-        left = self._sum(level + 1)
-        while self._continues(_SUMS[level]):
-            left = self._join(left, self.take(), self._sum(level + 1))
-        return left
+        return m.Range(first, second, self._binary(_RANGE + 1), place=first.place)
 
     def _signs(self) -> list[MatlabToken]:
         signs = []
@@ -166,16 +161,15 @@ class ExpressionParser:
         self.at += 1
         if self.is_operator("("):
             self.at += 1
-            name = self._parse_enclosed(")")
-            return m.DynamicField(of, name, place=of.place)
+            return m.DynamicField(of, self._parse_enclosed(), place=of.place)
         if self.token.kind != TokenKind.NAME:
             raise self.fail(f"a field name is missing before {self.describe_token()}")
         return m.Field(of, self.take().text, place=of.place)
 
-    def _parse_enclosed(self, closing: str) -> m.Expression:
+    def _parse_enclosed(self) -> m.Expression:
         spaced, self.spaced = self.spaced, False
         tree = self.expression()
-        self.expect(closing)
+        self.expect(")")
         self.spaced = spaced
         return tree
 
@@ -220,7 +214,7 @@ class ExpressionParser:
             return m.End(place=place)
         if self.is_operator("("):
             self.at += 1
-            return self._parse_enclosed(")")
+            return self._parse_enclosed()
         if self.is_operator("["):
             return m.Matrix(self._rows("]"), place=place)
         if self.is_operator("{"):

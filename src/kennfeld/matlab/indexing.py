@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.arrays import Int
 from kennfeld.formatting import size_text
 from kennfeld.matlab.errors import Budget
-from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, numbers, trim_dimensions
+from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, is_vector, numbers, trim_dimensions
 
 
 class _All:
@@ -25,7 +25,11 @@ def index_array(array: Array, indices: Sequence[Index], budget: Budget) -> Array
     if not indices:
         return array
     if len(indices) == 1:
-        return _index_linear(array, indices[0], budget)
+        positions = _positions(indices[0], array.size)
+        budget.allocate(positions.size)
+        _check_range(positions, array.size, "the index")
+        values = array.ravel(order="F")[positions]
+        return values.reshape(_shape_of(array, indices[0], positions.size), order="F")
     shape = _fold(array.shape, len(indices))
     chosen = [_positions(index, size) for index, size in zip(indices, shape, strict=True)]
     budget.allocate(math.prod(map(len, chosen)))
@@ -34,31 +38,19 @@ def index_array(array: Array, indices: Sequence[Index], budget: Budget) -> Array
     return trim_dimensions(array.reshape(shape, order="F")[np.ix_(*chosen)])
 
 
-def _index_linear(array: Array, index: Index, budget: Budget) -> Array:
-    positions = _positions(index, array.size)
-    budget.allocate(positions.size)
-    _check_range(positions, array.size, "the index")
-    values = array.ravel(order="F")[positions]
-    return values.reshape(_shape_of(array, index, positions.size), order="F")
-
-
 def _shape_of(array: Array, index: Index, count: int) -> tuple[int, ...]:
     """Return the shape of a linear index result: that of the index, unless both are vectors."""
     if isinstance(index, _All):
         return (count, 1)
     indices = array_value(index)
     is_mask = indices.dtype == np.bool_
-    if array.ndim == 2 and array.shape[0] == 1 and array.shape[1] != 1 and _is_vector(indices):
+    if array.ndim == 2 and array.shape[0] == 1 and array.shape[1] != 1 and is_vector(indices):
         return (1, count)
-    if array.ndim == 2 and array.shape[1] == 1 and array.shape[0] != 1 and _is_vector(indices):
+    if array.ndim == 2 and array.shape[1] == 1 and array.shape[0] != 1 and is_vector(indices):
         return (count, 1)
     if is_mask:
         return (1, count) if indices.ndim == 2 and indices.shape[0] == 1 else (count, 1)
     return indices.shape
-
-
-def _is_vector(array: Array) -> bool:
-    return array.ndim == 2 and 1 in array.shape
 
 
 def _fold(shape: tuple[int, ...], count: int) -> tuple[int, ...]:
@@ -90,12 +82,14 @@ def _check_range(positions: Int, size: int, message: str) -> None:
 
 
 def assign_elements(
-    array: Array, indices: Sequence[Index], values: Array, fill: Any, budget: Budget, owned: bool
+    array: Array, indices: Sequence[Index], values: Array, fill: Any, budget: Budget, owned: bool = False
 ) -> Array:
     """Return the array after `array(indices) = values`, grown with `fill` if required.
 
     Only an array that is `owned` may be changed in place.
     """
+    if not indices:
+        raise MatlabValueError("an index is missing")
     if len(indices) == 1:
         return _assign_linear(array, indices[0], values, fill, budget, owned)
     shape = array.shape if array.ndim <= len(indices) else _fold(array.shape, len(indices))

@@ -143,7 +143,7 @@ class _Lexer:
     def _token(self, blank: bool) -> Iterator[MatlabToken]:
         character = self.text[self.at]
         if character == "\n" or (character in ";," and not self.open):
-            yield from self._stop(character)
+            yield from self._stop()
         elif character == ";" and self.open[-1][0] != "(":
             yield self._take(TokenKind.ROW, self.at + 1, blank)
         elif self.commands and not self.open and self.last is None and (command := self._command()):
@@ -154,7 +154,7 @@ class _Lexer:
         else:
             yield self._word(blank)
 
-    def _stop(self, character: str) -> Iterator[MatlabToken]:
+    def _stop(self) -> Iterator[MatlabToken]:
         if self.open and self.open[-1][0] != "(":
             yield self._take(TokenKind.ROW, self.at + 1, True)
             return

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kennfeld.formatting import size_text
 from kennfeld.matlab import mat_nodes as n
 
 _MATRIX, _COMPRESSED = 14, 15
@@ -22,12 +23,14 @@ _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8
 _ENCODED = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _FLOATING, _LAST_NUMERIC = (6, 7), 15  # double and single; 8 to 15 are integer classes
 _COMPLEX, _LOGICAL = 0x800, 0x200
-_CLASSES = {6: "double", 7: "single", 8: "int8", 9: "uint8", 10: "int16", 11: "uint16"}
+_CLASSES = {
+    6: "double", 7: "single", 8: "int8", 9: "uint8", 10: "int16", 11: "uint16", 12: "int32", 13: "uint32", 14: "int64",
+    15: "uint64",
+}  # fmt: skip
 _CODES = (2, 3, 4, 5, 6)  # types of characters stored as numbers
 _MAX_DEPTH = 50
 _MAX_DIMENSIONS = 32
 _MAX_CLAIMED = 2**48  # values of an array that may be empty
-_CLASSES |= {12: "int32", 13: "uint32", 14: "int64", 15: "uint64"}
 
 
 def load(content: memoryview) -> dict[str, n.Node]:
@@ -153,7 +156,7 @@ class _ArrayReader:
         _, sizes = self._next(parts, "dimensions")
         shape = struct.unpack(f"{self.order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
         if min(shape, default=0) < 0 or math.prod(filter(None, shape)) > _MAX_CLAIMED:
-            raise n.MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
+            raise n.MatFileError(f"an array claims {size_text(shape)} values")
         if not 2 <= len(shape) <= _MAX_DIMENSIONS:
             raise n.MatFileError(f"an array claims {len(shape)} dimensions")
         return shape
@@ -187,7 +190,9 @@ class _ArrayReader:
     def _sparse(self, flags: int, shape: tuple[int, ...], parts: Any) -> n.Node:
         if math.prod(shape) > self.dense:
             return n.MatUnreadable("sparse matrix")
-        rows, starts, values = (self._row(*self._next(parts, message)) for message in ("rows", "columns", "numbers"))
+        rows, starts, values = (
+            _row(*self._next(parts, message), self.order) for message in ("rows", "columns", "numbers")
+        )
         self.dense -= math.prod(shape)
         logical = bool(flags & _LOGICAL)
         return n.MatNumbers(n.to_dense(shape, rows, starts, values), logical, "logical" if logical else "double")
@@ -211,25 +216,15 @@ class _ArrayReader:
     def _check_count(self, shape: tuple[int, ...]) -> int:
         """Return the number of arrays that a cell array or struct claims to contain, up to the limit."""
         if math.prod(shape) > self.most:
-            raise n.MatFileError(f"an array claims {' x '.join(map(str, shape))} values")
+            raise n.MatFileError(f"an array claims {size_text(shape)} values")
         return math.prod(shape)
 
     def _numbers(self, shape: tuple[int, ...], kind: int, content: memoryview) -> NDArray[Any]:
         """Return numbers in the stored type, which may be smaller than their class."""
-        stored = self._stored(kind)
-        if math.prod(shape) * stored.itemsize != len(content):
-            raise n.MatFileError(f"an array claims {' x '.join(map(str, shape))} values in {len(content)} bytes")
-        return np.frombuffer(content, stored).reshape(shape, order="F")
-
-    def _row(self, kind: int, content: memoryview) -> NDArray[Any]:
-        """Return all numbers of an element."""
-        stored = self._stored(kind)
-        return np.frombuffer(content[: len(content) // stored.itemsize * stored.itemsize], stored)
-
-    def _stored(self, kind: int) -> np.dtype[Any]:
-        if kind not in _STORED:
-            raise n.MatFileError(f"an array is stored in an unknown type {kind}")
-        return np.dtype(self.order + _STORED[kind])
+        values = _row(kind, content, self.order)
+        if math.prod(shape) * values.itemsize != len(content):
+            raise n.MatFileError(f"an array claims {size_text(shape)} values in {len(content)} bytes")
+        return values.reshape(shape, order="F")
 
     def _elements(self, content: memoryview) -> Iterator[tuple[int, memoryview]]:
         """Yield type and content of the elements of an array."""
@@ -253,6 +248,14 @@ class _ArrayReader:
         return part
 
 
+def _row(kind: int, content: memoryview, order: str) -> NDArray[Any]:
+    """Return all numbers of an element."""
+    if kind not in _STORED:
+        raise n.MatFileError(f"an array is stored in an unknown type {kind}")
+    stored = np.dtype(order + _STORED[kind])
+    return np.frombuffer(content[: len(content) // stored.itemsize * stored.itemsize], stored)
+
+
 def _text(kind: int, content: memoryview) -> str:
     """Decode a name up to its first zero byte."""
     return bytes(content).partition(b"\0")[0].decode(_ENCODED.get(kind, "utf-8"), errors="replace")
@@ -264,9 +267,8 @@ def _characters(kind: int, content: memoryview, shape: tuple[int, ...], order: s
         ending = {"<": "-le", ">": "-be"}[order] if kind > 16 else ""
         letters = bytes(content).decode(_ENCODED[kind] + ending, errors="replace")
     elif kind in _CODES:
-        stored = np.dtype(order + _STORED[kind])
-        codes = np.frombuffer(content[: len(content) // stored.itemsize * stored.itemsize], stored)
-        letters = "".join(map(chr, codes.astype(np.int64).clip(0, 0x10FFFF).tolist()))
+        codes = _row(kind, content, order).astype(np.int64).clip(0, 0x10FFFF)
+        letters = "".join(map(chr, codes.tolist()))
     else:
         letters = bytes(content).decode("latin-1")
     return n.split_text_rows(letters, shape[0])

@@ -57,9 +57,7 @@ def _apply_operator(operator: str, left: Float, right: Float, budget: Budget) ->
             return _apply_to_matrices(operator, left, right, budget)
         operator = "." + operator
     if operator in _LOGIC:
-        if np.isnan(left).any() or np.isnan(right).any():
-            raise v.MatlabValueError("NaN is neither true nor false")
-        return _apply_expanded(_LOGIC[operator], left != 0, right != 0, budget)
+        return _apply_expanded(_LOGIC[operator], to_logical(left), to_logical(right), budget)
     return _apply_expanded((_COMPARED | _ELEMENTS)[operator], left, right, budget)
 
 
@@ -132,8 +130,7 @@ def _apply_to_strings(operator: str, left: v.Array, right: v.Array) -> v.Array:
     """Join strings by +, or compare them."""
     words = [_to_strings(array) for array in (left, right)]
     if operator == "+":
-        joined = np.frompyfunc(lambda a, b: a + b, 2, 1)(*words)
-        return np.asarray(joined, dtype=object)
+        return np.asarray(np.add(*words), dtype=object)
     if operator in ("==", "~="):
         return np.asarray(_COMPARED[operator](*words), dtype=np.bool_)
     raise v.MatlabValueError(f"{operator} is not defined for strings")
@@ -158,24 +155,28 @@ def cast_to_class(values: Float, name: str) -> v.Array:
     """Convert numbers to a class; integers are rounded and saturate."""
     if name == "double":
         return values
+    if name == "logical":
+        return np.asarray(values != 0)
     if name == "single":
         return values.astype(np.float32)
     limits = np.iinfo(name)
-    rounded = np.where(np.isnan(values), 0.0, np.trunc(values + np.copysign(0.5, values)))
+    rounded = np.where(np.isnan(values), 0.0, round_half_away(values))
     inside = np.clip(rounded, float(limits.min), float(limits.max))
     high = inside >= float(limits.max)
     return np.where(high, np.array(limits.max, dtype=name), np.where(high, 0.0, inside).astype(name))
 
 
+def round_half_away(values: Float) -> Float:
+    """Round to the nearest integer, halves away from zero."""
+    return np.asarray(np.trunc(values + np.copysign(0.5, values)))
+
+
 def apply_unary(operator: str, operand: v.Value) -> v.Array:
     """Compute `-x`, `+x` or `~x`."""
     array = v.array_value(operand)
-    if operator == "~":
-        values = v.numbers(array)
-        if np.isnan(values).any():
-            raise v.MatlabValueError("NaN is neither true nor false")
-        return np.asarray(values == 0)
     values = v.numbers(array)
+    if operator == "~":
+        return ~to_logical(values)
     return cast_to_class(-values if operator == "-" else values, result_class(array))
 
 
@@ -188,10 +189,15 @@ def transpose(array: v.Array) -> v.Array:
 
 def is_true(value: v.Value) -> bool:
     """Return True if a condition holds: it is not empty and contains no zero."""
-    values = v.numbers(value)
+    truths = to_logical(v.numbers(value))
+    return bool(truths.size) and bool(truths.all())
+
+
+def to_logical(values: Float) -> v.Array:
+    """Return where numbers are not 0."""
     if np.isnan(values).any():
         raise v.MatlabValueError("NaN is neither true nor false")
-    return bool(values.size) and bool((values != 0).all())
+    return np.asarray(values != 0)
 
 
 def colon_range(first: v.Value, step: v.Value | None, last: v.Value, budget: Budget) -> v.Array:
@@ -264,8 +270,7 @@ def _concatenate_arrays(arrays: Sequence[v.Array], axis: int, budget: Budget) ->
         return _concatenate([_to_characters(array) for array in arrays], axis, budget)
     whole = next((v.class_name(array) for array in arrays if array.dtype.kind in "iu"), "")
     name = whole or result_class(*arrays)
-    joined = _concatenate([v.numbers(array) for array in arrays], axis, budget)
-    return cast_to_class(joined, name)
+    return cast_to_class(_concatenate([v.numbers(array) for array in arrays], axis, budget), name)
 
 
 def _to_strings(array: v.Array) -> v.Array:

@@ -150,12 +150,9 @@ class _ScriptParser(ExpressionParser):
     def _keyword(self, place: m.SourcePosition) -> m.Statement:
         word = self.token.text
         blocks: dict[str, Callable[[m.SourcePosition], m.Statement]] = {
-            "if": self._if,
-            "while": self._while,
-            "for": self._for,
-            "parfor": self._for,
-        }
-        blocks |= {"switch": self._switch, "try": self._try}
+            "if": self._if, "while": self._while, "for": self._for, "parfor": self._for, "switch": self._switch,
+            "try": self._try,
+        }  # fmt: skip
         if word in blocks:
             return self._block(blocks[word], place)
         if word in _JUMPS:
@@ -183,9 +180,8 @@ class _ScriptParser(ExpressionParser):
             self.at = len(self.tokens) - 1
             raise self.fail(f"blocks are nested more than {_MAX_DEPTH} deep", token=opening)
         block = read(place)
-        if self.token.kind != TokenKind.KEYWORD or self.token.text != "end":
+        if not self._is_keyword("end"):
             raise self.fail(f"{opening.text} is never closed", "Write end.", opening)
-        self.at += 1
         self.blocks -= 1
         return block
 
@@ -348,8 +344,7 @@ class _ScriptParser(ExpressionParser):
         return tuple(names)
 
     def _plain_name(self) -> str:
-        if self.token.kind == TokenKind.COMMAND and not self.token.words:
-            return self.take().text
-        if self.token.kind != TokenKind.NAME:
+        is_command = self.token.kind == TokenKind.COMMAND and not self.token.words
+        if self.token.kind != TokenKind.NAME and not is_command:
             raise self.fail(f"a name is missing before {self.describe_token()}")
         return self.take().text

@@ -28,12 +28,6 @@ def format_expression(node: m.Expression) -> str:
             return ":".join(_part(part) for part in parts if part is not None)
         case m.AnonymousFunction():
             return f"@({', '.join(node.parameters)}) {_part(node.body)}"
-        case _:
-            return _operand(node)
-
-
-def _operand(node: m.Expression) -> str:
-    match node:
         case m.Number():
             return _number(node)
         case m.Text():
@@ -41,8 +35,10 @@ def _operand(node: m.Expression) -> str:
             return mark + node.value.replace(mark, 2 * mark) + mark
         case m.Name():
             return node.name
-        case m.Colon() | m.End():
-            return ":" if isinstance(node, m.Colon) else "end"
+        case m.Colon():
+            return ":"
+        case m.End():
+            return "end"
         case m.Field():
             return f"{_base(node.of)}.{node.name}"
         case m.DynamicField():
@@ -57,8 +53,6 @@ def _operand(node: m.Expression) -> str:
             return f"{{{_rows(node.rows)}}}"
         case m.FunctionHandle():
             return f"@{node.name}"
-        case _:
-            raise AssertionError(node)
 
 
 def _number(node: m.Number) -> str:
@@ -74,8 +68,7 @@ def _base(node: m.Expression) -> str:
 
 
 def _part(node: m.Expression) -> str:
-    plain = isinstance(node, (*_PLAIN, m.Number))
-    return format_expression(node) if plain else f"({format_expression(node)})"
+    return format_expression(node) if isinstance(node, m.Number) else _base(node)
 
 
 def _join_arguments(nodes: Iterable[m.Expression]) -> str:

@@ -193,7 +193,8 @@ class _ScriptRunner(NumericEvaluator):
             case m.Command():
                 self._command(statement.name, [word.strip("'\"") for word in statement.words], statement.place)
             case m.If():
-                self._if(statement)
+                chosen = (branch.body for branch in statement.branches if self.is_true(branch.condition))
+                self.body(next(chosen, statement.otherwise))
             case m.For():
                 self._for(statement)
             case m.While():
@@ -201,7 +202,9 @@ class _ScriptRunner(NumericEvaluator):
                     if self._run_turn(statement.body):
                         break
             case m.Switch():
-                self._switch(statement)
+                subject = self.value(statement.subject)
+                chosen = (case.body for case in statement.cases if matches_case(subject, self.value(case.condition)))
+                self.body(next(chosen, statement.otherwise))
             case m.Try():
                 self._try(statement)
             case m.Jump():
@@ -217,7 +220,7 @@ class _ScriptRunner(NumericEvaluator):
             if target is not None:
                 self._store(target, value, statement)
 
-    def _store(self, target: m.Expression, value: v.Value, statement: m.Assign | m.For) -> None:
+    def _store(self, target: m.Expression, value: v.Value, statement: m.Statement) -> None:
         try:
             name = assign(self, target, value)
         except v.MatlabValueError as error:
@@ -260,12 +263,10 @@ class _ScriptRunner(NumericEvaluator):
         if not isinstance(first, m.Field) or first.name != "defineIntEnumType" or not isinstance(second, m.Call):
             return False
         try:
-            name, members = define_enumeration(self._arguments(second.arguments))
+            name, members = define_enumeration(self.flat_values(second.arguments))
         except v.MatlabValueError as error:
             raise MatlabError.at(self.name, statement.place, f"Simulink.defineIntEnumType: {error}") from None
-        self.variables[name] = members
-        self.undefined.pop(name, None)
-        self.lines.setdefault(name, statement.place.line)
+        self._store(m.Name(name), members, statement)
         return True
 
     def _is_user_function(self, name: str) -> bool:
@@ -283,13 +284,6 @@ class _ScriptRunner(NumericEvaluator):
             self.call(name, [v.characters(word) for word in words], 0, place)
         else:
             self._skip(name, place)
-
-    def _if(self, statement: m.If) -> None:
-        for branch in statement.branches:
-            if self.is_true(branch.condition):
-                self.body(branch.body)
-                return
-        self.body(statement.otherwise)
 
     def _for(self, statement: m.For) -> None:
         values = self.value(statement.values)
@@ -312,26 +306,18 @@ class _ScriptRunner(NumericEvaluator):
             return jump.kind == "break"
         return False
 
-    def _switch(self, statement: m.Switch) -> None:
-        subject = self.value(statement.subject)
-        for case in statement.cases:
-            if matches_case(subject, self.value(case.condition)):
-                self.body(case.body)
-                return
-        self.body(statement.otherwise)
-
     def _try(self, statement: m.Try) -> None:
         self.trying += 1
         try:
             self.body(statement.body)
+            return
         except (MatlabError, v.MatlabValueError, _StopError) as error:
+            message = v.characters(str(error))
+        finally:
             self.trying -= 1
-            if statement.name:
-                message = v.characters(str(error))
-                self.variables[statement.name] = v.MatlabStruct.of({"message": message, "identifier": v.characters("")})
-            self.body(statement.handler)
-        else:
-            self.trying -= 1
+        if statement.name:
+            self.variables[statement.name] = v.MatlabStruct.of({"message": message, "identifier": v.characters("")})
+        self.body(statement.handler)
 
     def _declare(self, statement: m.Declaration) -> None:
         for name in statement.names:
@@ -348,27 +334,16 @@ class _ScriptRunner(NumericEvaluator):
         if name in self.functions:
             return super().call(name, arguments, outputs, place)
         if name in self.local:
-            return self._invoke(self.local[name], self.local, self.name, arguments, outputs)
-        if name == "load":
+            function, local, file = self.local[name], self.local, self.name
+        elif name == "load":
             return [v.MatlabStruct.of(self.shared.files.load(arguments))]
-        if not super().knows(name) and (functions := self.shared.files.functions(name)):
-            local = {function.name: function for function in functions}
-            return self._invoke(functions[0], local, f"{name}.m", arguments, outputs)
-        return super().call(name, arguments, outputs, place)
-
-    def _invoke(
-        self,
-        function: m.FunctionDefinition,
-        local: dict[str, m.FunctionDefinition],
-        name: str,
-        arguments: Sequence[v.Value],
-        outputs: int,
-    ) -> list[v.Value]:
-        """Call a function written in MATLAB."""
+        elif not super().knows(name) and (functions := self.shared.files.functions(name)):
+            function, local, file = functions[0], {function.name: function for function in functions}, f"{name}.m"
+        else:
+            return super().call(name, arguments, outputs, place)
         with self.nested_call():
-            runner = _ScriptRunner(_parameters(function, arguments), self.functions, self.shared, name)
-            runner.local = local
-            runner.trying = self.trying
+            runner = self.inner(_parameters(function, arguments))
+            runner.name, runner.local = file, local
             runner.variables |= {"nargin": v.scalar(len(arguments)), "nargout": v.scalar(outputs)}
             with suppress(_JumpError):
                 runner.body(function.body)

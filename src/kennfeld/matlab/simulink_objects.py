@@ -23,13 +23,9 @@ _CODER = v.MatlabStruct.of(
     "Simulink.CoderInfo",
 )  # fmt: skip
 _PLAIN: Mapping[str, v.Value] = {
-    "Value": v.EMPTY,
-    "Min": v.EMPTY,
-    "Max": v.EMPTY,
-    "Unit": v.characters(""),
-    "Description": v.characters(""),
+    "Value": v.EMPTY, "Min": v.EMPTY, "Max": v.EMPTY, "Unit": _NO_TEXT, "Description": _NO_TEXT,
     "DataType": v.characters("auto"),
-}
+}  # fmt: skip
 _KINDS = frozenset(
     {"Parameter", "Signal", "LookupTable", "Breakpoint", "Bus", "BusElement", "NumericType", "AliasType"}
     | {"Variant", "VariantExpression", "VariantControl"}
@@ -56,15 +52,10 @@ class Breakpoint(SimulinkParameter):
 
 
 @dataclass(frozen=True, eq=False)
-class LookupTable:
+class LookupTable(SimulinkParameter):
     """A Simulink.LookupTable: the values of its table and the breakpoints of each dimension."""
 
-    value: Float
-    breakpoints: Sequence[Breakpoint]
-    min: float | None = None
-    max: float | None = None
-    unit: str = ""
-    description: str = ""
+    breakpoints: Sequence[Breakpoint] = ()
 
 
 def is_constructor(path: str) -> bool:
@@ -78,22 +69,16 @@ def is_constructor(path: str) -> bool:
 
 
 def construct_object(path: str, arguments: Sequence[v.Value]) -> v.MatlabStruct:
-    """Create an object of a class, with the value passed to its constructor, if any."""
+    """Create an object of a class from the arguments of its constructor: a value, a condition or name-value pairs."""
     fields = default_properties(path)
-    if path in (*_VARIANTS, _CONTROL):
-        return _variant(path, fields, arguments)
-    if arguments and "Value" in fields:
-        fields["Value"] = arguments[0]
-    return v.MatlabStruct.of(fields, path)
-
-
-def _variant(path: str, fields: dict[str, v.Value], arguments: Sequence[v.Value]) -> v.MatlabStruct:
-    """Create a variant with a condition, or a Simulink.VariantControl from name-value pairs."""
-    if path in _VARIANTS and arguments:
-        fields["Condition"] = arguments[0]
-    for name, value in zip(arguments[::2], arguments[1::2], strict=False):
-        if path == _CONTROL and isinstance(name, np.ndarray) and name.dtype.kind == "U" and v.text(name) in fields:
-            fields[v.text(name)] = value
+    if path == _CONTROL:
+        for name, value in zip(arguments[::2], arguments[1::2], strict=False):
+            if isinstance(name, np.ndarray) and name.dtype.kind == "U" and v.text(name) in fields:
+                fields[v.text(name)] = value
+        return v.MatlabStruct.of(fields, path)
+    first = "Condition" if path in _VARIANTS else "Value"
+    if arguments and first in fields:
+        fields[first] = arguments[0]
     return v.MatlabStruct.of(fields, path)
 
 
@@ -117,11 +102,11 @@ def default_properties(kind: str) -> dict[str, v.Value]:
     """Return the properties of a new object of a class."""
     name = kind.rpartition(".")[2]
     if kind in _VARIANTS:
-        return {"Condition": v.characters("")}
+        return {"Condition": _NO_TEXT}
     if kind == _CONTROL:
         return {"Value": _PLAIN["Value"], "ActivationTime": v.characters("update diagram")}
     if kind in (_TABLE, _POINTS):
-        return {**_PLAIN, "FieldName": v.characters("")}
+        return {**_PLAIN, "FieldName": _NO_TEXT}
     if name == "LookupTable":
         return {
             "Table": v.MatlabStruct.of(default_properties(_TABLE), _TABLE),
@@ -132,14 +117,12 @@ def default_properties(kind: str) -> dict[str, v.Value]:
     if name == "Breakpoint":
         return {"Breakpoints": v.MatlabStruct.of(default_properties(_POINTS), _POINTS)}
     if name in ("Parameter", "Signal"):
-        fields = (
-            dict(_PLAIN) if name == "Parameter" else {key: value for key, value in _PLAIN.items() if key != "Value"}
-        )
-        return {**fields, "DocUnits": v.characters(""), "CoderInfo": _CODER, "StorageClass": v.characters("Auto")}
+        fields = {key: value for key, value in _PLAIN.items() if key != "Value" or name == "Parameter"}
+        return {**fields, "DocUnits": _NO_TEXT, "CoderInfo": _CODER, "StorageClass": v.characters("Auto")}
     return {}
 
 
-def to_calibration_parameter(value: v.Value) -> SimulinkParameter | LookupTable | Breakpoint | None:
+def to_calibration_parameter(value: v.Value) -> SimulinkParameter | None:
     """Convert a parameter object; None for any other value and for objects without numbers."""
     if not isinstance(value, v.MatlabStruct) or value.kind in ("", ENUMERATION) or value.elements.size != 1:
         return None
@@ -148,8 +131,7 @@ def to_calibration_parameter(value: v.Value) -> SimulinkParameter | LookupTable 
         return _table(fields)
     points = fields.get("Breakpoints")
     if isinstance(points, v.MatlabStruct) and points.elements.size == 1:
-        breakpoints = _properties(points.fields)
-        return None if breakpoints is None else Breakpoint(*breakpoints, _word(points.fields, "FieldName"))
+        return _breakpoint(points.fields)
     properties = _properties(fields)
     return None if properties is None else SimulinkParameter(*properties)
 
@@ -160,11 +142,13 @@ def _table(fields: Mapping[str, v.Value]) -> LookupTable | None:
     properties = _properties(table.fields)
     if properties is None or not isinstance(points, v.MatlabStruct):
         return None
-    axes = [(item, _properties(item)) for item in points.elements.ravel(order="F")]
-    if any(axis is None for _, axis in axes):
-        return None
-    named = [Breakpoint(*axis, _word(item, "FieldName")) for item, axis in axes if axis is not None]
-    return LookupTable(properties[0], named, *properties[1:])
+    axes = [axis for item in points.elements.ravel(order="F") if (axis := _breakpoint(item)) is not None]
+    return LookupTable(*properties, axes) if len(axes) == points.elements.size else None
+
+
+def _breakpoint(fields: Mapping[str, v.Value]) -> Breakpoint | None:
+    properties = _properties(fields)
+    return None if properties is None else Breakpoint(*properties, _word(fields, "FieldName"))
 
 
 def _properties(fields: Mapping[str, v.Value]) -> tuple[Float, float | None, float | None, str, str] | None:

@@ -104,6 +104,11 @@ def field_path(tree: m.Expression) -> list[str] | None:
     return [tree.name, *reversed(names)] if isinstance(tree, m.Name) else None
 
 
+def dotted_name(tree: m.Expression) -> str:
+    """Return `a.b.c` as a text; empty if the expression is not a chain of fields of a name."""
+    return ".".join(field_path(tree) or ())
+
+
 def _nodes(tree: object) -> Iterator[object]:
     """Yield all nodes of a tree, without recursion: an expression may be nested deeper than the stack."""
     waiting = [tree]

@@ -144,6 +144,11 @@ def trim_dimensions(array: Array) -> Array:
     return array
 
 
+def is_vector(array: Array) -> bool:
+    """Return True if an array is one row or one column; it may be empty."""
+    return array.ndim == 2 and 1 in array.shape
+
+
 def array_value(value: Value) -> Array:
     """Return a value as an array; a parameter object counts as its Value."""
     if isinstance(value, MatlabStruct) and value.kind and "Value" in value.names and value.elements.size == 1:
@@ -179,6 +184,11 @@ def integer(value: Value) -> int:
     if not np.isfinite(result) or result != int(result) or abs(result) > 2**53:
         raise MatlabValueError(f"must be an integer, got {result:g}")
     return int(result)
+
+
+def is_text(value: Value | None) -> bool:
+    """Return True if a value is a character array or a string array."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
 
 
 def text(value: Value) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from kennfeld.errors import InputError, Location
-from kennfeld.formatting import nearest
+from kennfeld.file_errors import nearest_file
 
 _T = TypeVar("_T")
 _HEAD = 4096  # bytes
@@ -172,7 +172,7 @@ def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
     if not file.exists():
         remedy = "Check the path: the folder does not exist."
         if file.parent.is_dir():
-            remedy = nearest(file.name, (other.name for other in file.parent.iterdir())) or "Check the path."
+            remedy = nearest_file(file) or "Check the path."
         raise InputError.of(Location(str(file)), "there is no such file", remedy)
     if file.is_dir():
         raise InputError.of(Location(str(file)), "this is a folder", "Name a file in it.")

@@ -52,8 +52,7 @@ class Factor:
         array([0., 2.])
         """
         size = len(lower)
-        envelope = Envelope.full(size)
-        result = cls.empty(envelope)
+        result = cls.empty(Envelope.full(size))
         result.load(lower, np.zeros(size))
         result.inverse[:] = 1.0
         result.inverse[:size] = 1 / np.diag(lower)

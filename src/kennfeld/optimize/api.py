@@ -28,7 +28,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Scalar
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.coercion import Data, to_dataset
-from kennfeld.preprocessing.model_step import clock_findings, is_timed, recorded_samples, refine_step
+from kennfeld.preprocessing.model_step import clock_findings, recorded_samples, refine_step
 from kennfeld.preprocessing.time_shift import shift_channels
 
 Start = ParameterSet | Mapping[str, float | Parameter]
@@ -283,7 +283,7 @@ def _on_step(
     model: Model, datasets: Sequence[Dataset], inputs: Collection[str], unknown: Collection[str] = ()
 ) -> tuple[Dataset, ...]:
     """Interpolate datasets onto the model's own step; `unknown` names those with a shift to be estimated."""
-    if not is_timed(model.graph):
+    if not model.graph.is_timed:
         return tuple(datasets)
     for data in datasets:
         warn(clock_findings(data, dataset_location(data)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.free_axes import AxisKey
-from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
+from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.graph.traversal import rewrite
@@ -81,7 +81,9 @@ class CompiledProblem:
         self._restarts = any(bound.hold is not None for bound in problem.training)
         self._step = _even_step(problem.training)
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
-        self._lowered = lower_lookups(self._extended_graph(), parameters, free if smooth_like else ())
+        weighted = self.weighting.extend(problem.graph)
+        graph = _with_step(restart_states(weighted) if self._restarts else weighted, self._step)
+        self._lowered = lower_lookups(graph, parameters, free if smooth_like else ())
         scored = [*problem.differences, *self.weighting.inputs.values()]
         self._split = partition_graph(self._lowered.graph, scored, fitted)
         reduced = LoweredGraph(self._split.graph, self._lowered.axes, self._lowered.shapes)
@@ -94,11 +96,6 @@ class CompiledProblem:
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
         self.start = self.values.pack(parameters)
-
-    def _extended_graph(self) -> Graph:
-        """Return the graph with inputs for sample weights, states that restart, and a known time step."""
-        graph = self.weighting.extend(self.problem.graph)
-        return _with_step(restart_states(graph) if self._restarts else graph, self._step)
 
     def _kernel_outputs(self, graph: Graph) -> list[Output]:
         names = graph.names
@@ -209,9 +206,7 @@ def _with_step(graph: Graph, step: float | None) -> Graph:
         return graph
 
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
-        op, _, payload = graph.nodes[at]
-        if op == "input" and payload == "dt":
-            return b.const(step)
-        return b.call(op, *args) if op in OPERATIONS else b.node(op, args, payload)
+        node = graph.nodes[at]
+        return b.const(step) if node.op == "input" and node.payload == "dt" else b.rebuild(node, args)
 
     return rewrite(graph, resolve)

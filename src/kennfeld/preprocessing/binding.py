@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import PAUSE, Dataset
 from kennfeld.errors import InputError, Location
-from kennfeld.graph import CLOCK, Graph
+from kennfeld.graph import Graph
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
 TIME_TOLERANCE = 1e-6  # s; time stamps are no closer
@@ -111,8 +111,7 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
     inputs = {n: dataset[channels.get(n, n)].values for n in graph.inputs if n not in AVERAGING}
     if dataset.settling is not None and is_settled(dataset, graph):
         return _hold_points(dataset, inputs, plan_hold(dataset, dataset.settling, step))
-    clocks = {n.payload for n in graph.nodes if n.op == "input" and n.payload in CLOCK}
-    if clocks and dataset.time is None:
+    if graph.clocks and dataset.time is None:
         raise InputError.of(
             Location(f"dataset {dataset.name}"),
             "the function requires time stamps, but the data have none",
@@ -132,7 +131,7 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
     if dataset.time is not None:
         time = dataset.time[kept]
         functions = {"dt": _steps, "t": _time_in_piece}
-        clock = {name: functions[name](time, starts) for name in clocks}
+        clock = {name: functions[name](time, starts) for name in graph.clocks}
         if dataset.warmup > 0:
             scored = scored & (_time_in_piece(time, starts) > dataset.warmup - TIME_TOLERANCE)
     return BoundDataset(dataset, inputs, picked, starts, scored, {**clock, **unheld_inputs(graph, scored.size)})
@@ -206,5 +205,4 @@ def _steps(time: Float, starts: Int) -> Float:
 
 
 def _time_in_piece(time: Float, starts: Int) -> Float:
-    """Return the time since the piece began."""
     return time - np.repeat(time[starts], np.diff(starts, append=time.size))

@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, InputError, Location
-from kennfeld.graph import CLOCK, Graph
+from kennfeld.graph import Graph
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import expression
@@ -21,17 +21,12 @@ from kennfeld.preprocessing.recipe import DataSettings
 from kennfeld.preprocessing.time_shift import shift_channels
 
 
-def uses_clock(graph: Graph) -> bool:
-    """Return whether the graph reads the time or the step."""
-    return any(node.op == "input" and node.payload in CLOCK for node in graph.nodes)
-
-
 def evaluate_expression(graph: Graph, dataset: Dataset) -> Float:
     """Return the node `value` of a graph over all samples of a dataset, Float[samples]; NaN if an input is NaN.
 
     Graphs with memory are simulated; their states restart at each piece and after each gap.
     """
-    if not graph.states and not uses_clock(graph):
+    if not graph.is_timed:
         columns = {name: dataset[name].values for name in graph.inputs}
         with np.errstate(all="ignore"):
             values = evaluate(graph, columns, ParameterSet())["value"]

@@ -16,7 +16,6 @@ from kennfeld.graph import Graph
 from kennfeld.measurement.table import Column, Table
 from kennfeld.measurement.time_column import clock_of, find_time, time_in_seconds
 from kennfeld.measurement.unit_text import split_name, time_unit
-from kennfeld.preprocessing.model_step import is_timed
 
 Data = Dataset | Mapping[str, ArrayLike]
 
@@ -46,7 +45,7 @@ def to_dataset(data: Data, name: str, graph: Graph, asked: Collection[str]) -> D
         InputError: a column does not hold numbers, or time does not increase and the function needs it.
     """
     if isinstance(data, Dataset):
-        needs_time = data.time is None and data.settling is None and is_timed(graph)
+        needs_time = data.time is None and data.settling is None and graph.is_timed
         columns = [_column(c.name, c.values, c.unit) for c in data.channels] if needs_time else []
         return _add_time(data, columns, graph, asked)
     _check_columns(data)
@@ -76,7 +75,7 @@ def _add_time(dataset: Dataset, columns: list[Column], graph: Graph, asked: Coll
         return dataset
     time = time_in_seconds(column)
     wrong = np.flatnonzero(~(np.diff(time) > 0))
-    if wrong.size and is_timed(graph):
+    if wrong.size and graph.is_timed:
         k = int(wrong[0])
         message = f"{column.place} does not increase at sample {k + 2}: {time[k]:g} s, then {time[k + 1]:g} s"
         remedy = "Sort the rows by time, and pass each recording as a dataset of its own."

@@ -8,15 +8,8 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, Location
-from kennfeld.graph import Graph
 from kennfeld.measurement.time_column import unit_remedy
-from kennfeld.preprocessing.calculated import uses_clock
 from kennfeld.preprocessing.time_shift import resample_channel
-
-
-def is_timed(graph: Graph) -> bool:
-    """Return whether the step matters to a function: it has memory, or reads the time or the step."""
-    return bool(graph.states) or uses_clock(graph)
 
 
 def clock_findings(dataset: Dataset, location: Location) -> Iterator[Finding]:

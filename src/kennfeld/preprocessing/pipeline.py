@@ -13,7 +13,7 @@ from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Locati
 from kennfeld.formatting import nearest
 from kennfeld.graph import Graph
 from kennfeld.preprocessing.binding import TIME_TOLERANCE
-from kennfeld.preprocessing.calculated import Calculated, holds, uses_clock
+from kennfeld.preprocessing.calculated import Calculated, holds
 from kennfeld.preprocessing.model_step import refine_step
 from kennfeld.preprocessing.plateaus import steady_points
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
@@ -180,7 +180,7 @@ def _check_time(dataset: Dataset, entry: DatasetEntry, where: Graph | None) -> N
         if shift != round(shift):
             message = f"{shift:g} samples of {name}: data without time stamps can only be shifted by whole samples"
             findings.error(entry.location.within("shift"), message, "Write a whole number.")
-    if where is not None and uses_clock(where):
+    if where is not None and where.clocks:
         findings.error(entry.location.within("where"), f"the condition {missing}")
     findings.finish()
 
@@ -191,7 +191,7 @@ def _add_calculated(
     """Return the dataset with its calculated channels, shifted and in the units that the project states for them."""
     graphs = channels.calculated.graphs
     for name in channels.calculated.needed(channels.names):
-        if uses_clock(graphs[name]) and dataset.time is None:
+        if graphs[name].clocks and dataset.time is None:
             message = f"{name} requires time stamps, but dataset {dataset.name} has none"
             raise InputError.of(settings.location("calculated", name), message, "Name the time channel `time`.")
     stated = {name: unit for name, unit in settings.units.items() if name in graphs}

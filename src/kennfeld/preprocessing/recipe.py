@@ -16,8 +16,8 @@ _EXAMPLE = 'Write steady = { channel = "Speed", window = 5.0, tolerance = 10 }.'
 class SteadyEntry:
     """One condition of `steady`: the channel stays within a band of +-tolerance for at least `window` s."""
 
-    channel: str = key("the channel that is steady", missing=_EXAMPLE)
-    window: float = key("s; the shortest plateau", above=0, missing=_EXAMPLE)
+    channel: str = key("the channel that is steady", holds="channel", missing=_EXAMPLE)
+    window: float = key("the shortest plateau", above=0, unit="s", missing=_EXAMPLE)
     tolerance: float = key("half the width of the band", least=0, missing=_EXAMPLE)
 
 
@@ -29,30 +29,40 @@ class DatasetEntry:
     files: tuple[str, ...] = key(
         "paths or patterns such as `drive_*.csv`; `book.xlsx#Sheet` names a sheet. Each file is a separate piece: "
         "memories are reset at its start",
+        holds="recording",
         missing='Write files = ["..."].',
     )
     name: str = key("name of the dataset in messages and results", "", default_text="the file's stem")
     use: Use = key('`"test"`: scored, never fitted', "training")
     weight: float = key("factor on the squared errors; 0 switches off", 1.0, least=0)
     raster: float | None = key(
-        "s; resamples recordings to a uniform raster; required for MDF channels with different rasters", None, above=0
+        "resamples recordings to a uniform raster; required for MDF channels with different rasters",
+        None,
+        above=0,
+        unit="s",
     )
-    where: str = key("a condition over channels; samples that do not satisfy it are simulated, but not scored", "")
+    where: str = key(
+        "a condition over channels; samples that do not satisfy it are simulated, but not scored", "", holds="condition"
+    )
     warmup: float = key(
-        "s at the start of each piece, also after a gap, that are simulated, but not scored", 0.0, least=0
+        "time at the start of each piece, also after a gap, that is simulated, but not scored", 0.0, least=0, unit="s"
     )
     max_gap: float = key(
-        "s; gaps in an input up to this length are interpolated, longer ones split the piece. Pauses of the recording "
+        "gaps in an input up to this length are interpolated, longer ones split the piece. Pauses of the recording "
         "also split it: time steps longer than this and longer than 20 typical steps",
         0.0,
         least=0,
+        unit="s",
     )
     shift: Mapping[str, float | Literal["auto"]] = key(
         "`{ Torque = -1.0 }` shifts a channel: value(t) = recorded(t - shift). In s; for steady points in samples. "
         '`{ Torque = "auto" }` [estimates it](method.md#shifts)',
         factory=dict,
+        by="channel",
     )
-    weight_channel: str = key("a channel with the weight of each sample, >= 0; missing values count as 0", "")
+    weight_channel: str = key(
+        "a channel with the weight of each sample, >= 0; missing values count as 0", "", holds="channel"
+    )
     steady: tuple[SteadyEntry, ...] = key(
         '`{ channel = "Speed", window = 5.0, tolerance = 10 }` [averages the plateaus](#steady-points-of-a-recording) '
         "of a recording to steady points",
@@ -64,17 +74,25 @@ class DatasetEntry:
         fills=True,
     )
     settle: float | None = key(
-        "s; for functions with memory on steady-state points: how long each [point is "
+        "for functions with memory on steady-state points: how long each [point is "
         "held](method.md#steady-state-points-and-memory). Time stamps are ignored",
         None,
         above=0,
+        unit="s",
     )
     average: float = key(
-        "s at the end of `settle` over which the output is averaged; 0 takes the last value", 0.0, least=0
+        "time at the end of `settle` over which the output is averaged; 0 takes the last value",
+        0.0,
+        least=0,
+        unit="s",
     )
     cache: bool = key("`false`: the files are [read again](#files-that-take-long-to-read) in each run", True)
     step: float | None = key(
-        "s; the step of the function while a point is held", None, above=0, default_text="`step` of `[model]`"
+        "the step of the function while a point is held",
+        None,
+        above=0,
+        unit="s",
+        default_text="`step` of `[model]`",
     )
 
     @property
@@ -89,14 +107,13 @@ class DatasetEntry:
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield contradictions between the keys."""
-        yield from self._settle_problems(present) if "settle" in present else self._average_problems(present)
+        if "settle" in present:
+            yield from self._settle_problems(present)
+        else:
+            remedy = "Write settle = ... in s, or remove it."
+            yield from ((name, f"{name} requires settle", remedy) for name in ("average", "step") if name in present)
         if "steady" in present:
             yield from self._steady_problems(present)
-
-    def _average_problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
-        for name in ("average", "step"):
-            if name in present:
-                yield name, f"{name} requires settle", "Write settle = ... in s, or remove it."
 
     def _settle_problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         for name in ("raster", "warmup", "max_gap"):

@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.dataset import Dataset, concatenate
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.file_errors import nearest_file
 from kennfeld.formatting import join_names, nearest, quoted
 from kennfeld.graph import Graph
 from kennfeld.measurement.cache import Cache
@@ -263,4 +264,4 @@ def _similar_file(folder: Path, pattern: str) -> str:
     path = folder / pattern.partition("#")[0]
     if not path.parent.is_dir():
         return f"The folder {path.parent} does not exist."
-    return nearest(path.name, (other.name for other in path.parent.iterdir())) or f"Paths are relative to {folder}."
+    return nearest_file(path) or f"Paths are relative to {folder}."

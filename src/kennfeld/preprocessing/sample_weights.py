@@ -17,7 +17,7 @@ from kennfeld.formatting import join_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models.formula import expression
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.preprocessing.calculated import holds, uses_clock
+from kennfeld.preprocessing.calculated import holds
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
@@ -102,7 +102,6 @@ def weight_findings(
 
 
 def _has_weight(criterion: Criterion, data: Dataset) -> bool:
-    """Return whether a dataset has samples of weight for a criterion."""
     weights = sample_weights(criterion, data)
     return weights is None or bool(np.any(weights[data.counting] > 0))
 
@@ -143,7 +142,7 @@ def _region_findings(
     findings = []
     for data in datasets:
         findings += [_missing_channel(name, data, location, offered) for name in graph.inputs if name not in data]
-        if uses_clock(graph) and data.time is None:
+        if graph.clocks and data.time is None:
             message = f"the condition requires time stamps, but dataset {data.name} has none"
             findings.append(Finding(location, message, "Name the time channel `time`."))
     if not findings and datasets and not any(holds(graph, data).any() for data in datasets):

@@ -21,7 +21,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Dataset, Settling
 from kennfeld.errors import InputError, Location
-from kennfeld.graph import CLOCK, OPERATIONS, Graph, GraphBuilder, State
+from kennfeld.graph import Graph, GraphBuilder, State
 from kennfeld.graph.node import extract
 
 SHARE, KEEP = AVERAGING = ("\0share", "\0keep")  # inputs that no formula text can name
@@ -58,7 +58,7 @@ class HoldPlan:
 
 def is_settled(dataset: Dataset, graph: Graph) -> bool:
     """Return whether the points of a dataset are held: a model without memory and clock needs no time."""
-    return dataset.settling is not None and (bool(graph.states) or _reads(graph, CLOCK))
+    return dataset.settling is not None and graph.is_timed
 
 
 def plan_hold(dataset: Dataset, settling: Settling, model_step: float | None) -> HoldPlan:
@@ -89,7 +89,7 @@ def average_window(b: GraphBuilder, node: int) -> int:
 
 def unheld_inputs(graph: Graph, samples: int) -> Mapping[str, Float]:
     """Return the averaging inputs of data that are not held, if the graph reads them; views of single numbers."""
-    if not _reads(graph, AVERAGING):
+    if set(AVERAGING).isdisjoint(graph.inputs):
         return {}
     return {SHARE: np.broadcast_to(1.0, samples), KEEP: np.broadcast_to(0.0, samples)}
 
@@ -123,11 +123,10 @@ def restart_states(graph: Graph) -> Graph:
     b.states.extend(graph.states)
     number: dict[int, int] = {}
     for at in order:
-        op, args, payload = graph.nodes[at]
-        operands = tuple(number[a] for a in args)
-        number[at] = b.call(op, *operands) if op in OPERATIONS else b.node(op, operands, payload)
-        if op == "state":
-            state = graph.states[payload]
+        node = graph.nodes[at]
+        number[at] = b.rebuild(node, tuple(number[a] for a in node.args))
+        if node.op == "state":
+            state = graph.states[node.payload]
             number[at] = _restart(b, number[at], number[state.init], state.latency)
     for i, state in enumerate(graph.states):
         b.states[i] = State(number[state.init], number[state.next], state.latency)
@@ -144,7 +143,3 @@ def _restart(b: GraphBuilder, state: int, init: int, latency: int) -> int:
         first = b.call("select", b.call("lt", age, b.const(1.0)), init, delayed)
         b.close(delayed, init, first)
     return b.call("select", b.call("lt", age, b.const(float(latency))), first, state)
-
-
-def _reads(graph: Graph, names: Sequence[str]) -> bool:
-    return any(node.op == "input" and node.payload in names for node in graph.nodes)

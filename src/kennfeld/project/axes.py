@@ -16,7 +16,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.validation import check_shared_axes
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis
-from kennfeld.preprocessing.calculated import evaluate_expression, uses_clock
+from kennfeld.preprocessing.calculated import evaluate_expression
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import GroupAxisEntry
@@ -158,7 +158,7 @@ class Axes:
             message = f"the values of {name} depend on parameters ({', '.join(list(part.parameters)[:3])})"
             self._findings.error(entry.location, message, "Write begin, end and count, or breakpoints.")
             return None
-        if uses_clock(part) and any(data.time is None for data in training):
+        if part.clocks and any(data.time is None for data in training):
             return None  # reported where the data are bound to the function
         names, columns = self._file.channels, []
         for data in training:

@@ -34,7 +34,7 @@ from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.preprocessing.model_step import clock_findings, is_timed
+from kennfeld.preprocessing.model_step import clock_findings
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.preprocessing.sample_weights import weight_findings
 from kennfeld.preprocessing.settling import is_settled, plan_hold
@@ -78,10 +78,9 @@ def weight_channels(file: ProjectFile) -> dict[str, str]:
 
 def check_weights(file: ProjectFile, problem: Problem, loaded: LoadedData) -> list[Finding]:
     """Report wrong weights of samples."""
-    training = [data for data in problem.datasets if data.use == "training" and data.weight > 0]
     return weight_findings(
         problem.criteria,
-        training,
+        problem.fitted_datasets,
         lambda number: file.criteria[number].location,
         lambda data: loaded.locations[data.name],
         list(loaded.offered),
@@ -158,15 +157,12 @@ def check_step(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
         return
     halvings = (2**k for k in range(1, MAX_HALVINGS))
     parts = next((n for n in halvings if (gap := trial.gap(n)) is not None and gap.share <= STEP_TOLERANCE), 0)
-    message = f"step = {step:g} s is too long for the fixed-step solver: halving it {_describe_gap(first)}"
+    effect = f"which values of {first.node} are finite"
+    if np.isfinite(first.share):
+        effect = f"{first.node} by {first.share:.0%} of its standard deviation"
+    message = f"step = {step:g} s is too long for the fixed-step solver: halving it changes {effect}"
     remedy = f"Write step = {step / parts:g} under [model]." if parts else "Try a much shorter step under [model]."
     yield Finding(file.location("model", "step"), message, remedy, severity="warning")
-
-
-def _describe_gap(gap: _Gap) -> str:
-    if np.isfinite(gap.share):
-        return f"changes {gap.node} by {gap.share:.0%} of its standard deviation"
-    return f"changes which values of {gap.node} are finite"
 
 
 class _StepTrial:
@@ -296,7 +292,7 @@ def _clocks(file: ProjectFile, problem: Problem, locations: Mapping[str, Locatio
     """Yield warnings about time stamps that look like milliseconds, if the unit of time matters."""
     entries = file.datasets
     timed = any(e.raster or e.shift or e.warmup or e.max_gap or e.steady for e in entries)
-    if timed or is_timed(problem.model.graph):
+    if timed or problem.model.graph.is_timed:
         for data in problem.datasets:
             yield from clock_findings(data, locations[data.name])
 

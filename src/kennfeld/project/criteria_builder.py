@@ -50,7 +50,6 @@ class _ConstraintBuilder:
         return self.function is not None and name in self.function.graph.parameters
 
     def pins(self) -> Iterable[Pin]:
-        """Yield the pins of free parameters."""
         for name, entry in self.file.parameters.items():
             table = self.tables.parameters[name]
             for number, pin in enumerate(entry.pins, 1):

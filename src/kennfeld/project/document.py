@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ class ProjectDocument:
     r"""The text of a project file, changed by path.
 
     A path consists of keys of TOML; entries of a list count from 1. If a change restores values that the text had
-    before, it restores that text, too.
+    before, or an `earlier` text, it restores that text, too.
 
     >>> document = ProjectDocument('[model]\nfile = "a.kf"  # the sensor\n')
     >>> document.set(("model", "file"), "b.kf")
@@ -37,12 +37,16 @@ class ProjectDocument:
     <BLANKLINE>
     """
 
-    def __init__(self, text: str, path: Path | None = None, entry: type = ProjectFile) -> None:
+    def __init__(
+        self, text: str, path: Path | None = None, entry: type = ProjectFile, earlier: Iterable[str] = ()
+    ) -> None:
         self.path, self._name = path, path.name if path else "text"
         self._mark = _BOM if text.startswith(_BOM) else ""
         self._order = {key: form_of(part) for key, part in keys_of(entry).items()}
         self._break = "\r\n" if "\r\n" in text else "\n"
         self._texts: dict[str, str] = {}  # by their values
+        for each in (other.removeprefix(_BOM) for other in earlier):
+            self._texts.setdefault(_canonical(parse_toml(self._name, each.replace("\r\n", "\n"))), each)
         self._load(text.removeprefix(_BOM))
 
     @classmethod
@@ -92,6 +96,21 @@ class ProjectDocument:
             self._remove(tuple(path))
             self._load(self._texts.get(_canonical(self._values), self._text))
 
+    def remove_empty(self, path: Sequence[str | int]) -> None:
+        """Remove a table, and those around it, if they are empty. Entries of lists and headings with comments stay."""
+        table = tuple(path)
+        while table and self.get(*table) == {} and not isinstance(table[-1], int) and not self._has_comment(table):
+            self.remove(table)
+            table = table[:-1]
+
+    def _has_comment(self, path: KeyPath) -> bool:
+        """Return if a section has a comment between its heading and the next one."""
+        starts = [start for start, heading in self._keys.headings if heading == path]
+        if not starts:
+            return False
+        stop = min((start for start, _ in self._keys.headings if start > starts[0]), default=len(self._text))
+        return "#" in self._text[starts[0] : stop].partition("\n\n")[0]
+
     def set_entry(self, path: Sequence[str | int], entry: Any) -> None:
         """Set a section to an entry. Keys that equal their default are not written unless they are in the file."""
         present, table = self.get(*path) or {}, write_entry(entry)
@@ -118,7 +137,8 @@ class ProjectDocument:
         span = self._keys.spans.get(path)
         if isinstance(present, dict) and isinstance(value, Mapping):
             self._set_table(path, present, value)
-        elif _are_tables(present) and _are_tables(value) and self._may_change_parts(path, present, value):
+        # the tables of a list in braces can be changed one by one only if it keeps its length
+        elif _are_tables(present) and _are_tables(value) and (len(present) == len(value) or _is_heading(span)):
             self._set_tables(path, len(present), value)
         elif span is not None and span.has_value:
             self._replace(span.value, span.end, format_toml(value))
@@ -137,10 +157,6 @@ class ProjectDocument:
             if key not in value:
                 self._remove((*path, key))
 
-    def _may_change_parts(self, path: KeyPath, present: Sequence[Any], value: Sequence[Any]) -> bool:
-        """Return if the tables can be changed one by one: those of a list in brackets, if it keeps its length."""
-        return len(present) == len(value) or _is_heading(self._keys.spans.get(path))
-
     def _set_tables(self, path: KeyPath, count: int, value: Sequence[Any]) -> None:
         for number, table in enumerate(value, 1):
             self._set((*path, number), table)
@@ -150,8 +166,10 @@ class ProjectDocument:
     def _insert(self, path: KeyPath, value: Any) -> None:
         *parent, name = path
         around = self._keys.spans.get(tuple(parent))
-        if isinstance(name, int):
-            self._append(tuple(parent), value)
+        if isinstance(name, int) and _is_heading(around):
+            self._insert_text(tuple(parent), _format_section(tuple(parent), value, "[[]]"))
+        elif isinstance(name, int):
+            self._set(tuple(parent), [*(self.get(*parent) or ()), value])
         elif len(path) == 1 or self._is_section(path, value):
             self._insert_sections(path, value)
         elif around is None:
@@ -165,12 +183,6 @@ class ProjectDocument:
         """Return if a table gets a heading, as `[parameters.Gain]` does."""
         named = isinstance(self._order.get(str(path[0])), NamedEntriesForm)
         return len(path) == 2 and named and isinstance(value, Mapping)
-
-    def _append(self, path: KeyPath, value: Any) -> None:
-        if _is_heading(self._keys.spans.get(path)):
-            self._insert_text(path, _format_section(path, value, "[[]]"))
-        else:
-            self._set(path, [*(self.get(*path) or ()), value])
 
     def _insert_sections(self, path: KeyPath, value: Any) -> None:
         if isinstance(value, Mapping) and value and all(self._is_section((*path, key), value[key]) for key in value):

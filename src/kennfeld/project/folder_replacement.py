@@ -114,7 +114,10 @@ def move(names: Sequence[str], scratch: Path, folder: Path) -> None:
     for name in names:
         if (folder / name).exists():
             _duplicate(folder / name, scratch / BEFORE / name)
-    _list_names(names, scratch)
+    # from now on, the next process finishes the renames; half a list is invalid JSON
+    (scratch / NAMES).write_text(json.dumps(list(names)), encoding="utf-8")
+    _sync(scratch / NAMES)
+    _sync_folder(scratch)
     _sync_folder(folder)
     moved: list[str] = []
     try:
@@ -127,13 +130,6 @@ def move(names: Sequence[str], scratch: Path, folder: Path) -> None:
             _restore(scratch / BEFORE / name, folder / name)
         raise
     _sync_folder(folder)
-
-
-def _list_names(names: Sequence[str], scratch: Path) -> None:
-    """Mark the files as complete: from now on, the next process finishes the renames. Half a list is invalid JSON."""
-    (scratch / NAMES).write_text(json.dumps(list(names)), encoding="utf-8")
-    _sync(scratch / NAMES)
-    _sync_folder(scratch)
 
 
 def _duplicate(source: Path, target: Path) -> None:

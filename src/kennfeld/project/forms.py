@@ -6,10 +6,12 @@ the field names one.
 
 import re
 import types
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import cache
 from typing import Any, Literal, Union, get_args, get_origin
+
+import numpy as np
 
 from kennfeld.formatting import nearest
 from kennfeld.project.section import Section, as_finite, list_words, show
@@ -37,12 +39,20 @@ class Form:
         raise NotImplementedError
 
     def write(self, value: Any) -> Any:
-        """Return the value as TOML has it."""
-        return value
+        """Return the value as TOML has it: tuples and arrays are lists."""
+        return _with_lists(value)
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON schema of the value."""
         return {}
+
+
+def _with_lists(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _with_lists(inner) for name, inner in value.items()}
+    if isinstance(value, tuple):
+        return [_with_lists(inner) for inner in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 @dataclass(frozen=True)
@@ -95,14 +105,11 @@ class NumberForm(Form):
             section.report(key, f"must be a number{self._range} or {list_words(self.words)}, got {value!r}")
         elif number is None:
             section.report(key, f"must be a number, got {show(value)}")
-        elif not self._allows(number):
+        elif (self.least is not None and number < self.least) or (self.above is not None and number <= self.above):
             section.report(key, f"must be{self._range}, got {number:g}")
         else:
             return number
         return None
-
-    def _allows(self, number: float) -> bool:
-        return (self.least is None or number >= self.least) and (self.above is None or number > self.above)
 
     def json_schema(self) -> dict[str, Any]:
         limits = {"minimum": self.least, "exclusiveMinimum": self.above}
@@ -198,9 +205,6 @@ class TextsForm(Form):
             section.report(key, message, f'Write {key} = ["...", "..."].')
         return None
 
-    def write(self, value: tuple[str, ...]) -> list[str]:
-        return list(value)
-
     def json_schema(self) -> dict[str, Any]:
         text = {"type": "string", "pattern": r"\S"}
         return {"anyOf": [text, {"type": "array", "items": text}]}
@@ -251,9 +255,6 @@ class TableOfForm(Form):
         table.report_unknown(known)
         return {name: value for name, value in values.items() if value not in (None, "")}
 
-    def write(self, value: Mapping[str, Any]) -> dict[str, Any]:
-        return {name: self.values.write(inner) for name, inner in value.items()}
-
     def json_schema(self) -> dict[str, Any]:
         inner = self.values.json_schema()
         if not self.names:
@@ -274,9 +275,6 @@ class EitherForm(Form):
 
     def read(self, section: Section, key: str) -> Any:
         return (self.table if isinstance(section.values[key], dict) else self.plain).read(section, key)
-
-    def write(self, value: Any) -> Any:
-        return (self.table if isinstance(value, Mapping) else self.plain).write(value)
 
     def json_schema(self) -> dict[str, Any]:
         return {"anyOf": [self.plain.json_schema(), self.table.json_schema()]}
@@ -474,15 +472,24 @@ def default_of(part: Field[Any]) -> Any:
 
 def write_entry(entry: Any) -> dict[str, Any]:
     """Return the table of an entry; keys that equal their default are omitted."""
-    return dict(_written_keys(entry))
-
-
-def _written_keys(entry: Any) -> Iterator[tuple[str, Any]]:
+    table = {}
     for key, part in keys_of(type(entry)).items():
         value, default = getattr(entry, part.name), default_of(part)
-        if value is None or (not is_required(part) and type(value) is type(default) and value == default):
-            continue
-        yield key, form_of(part).write(value)
+        is_default = not is_required(part) and type(value) is type(default) and value == default
+        if value is not None and not is_default:
+            table[key] = form_of(part).write(value)
+    return table
+
+
+def meaning_of(part: Field[Any]) -> str:
+    """Return what a key sets, with its unit (Markdown)."""
+    unit, meaning = part.metadata.get("unit", ""), str(part.metadata["meaning"])
+    return f"{unit}; {meaning}" if unit else meaning
+
+
+def without_links(markdown: str) -> str:
+    """Return Markdown with the text of links in their place."""
+    return _LINK.sub(r"\1", markdown)
 
 
 def entry_schema(entry: type) -> dict[str, Any]:
@@ -498,7 +505,7 @@ def entry_schema(entry: type) -> dict[str, Any]:
 
 
 def _describe(part: Field[Any]) -> dict[str, Any]:
-    meaning, default = _LINK.sub(r"\1", part.metadata["meaning"]), default_of(part)
+    meaning, default = without_links(meaning_of(part)), default_of(part)
     has_default = isinstance(default, int | float | str) and default != "" and "default_text" not in part.metadata
     return {
         **({"description": meaning} if meaning else {}),

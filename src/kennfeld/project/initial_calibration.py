@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from kennfeld.calfiles import read_several
 from kennfeld.calfiles.a2l.objects import FlashOrigin
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, unwritable
@@ -68,12 +66,11 @@ class _InitialFiles:
         return parameters
 
     def _take(self, name: str, parameters: ParameterSet) -> None:
-        """Override the parameters of earlier files."""
         self._fail(
             *(
                 _clash(self.file, self.merged[member.name], member, self.origin[member.name], name)
                 for member in parameters.parameters
-                if member.name in self.merged and not _alike(self.merged[member.name], member)
+                if member.name in self.merged and not self.merged[member.name].has_grid_of(member)
             )
         )
         try:
@@ -152,13 +149,6 @@ def _missing(file: ProjectFile, name: str) -> Finding:
     return Finding(
         file.location("calibration", "initial"), message, nearest(path.name, file.siblings(path)) or "Check the path."
     )
-
-
-def _alike(left: Parameter, right: Parameter) -> bool:
-    """Return if kind, shape and breakpoints are equal."""
-    same = left.kind == right.kind and left.values.shape == right.values.shape
-    pairs = zip(left.axes, right.axes, strict=False)
-    return same and all(np.array_equal(a.breakpoints, b.breakpoints) for a, b in pairs)
 
 
 def _clash(file: ProjectFile, old: Parameter, new: Parameter, first: str, second: str) -> Finding:

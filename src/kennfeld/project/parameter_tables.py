@@ -1,7 +1,7 @@
 """Builds the parameters of a project: the initial calibration, overridden by `[parameters.NAME]`."""
 
 import glob
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from types import MappingProxyType
@@ -11,8 +11,9 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError, Findings
+from kennfeld.file_keys import KeyProblem
 from kennfeld.formatting import nearest
-from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.graph.interpolation import regrid
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, parameter
 from kennfeld.project.axes import Axes, free_breakpoints
@@ -29,7 +30,7 @@ Report = Callable[[str, str, str], None]  # key, message, remedy
 
 def apply_rbf_settings(old: RBF, entry: ParameterEntry, report: Report) -> Parameter | None:
     """Apply the settings of a project file to an expansion; return None, after reports, if they are invalid."""
-    problems = [*_table_keys(entry), *_wrong_lock(entry), *_wrong_bounds(old, entry)]
+    problems = list(_rbf_problems(old, entry))
     for key, message, remedy in problems:
         report(key, message, remedy)
     if problems:
@@ -37,39 +38,29 @@ def apply_rbf_settings(old: RBF, entry: ParameterEntry, report: Report) -> Param
     texts = {"unit": entry.unit, "description": entry.description}
     expansion = old.changed(**{key: text for key, text in texts.items() if text is not None})
     if entry.bounds is not None:
-        lower, upper = entry.bounds
-        expansion = expansion.changed(lower=lower, upper=upper)
+        expansion = expansion.with_bounds(*entry.bounds)
     return expansion.changed(locked=np.full(old.values.shape, entry.lock is True))
 
 
-def _table_keys(entry: ParameterEntry) -> list[tuple[str, str, str]]:
-    """Return a problem for each key that only tables have."""
+def _rbf_problems(old: RBF, entry: ParameterEntry) -> Iterator[KeyProblem]:
+    """Yield the settings that an expansion cannot have."""
     message = f"not supported for {entry.name}, an RBF expansion"
-    is_set = {
+    if entry.initial is not None:
+        yield "initial", message, "Remove it; the values are those of the initial file."
+    of_tables = {
         "smoothness": entry.smoothness is not None,
         "gradient": bool(entry.gradient),
         "curvature": bool(entry.curvature),
         "pin": bool(entry.pins),
         "extrapolation": entry.extrapolation is not None,
     }
-    problems = [(key, message, "Remove it.") for key, value in is_set.items() if value]
-    if entry.initial is not None:
-        problems.insert(0, ("initial", message, "Remove it; the values are those of the initial file."))
-    return problems
-
-
-def _wrong_lock(entry: ParameterEntry) -> list[tuple[str, str, str]]:
-    if isinstance(entry.lock, bool):
-        return []
-    message = f"a part of {entry.name} cannot be locked by ranges: an RBF expansion has no axes"
-    return [("lock", message, "Write lock = true, or set equal lower and upper bounds for values to be kept.")]
-
-
-def _wrong_bounds(old: RBF, entry: ParameterEntry) -> list[tuple[str, str, str]]:
-    if entry.bounds is None or all(side.shape == old.values.shape for side in entry.bounds):
-        return []
-    message = f"the bounds of {entry.name} must have {old.size} values: offset, slopes, weights, centres and widths"
-    return [("bounds", message, f"Write two lists of {old.size} numbers, in the order of trust.csv.")]
+    yield from ((key, message, "Remove it.") for key, is_set in of_tables.items() if is_set)
+    if not isinstance(entry.lock, bool):
+        message = f"a part of {entry.name} cannot be locked by ranges: an RBF expansion has no axes"
+        yield "lock", message, "Write lock = true, or set equal lower and upper bounds for values to be kept."
+    if any(side.shape != old.values.shape for side in entry.bounds or ()):
+        message = f"the bounds of {entry.name} must have {old.size} values: offset, slopes, weights, centres and widths"
+        yield "bounds", message, f"Write two lists of {old.size} numbers, in the order of trust.csv."
 
 
 @dataclass(frozen=True)
@@ -175,8 +166,7 @@ class _TableBuilder:
     def _inherit(self, values: Float) -> dict[str, Any]:
         """Return the attributes of the initial file; bounds only if the shape is unchanged."""
         if self.old is None:
-            unit = self.function.graph.units.get(self.entry.name, "") if self.function else ""
-            return {"unit": unit}
+            return {"unit": self.function.graph.units.get(self.entry.name, "") if self.function else ""}
         names = ["unit", "description", "extrapolation"]
         if self.old.values.shape == values.shape:
             names += ["lower", "upper"]
@@ -228,7 +218,7 @@ class _TableBuilder:
             self._report(*self._missing_values())
             return None
         if self.old.kind != "block" and len(self.old.axes) == len(axes):
-            return regrid(self.old, axes)
+            return regrid(self.old.values, self.old.axes, axes, self.old.extrapolation)
         if self.old.values.shape == shape:
             return self.old.values
         message = f"the initial file has {describe_parameter(self.old)}, but the axes require {format_shape(shape)}"
@@ -281,17 +271,6 @@ class _TableBuilder:
         if not inside.any():
             self._report(key, "no grid point is in this range", warning=True)
         return inside
-
-
-def regrid(old: Parameter, axes: Sequence[Axis]) -> Float:
-    """Return the values of a table, interpolated onto other axes."""
-    values = old.values
-    for i, (before, after) in enumerate(zip(old.axes, axes, strict=True)):
-        if not np.array_equal(before.breakpoints, after.breakpoints):
-            place = position(after.breakpoints, before.breakpoints, old.extrapolation)
-            weights = cell_weights(place, len(before))[0]
-            values = np.moveaxis(np.tensordot(weights, values, axes=(1, i)), 0, i)
-    return values
 
 
 def _factors(entry: ParameterEntry, table: Parameter, findings: Findings) -> tuple[Factor, ...]:

@@ -20,8 +20,7 @@ from kennfeld.optimize.projection import infeasible
 from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.preprocessing.calculated import Calculated, parse_calculated, uses_clock
-from kennfeld.preprocessing.model_step import is_timed
+from kennfeld.preprocessing.calculated import Calculated, parse_calculated
 from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.preprocessing.units import is_unit_missing
@@ -263,7 +262,7 @@ class ProblemBuilder:
 
     def _step(self) -> float | None:
         """Return the model's step in s, None if its result does not depend on it."""
-        if self.function is None or not is_timed(self.function.graph):
+        if self.function is None or not self.function.graph.is_timed:
             return None
         return self.file.model.step or self.function.model.step
 
@@ -278,7 +277,7 @@ class ProblemBuilder:
         locations = self.loaded.locations
         own_step = step_findings(self.function.model, self.loaded.datasets, self._step(), lambda d: locations[d.name])
         self.findings.add(*own_step)
-        if not uses_clock(self.function.graph):
+        if not self.function.graph.clocks:
             return
         for data in self.loaded.datasets:
             if data.time is None and data.settling is None:

@@ -17,6 +17,7 @@ from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, Findings, InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.free_axes import free_axes
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.optimize.trust.trust import Trust
@@ -33,7 +34,7 @@ COLUMNS = (
 MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third power
 
 RESULT = "result.json"
-REMEDY = "Name another folder with -o."
+REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
 
 def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
@@ -41,9 +42,14 @@ def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        leverage = trust.leverage if sum(a.size for a in trust.deviation.values()) <= MAX_LEVERAGE_VALUES else {}
+        leverage = affordable_leverage(trust)
         for name in trust.deviation:
             writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
+
+
+def affordable_leverage(trust: Trust) -> Mapping[str, Float]:
+    """Return the leverage of each value; nothing if there are too many values to compute it."""
+    return trust.leverage if sum(a.size for a in trust.deviation.values()) <= MAX_LEVERAGE_VALUES else {}
 
 
 def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[float | str]]]:
@@ -135,7 +141,8 @@ def write(
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        _write_json(content, scratch / RESULT)
+        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+        (scratch / RESULT).write_text(f"{text}\n", encoding="utf-8")
         names += [*(documents or {}), RESULT]
         move(names, scratch, target)
     for ending in project.formats:
@@ -164,7 +171,7 @@ def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
         raise InputError.of(
             Location(str(target)), f"must have the extension .parquet or .csv, got {target.suffix or 'none'}"
         )
-    with _convert_errors(target):
+    with convert_errors(target, "cannot be written", FILE_REMEDY):
         target.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(target) as beside:
             _save(datasets, beside)
@@ -187,34 +194,17 @@ def require_room(folder: str | Path) -> None:
 def write_text(text: str, path: str | Path) -> Path:
     """Write a text file, completely or not at all."""
     target = Path(path)
-    with _convert_errors(target):
+    with convert_errors(target, "cannot be written", FILE_REMEDY):
         target.parent.mkdir(parents=True, exist_ok=True)
         write_whole(target, text, durable=True)
     return target
 
 
 @contextmanager
-def _convert_errors(target: Path) -> Iterator[None]:
-    """Convert an `OSError` into an `InputError` with file and remedy."""
-    try:
-        yield
-    except OSError as error:
-        message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(Location(str(target)), message, "Name another file with -o.") from None
-
-
-@contextmanager
 def _scratch(folder: Path) -> Iterator[Path]:
     """Yield a hidden folder within `folder`, which is created if needed; remove it at the end in any case."""
-    try:
-        with scratch_folder(folder) as scratch:
-            yield scratch
-    except OSError as error:
-        raise InputError.of(Location(str(folder)), f"cannot be written: {error.strerror or error}", REMEDY) from None
-
-
-def _write_json(content: Any, path: Path) -> None:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    with convert_errors(folder, "cannot be written", REMEDY), scratch_folder(folder) as scratch:
+        yield scratch
 
 
 def _write_trace(trace: Sequence[TraceLine], path: Path) -> None:

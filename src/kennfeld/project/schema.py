@@ -61,13 +61,15 @@ class ModelEntry:
 
     file: str = key(
         "the function: a `.kf` file, or a [Simulink model](formats.md#simulink), `.slx` or `.mdl`",
+        holds="function file",
         missing='Write file = "....kf", the formula text.',
     )
     step: float | None = key(
-        "s; for models with memory: the step of the model. If it is finer than the step of the data, inputs are "
+        "for models with memory: the step of the model. If it is finer than the step of the data, inputs are "
         "interpolated, and stepped inputs are held",
         None,
         above=0,
+        unit="s",
         default_text="the step of the data",
     )
     subsystem: str = key('the part of a Simulink model that is the function: `"Engine/Torque"`', "")
@@ -75,16 +77,20 @@ class ModelEntry:
         "a file, or a list of files, with values of a Simulink model's variables: scripts (`.m`), `.mat`, `.sldd`, "
         "calibration files; later files take precedence",
         (),
+        holds="calibration file",
     )
     bind: Mapping[str, str] = key(
         '`{ "Engine/Sensor" = "T_meas + 273.15" }` replaces the output of a block of a Simulink model by a channel or '
         "a [formula](formula.md) over channels",
         factory=dict,
+        holds="formula",
+        by="block",
     )
     folders: tuple[str, ...] = key(
         "a folder or a list of folders in which libraries, referenced models and functions of a Simulink model are "
         "searched, in addition to its own folder",
         (),
+        holds="folder",
     )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
@@ -105,11 +111,13 @@ class CalibrationEntry:
         "one next to it",
         (),
         form=InitialForm(),
+        holds="calibration file",
     )
     variant: str = key(
         'which values to use of labels that have several variants: `"Engine=2"`. Results are written to this variant; '
         "the others are kept",
         "",
+        holds="variant",
         default_text="the first",
     )
     output: tuple[str, ...] = key(
@@ -120,7 +128,7 @@ class CalibrationEntry:
         (),
         form=OutputForm(),
     )
-    free: tuple[str, ...] = key("which parameters to fit, by pattern", ("*",))
+    free: tuple[str, ...] = key("which parameters to fit, by pattern", ("*",), holds="parameter")
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -137,7 +145,7 @@ class CalibrationEntry:
 class RegionEntry:
     """One entry of `regions`."""
 
-    where: str = key("a condition over channels", missing=_REGION_EXAMPLE)
+    where: str = key("a condition over channels", holds="condition", missing=_REGION_EXAMPLE)
     weight: float = key("weight of the samples that satisfy it", least=0, missing=_REGION_EXAMPLE)
 
 
@@ -146,7 +154,7 @@ class CriterionEntry:
     """One `[[criterion]]`."""
 
     location: Location
-    node: str = key("the node to fit to the target", missing='Write node = "...".')
+    node: str = key("the node to fit to the target", holds="node", missing='Write node = "...".')
     target: TargetEntry = key(
         '`{ channel = "Torque" }`, `{ node = "Other" }`, or a number; a bare name is a channel or, if there is none, a '
         "node. A dataset without the channel is not scored; this causes a warning unless the dataset has the channel "
@@ -160,7 +168,9 @@ class CriterionEntry:
         '`"huber"` or `"soft_l1"` reduce the influence of outliers', "square"
     )
     delta: float = key("error at which this reduction begins, in units of `scale`", 1.0, above=0)
-    weight_channel: str = key("a channel with the weight of each sample, >= 0; missing values count as 0", "")
+    weight_channel: str = key(
+        "a channel with the weight of each sample, >= 0; missing values count as 0", "", holds="channel"
+    )
     regions: tuple[RegionEntry, ...] = key(
         '`[{ where = "Speed > 3000", weight = 2.0 }]`: a weight for the samples that satisfy a condition over channels',
         (),
@@ -181,11 +191,14 @@ class LimitEntry:
     location: Location
     node: str = key(
         'a node, or an expression over nodes, inputs and channels: `"abs(n_set - n)"`',
+        holds="node",
         missing='Write node = "...", a node or an expression.',
     )
     lower: float = key("the lower bound", -math.inf, name="min", default_text="none")
     upper: float = key("the upper bound; one of the two, or both", math.inf, name="max", default_text="none")
-    where: str = key("a condition over inputs and channels; the limit applies to the samples that satisfy it", "")
+    where: str = key(
+        "a condition over inputs and channels; the limit applies to the samples that satisfy it", "", holds="condition"
+    )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield missing and reversed bounds."""
@@ -199,7 +212,7 @@ class LimitEntry:
 class TermEntry:
     """One term of an `[[equality]]`."""
 
-    parameter: str = key("the parameter", missing='Write parameter = "...".')
+    parameter: str = key("the parameter", holds="parameter", missing='Write parameter = "...".')
     at: tuple[float, ...] | None = key(
         "the coordinates, one per axis", None, form=CoordinatesForm(), default_text="the sum of all values"
     )
@@ -231,13 +244,17 @@ class StepEntry:
     location: Location
     name: str = key("name of the step in the trace", "", default_text="`step 1`, ...")
     free: tuple[str, ...] | None = key(
-        "patterns of the parameters that this step fits; the others are fixed", None, default_text="by `[calibration]`"
+        "patterns of the parameters that this step fits; the others are fixed",
+        None,
+        holds="parameter",
+        default_text="by `[calibration]`",
     )
     lock: Mapping[str, Lock] | None = key(
         '`{ MapA = true, MapB = "no-data", MapC = [{ x = [700, 1000] }] }` replaces the locks of these parameters; '
         "`false` unlocks",
         None,
         form=TableOfForm(LockForm()),
+        by="parameter",
         default_text="by parameter",
     )
     smoothness: Factor | Mapping[str, Factor | Mapping[str, Factor]] | None = key(
@@ -245,12 +262,14 @@ class StepEntry:
         "chooses it in this step, on its grid",
         None,
         form=EitherForm(FACTOR, TableOfForm(FACTORS)),
+        by="parameter",
         default_text="by parameter",
     )
     grid_reduction: int | Mapping[str, int | Mapping[str, int]] | None = key(
         "keep every nth breakpoint of the tables that are fitted: `2`, or `{ MapA = 2, MapB = { x = 2, y = 3 } }`",
         None,
         form=EitherForm(_REDUCTION, TableOfForm(_REDUCTIONS)),
+        by="parameter",
         default_text="1",
     )
     criteria: tuple[str | int, ...] | Mapping[str | int, float] | None = key(
@@ -258,6 +277,8 @@ class StepEntry:
         "weights, `{ TorquePredict = 1, other = 0.1 }`. All others are off",
         None,
         form=StepCriteriaForm(),
+        holds="node",
+        by="node",
         default_text="all",
     )
     max_iterations: int | None = key(
@@ -295,11 +316,12 @@ class ChannelsForm(TableOfForm):
         return schema | {"properties": {_INNER: {"anyOf": [{"type": "string"}, schema]}}}
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SectionsFile:
     """A file of sections; `lines` are those of its keys, by path."""
 
     path: Path
-    lines: dict[str, int]
+    lines: dict[str, int] = field(repr=False)
 
     @property
     def folder(self) -> Path:
@@ -330,25 +352,48 @@ class SectionsFile:
 class ProjectFile(SectionsFile):
     """Contents of a project file, its sections in the documented order."""
 
-    path: Path
-    lines: dict[str, int] = field(repr=False)
     unsaved: Mapping[str, str] = field(default_factory=dict, repr=False)  # texts that replace those of files, by name
-    model: ModelEntry = key("", missing='Write [model] and file = "....kf".')
-    channels: Mapping[str, str] = key("", factory=dict, form=ChannelsForm(TextForm()))
-    calculated: Mapping[str, str] = key("", factory=dict)
-    units: Mapping[str, str] = key("", factory=dict)
-    datasets: tuple[DatasetEntry, ...] = key("", name="dataset", missing='Write [[dataset]] and files = ["..."].')
-    calibration: CalibrationEntry = key("", CalibrationEntry())
-    surrogates: Mapping[str, str] = key("", factory=dict)
-    axes: Mapping[str, GroupAxisEntry] = key("", factory=dict, form=NamedEntriesForm(GroupAxisEntry))
-    parameters: Mapping[str, ParameterEntry] = key("", factory=dict, form=NamedEntriesForm(ParameterEntry))
-    criteria: tuple[CriterionEntry, ...] = key(
-        "", name="criterion", missing='Write [[criterion]], node = "..." and target = "...".'
+    model: ModelEntry = key("the function, and how its time is stepped", missing='Write [model] and file = "....kf".')
+    channels: Mapping[str, str] = key(
+        "the channel of each input that has another name in the recordings",
+        factory=dict,
+        form=ChannelsForm(TextForm()),
+        holds="channel",
+        by="input",
     )
-    limits: tuple[LimitEntry, ...] = key("", (), name="limit")
-    equalities: tuple[EqualityEntry, ...] = key("", (), name="equality")
-    steps: tuple[StepEntry, ...] = key("", (), name="step")
-    optimizer: OptimizerEntry = key("", OptimizerEntry())
+    calculated: Mapping[str, str] = key(
+        "channels that are calculated by a [formula](formula.md) over other channels",
+        factory=dict,
+        holds="formula",
+        by="calculated channel",
+    )
+    units: Mapping[str, str] = key(
+        "the unit of each channel whose recording has none, or a wrong one; channels are converted to the units of the "
+        "function",
+        factory=dict,
+        holds="unit",
+        by="channel",
+    )
+    datasets: tuple[DatasetEntry, ...] = key(
+        "recordings that are prepared alike", name="dataset", missing='Write [[dataset]] and files = ["..."].'
+    )
+    calibration: CalibrationEntry = key("calibration files to start from and to write", CalibrationEntry())
+    surrogates: Mapping[str, str] = key(
+        "the file of each data-driven model of the formula text", factory=dict, holds="surrogate file", by="surrogate"
+    )
+    axes: Mapping[str, GroupAxisEntry] = key(
+        "group axes, which several tables share", factory=dict, form=NamedEntriesForm(GroupAxisEntry)
+    )
+    parameters: Mapping[str, ParameterEntry] = key(
+        "tables, curves and numbers that are fitted", factory=dict, form=NamedEntriesForm(ParameterEntry)
+    )
+    criteria: tuple[CriterionEntry, ...] = key(
+        "what the fit minimises", name="criterion", missing='Write [[criterion]], node = "..." and target = "...".'
+    )
+    limits: tuple[LimitEntry, ...] = key("bounds on nodes at every training sample", (), name="limit")
+    equalities: tuple[EqualityEntry, ...] = key("sums of values that are given exactly", (), name="equality")
+    steps: tuple[StepEntry, ...] = key("searches in sequence, each from the result of the one before", (), name="step")
+    optimizer: OptimizerEntry = key("the search", OptimizerEntry())
 
     @property
     def name(self) -> str:

@@ -67,8 +67,7 @@ def build_steps(file: ProjectFile, problem: Problem, findings: Findings) -> tupl
             findings.add(replace(finding, location=entry.location.within(path)))
     if steps and steps[-1].reduces:
         message = "the last step has a coarse grid; values between its points are interpolated"
-        remedy = "Add a [[step]] without grid_reduction."
-        findings.warning(file.steps[-1].location, message, remedy)
+        findings.warning(file.steps[-1].location, message, "Add a [[step]] without grid_reduction.")
     return tuple(steps)
 
 

@@ -1,7 +1,7 @@
 """Reads training files, `kennfeld surrogate train`: the recordings and settings of a surrogate."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -50,9 +50,6 @@ class LagsForm(Form):
         section.report(key, f"must be integers >= {self.least}, in samples, got {value!r}", remedy)
         return None
 
-    def write(self, value: tuple[int, ...] | str) -> Any:
-        return value if isinstance(value, str) else list(value)
-
     def json_schema(self) -> dict[str, Any]:
         number = IntegerForm(least=self.least).json_schema()
         lags = [number, {"type": "array", "items": number, "minItems": 1}]
@@ -70,9 +67,6 @@ class InputLagsForm(TableOfForm):
             return value
         lags = super().read(section, key)
         return lags if lags is None else {name: lags.get(name, ()) for name in value}  # also of invalid ones
-
-    def write(self, value: Any) -> Any:
-        return value if isinstance(value, str) else super().write(value)
 
     def json_schema(self) -> dict[str, Any]:
         return {"anyOf": [{"const": "auto"}, super().json_schema()]}
@@ -177,8 +171,6 @@ class SurrogateEntry:
 class TrainingFile(SectionsFile):
     """Contents of a training file, its sections in the documented order."""
 
-    path: Path
-    lines: dict[str, int] = field(repr=False)
     surrogate: SurrogateEntry = key("", missing='Write [surrogate] with inputs = ["..."] and output = "...".')
     calculated: Mapping[str, str] = key("", factory=dict)
     units: Mapping[str, str] = key("", factory=dict)

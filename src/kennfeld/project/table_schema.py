@@ -29,6 +29,7 @@ Factor = float | Literal["auto"]
 
 FACTOR = NumberForm(least=0, words=("auto",))
 FACTORS = EitherForm(FACTOR, TableOfForm(FACTOR, names=DIRECTIONS))
+_INITIAL = "by the initial files"
 _MAX_BREAKPOINTS = 100_000
 _LIMITS = TableOfForm(LimitPairForm(), names=DIRECTIONS)
 
@@ -38,7 +39,7 @@ class GroupAxisEntry:
     """One `[axes.NAME]`. Without breakpoints, begin, end and count, they come from the initial files."""
 
     location: Location
-    input: str = key("the quantity along the axis: an input, node or channel", "")
+    input: str = key("the quantity along the axis: an input, node or channel", "", holds="input")
     breakpoints: tuple[float, ...] | Literal["free"] = key(
         'strictly increasing numbers; or `"free"`: they are fitted, from `begin`, `end` and `count`, or from `count`, '
         "or, without these keys, from the initial files",
@@ -130,7 +131,7 @@ class GroupAxisEntry:
 class AxisEntry(GroupAxisEntry):
     """An axis of a table: its own, or a group axis."""
 
-    axis: str = key("the group axis, alone", "")
+    axis: str = key("the group axis, alone", "", holds="group axis")
 
     @property
     def group(self) -> str:
@@ -165,16 +166,21 @@ class ParameterEntry:
     location: Location
     name: str
     x: AxisEntry | None = key(
-        'an axis, as above, including `{ breakpoints = "free" }`, or `{ axis = "AxisSpeed" }`. A scalar has none, a '
-        "curve has `x`, a map `x` and `y`",
+        'an axis, with the keys of `[axes.NAME]`, or the name of a group axis, `{ axis = "AxisSpeed" }`. A scalar has '
+        "none, a curve has `x`, a map `x` and `y`",
         None,
+        default_text=_INITIAL,
     )
-    y: AxisEntry | None = key("the second axis", None)
-    z: AxisEntry | None = key("the third axis", None)
-    w: AxisEntry | None = key("the fourth axis", None)
-    unit: str | None = key("unit of the values", None, form=TextForm(may_be_empty=True))
-    description: str | None = key("a text on the parameter", None, form=TextForm(may_be_empty=True))
-    initial: Float | None = key("a number, or all values, one row for each x", None, form=ArrayForm())
+    y: AxisEntry | None = key("the second axis", None, default_text=_INITIAL)
+    z: AxisEntry | None = key("the third axis", None, default_text=_INITIAL)
+    w: AxisEntry | None = key("the fourth axis", None, default_text=_INITIAL)
+    unit: str | None = key("unit of the values", None, form=TextForm(may_be_empty=True), default_text=_INITIAL)
+    description: str | None = key(
+        "a text on the parameter", None, form=TextForm(may_be_empty=True), default_text=_INITIAL
+    )
+    initial: Float | None = key(
+        "a number, or all values, one row for each x", None, form=ArrayForm(), default_text=_INITIAL
+    )
     free: bool | None = key("`false` keeps the values", None, default_text="by `[calibration]`")
     bounds: tuple[Float, Float] | None = key(
         "`[lower, upper]`; each a number or a table of the parameter's shape. They hold exactly",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import nearest
+from kennfeld.file_errors import convert_errors
 
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 _HEAD = re.compile(r"\s*\[{1,2}([^\[\]]+)\]")
@@ -46,6 +46,18 @@ def parse_toml(name: str, text: str) -> dict[str, Any]:
         raise InputError.of(Location(name), f"a value cannot be read: {error}") from None
 
 
+def parse_value(key: str, text: str) -> Any:
+    """Return the value of a key that is written as TOML. Raises `InputError` if the text is not one value.
+
+    >>> parse_value("bounds", "[0, inf]")
+    [0, inf]
+    """
+    tables = parse_toml(key, f"value = {text}")
+    if list(tables) != ["value"]:
+        raise InputError.of(Location(key), f"must be one value, got {text[:_MAX_EXCERPT]!r}")
+    return tables["value"]
+
+
 def is_training(tables: Mapping[str, Any]) -> bool:
     """Return if these are the tables of a training file for `kennfeld surrogate train`, not of a project.
 
@@ -58,20 +70,14 @@ def is_training(tables: Mapping[str, Any]) -> bool:
 def read_text(path: Path) -> str:
     """Return the text of a TOML file, with line feeds only. Raises `InputError` if it is missing or binary."""
     name = Location(path.name)
-    try:
+    missing = {"missing": "the project file does not exist", "advice": "Check the path."}
+    with convert_errors(path, "the project file cannot be read", "Name a .toml file.", **missing):
         if path.stat().st_size > _MAX_SIZE:
             size = path.stat().st_size / 1e6
             message = f"the project file has {size:.0f} MB; the maximum is {_MAX_SIZE / 1e6:.0f} MB"
             remedy = "Move large tables into a calibration file and name it under `initial`."
             raise InputError.of(name, message, remedy)
         content = path.read_bytes()
-    except FileNotFoundError:
-        siblings = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-        remedy = nearest(path.name, siblings) or "Check the path."
-        raise InputError.of(Location(str(path)), "the project file does not exist", remedy) from None
-    except OSError as error:
-        message = f"the project file cannot be read: {error.strerror or error}"
-        raise InputError.of(Location(str(path)), message, "Name a .toml file.") from None
     if b"\0" in content:
         raise InputError.of(name, "this is a binary file", "A project file is TOML in UTF-8.")
     try:
@@ -103,7 +109,8 @@ def _find_repetition(message: str, lines: Sequence[str], line: int) -> tuple[str
         name = ".".join(ast.literal_eval(section[1]))
         first = next((at for at, text in enumerate(lines[: line - 1], 1) if _begins_section(text, name)), None)
         where = "" if first is None else f", which begins in line {first}"
-        return f"duplicate of section [{name}]{where}", _merge(name)
+        several = f" A list of them is written [[{name}]]." if name in _LISTS else ""
+        return f"duplicate of section [{name}]{where}", f"Merge the two sections.{several}"
     key = _KEY_TWICE.fullmatch(message)
     if key:
         name = key[1] or lines[line - 1].partition("=")[0].strip() or "this key"
@@ -114,11 +121,6 @@ def _find_repetition(message: str, lines: Sequence[str], line: int) -> tuple[str
 def _begins_section(line: str, name: str) -> bool:
     heading = _HEAD.match(line)
     return heading is not None and heading[1].replace(" ", "") == name
-
-
-def _merge(name: str) -> str:
-    several = f" A list of them is written [[{name}]]." if name in _LISTS else ""
-    return f"Merge the two sections.{several}"
 
 
 def _syntax_remedy(message: str, line: str) -> str:

@@ -49,9 +49,6 @@ class ArrayForm(Form):
         section.report(key, f"value{number} must be finite, got {values[first]:g}")
         return None
 
-    def write(self, value: Float) -> Any:
-        return value.tolist()
-
     def json_schema(self) -> dict[str, Any]:
         return {"type": ["number", "string", "array"]}
 
@@ -76,9 +73,6 @@ class BoundsForm(Form):
             else:
                 sides.append(side)
         return (sides[0], sides[1]) if len(sides) == 2 and _are_ordered(section, key, *sides) else None
-
-    def write(self, value: tuple[Float, Float]) -> Any:
-        return [side.tolist() for side in value]
 
     def json_schema(self) -> dict[str, Any]:
         return {"type": "array", "minItems": 2, "maxItems": 2}
@@ -126,9 +120,6 @@ class BreakpointsForm(Form):
             return tuple(points.tolist())
         return None
 
-    def write(self, value: tuple[float, ...] | str) -> Any:
-        return value if isinstance(value, str) else list(value)
-
     def json_schema(self) -> dict[str, Any]:
         return {"anyOf": [_NUMBERS | {"minItems": 1}, {"const": FREE}]}
 
@@ -147,16 +138,12 @@ class PairForm(Form):
     label = "`[lower, upper]`"
 
     def read(self, section: Section, key: str) -> tuple[float, float] | None:
-        value = section.values[key]
-        ends = [as_infinite(end) for end in value] if isinstance(value, list) else []
+        value, ends = section.values[key], _ends(section, key)
         if len(ends) == 2 and (ends[0] < ends[1] or (self.may_be_equal and ends[0] == ends[1])):
             return ends[0], ends[1]
         message = f"{self.message}, got {value!r}" if self.shows else self.message
         section.report(key, message, self.remedy.format(key=key))
         return None
-
-    def write(self, value: tuple[float, float]) -> Any:
-        return list(value)
 
     def json_schema(self) -> dict[str, Any]:
         return {"type": "array", "items": INFINITE, "minItems": 2, "maxItems": 2}
@@ -170,12 +157,16 @@ class LimitPairForm(PairForm):
         super().__init__("must be a range of two numbers", remedy, may_be_equal=True, shows=True)
 
     def read(self, section: Section, key: str) -> tuple[float, float] | None:
-        value = section.values[key]
-        ends = [as_infinite(end) for end in value] if isinstance(value, list) else []
+        ends = _ends(section, key)
         if len(ends) == 2 and ends[0] > ends[1]:
             section.report(key, f"lower limit {ends[0]:g} exceeds upper limit {ends[1]:g}", "Swap them.")
             return None
         return super().read(section, key)
+
+
+def _ends(section: Section, key: str) -> list[float]:
+    value = section.values[key]
+    return [as_infinite(end) for end in value] if isinstance(value, list) else []
 
 
 @dataclass(frozen=True)
@@ -193,14 +184,11 @@ class CoordinatesForm(Form):
         section.report(key, f"must be a list of coordinates, got {value!r}", "Write at = [x, y], one per axis.")
         return None
 
-    def write(self, value: tuple[float, ...]) -> Any:
-        return list(value)
-
     def json_schema(self) -> dict[str, Any]:
         return {"anyOf": [{"type": ["number", "string"]}, {"type": "array"}]}
 
 
-_AXIS_RANGE = PairForm("must be the first and the last axis value", "Write {key} = [first, last].", may_be_equal=True)
+AXIS_RANGE = PairForm("must be the first and the last axis value", "Write {key} = [first, last].", may_be_equal=True)
 
 
 class LockForm(Form):
@@ -224,19 +212,14 @@ class LockForm(Form):
         if not section.values:
             section.report("", "the range is empty", "Write lock = true for the whole table.")
         present = [direction for direction in DIRECTIONS if direction in section.values]
-        ends = {direction: _AXIS_RANGE.read(section, direction) for direction in present}
+        ends = {direction: AXIS_RANGE.read(section, direction) for direction in present}
         section.report_unknown(DIRECTIONS)
         return {direction: pair for direction, pair in ends.items() if pair is not None}
-
-    def write(self, value: Lock) -> Any:
-        if not isinstance(value, tuple):
-            return value
-        return [{direction: list(ends) for direction, ends in part.items()} for part in value]
 
     def json_schema(self) -> dict[str, Any]:
         part = {
             "type": "object",
-            "properties": dict.fromkeys(DIRECTIONS, _AXIS_RANGE.json_schema()),
+            "properties": dict.fromkeys(DIRECTIONS, AXIS_RANGE.json_schema()),
             "additionalProperties": False,
             "minProperties": 1,
         }
@@ -290,8 +273,10 @@ class TargetForm(Form):
 class ImageEntry:
     """An image of a control unit's memory in `initial`, and the A2L file that describes it."""
 
-    hex: str = key("image, Intel HEX or S-records", missing='Write initial = { a2l = "ecu.a2l", hex = "ecu.hex" }.')
-    a2l: str = key("its A2L file", "")
+    hex: str = key(
+        "image, Intel HEX or S-records", holds="image", missing='Write initial = { a2l = "ecu.a2l", hex = "ecu.hex" }.'
+    )
+    a2l: str = key("its A2L file", "", holds="A2L file")
 
 
 class InitialForm(Form):
@@ -362,7 +347,9 @@ class StepCriteriaForm(Form):
         return None
 
     def write(self, value: tuple[str | int, ...] | Mapping[str | int, float]) -> Any:
-        return {str(name): weight for name, weight in value.items()} if isinstance(value, Mapping) else list(value)
+        return super().write(
+            {str(name): weight for name, weight in value.items()} if isinstance(value, Mapping) else value
+        )
 
     def json_schema(self) -> dict[str, Any]:
         name = {"type": ["string", "integer"]}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.cell_errors import tally
-from kennfeld.analysis.evaluation import CriterionSeries, Evaluator, same_grid
+from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.residuals import Residuals, residuals
 from kennfeld.arrays import Bool, Float, Int
@@ -228,7 +228,7 @@ def _changes(
     changes = []
     for name in problem.free_names:
         after, before = parameters[name], start[name]
-        moved = not same_grid(before, after)
+        moved = not before.has_grid_of(after)
         changes.append(
             ParameterChange(
                 before=_resample(before, after) if moved else before,

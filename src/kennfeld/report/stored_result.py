@@ -22,8 +22,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run
 from kennfeld.project.manifest import RUN_AGAIN as AGAIN
-
-MAX_LEVERAGE_VALUES = 2000  # computing the leverage costs the third power of the number of values
+from kennfeld.project.results import affordable_leverage
 
 COLUMNS = {
     "samples": np.int64,
@@ -65,7 +64,7 @@ def summarise_trust(trust: Trust) -> TrustSummary:
         informed=trust.informed,
         samples=trust.samples,
         deviation=trust.deviation,
-        leverage=trust.leverage if sum(map(np.size, trust.deviation.values())) <= MAX_LEVERAGE_VALUES else {},
+        leverage=affordable_leverage(trust),
         by_smoothness=trust.by_smoothness,
         directions=tuple(RemedyText(direction.sentence, direction.remedy) for direction in trust.directions),
         null_space=RemedyText(null_space.sentence, null_space.advice) if null_space.sentence else None,

@@ -26,7 +26,8 @@ class Observation:
 
 def verdict(report: ReportData) -> str:
     """Return the result in one sentence per criterion."""
-    scores = _score_per_criterion(report.scores)
+    # on all test data, or else on all training data
+    scores = [pool_scores([s for s in own if s.use == "test"] or own) for own in by_criterion(report.scores)]
     if not scores:
         return "No sample is scored, so the errors are unknown."
     result = report.result
@@ -35,11 +36,6 @@ def verdict(report: ReportData) -> str:
     if result.status in ("failed", "infeasible"):
         return f"The calibration failed: {result.message} With the last values, {_error(scores[0])}."
     return " ".join(_sentence(score, unseen=not report.seen) for score in scores)
-
-
-def _score_per_criterion(scores: Sequence[Score]) -> list[Score]:
-    """Return one score per criterion: on all test data, or else on all training data."""
-    return [pool_scores([s for s in own if s.use == "test"] or own) for own in by_criterion(scores)]
 
 
 def by_criterion(scores: Sequence[Score]) -> list[list[Score]]:

@@ -85,8 +85,7 @@ def k_means(x: Float, count: int, seed: int) -> Float:
 
     Lloyd's algorithm, begun with k-means++ (D. Arthur, S. Vassilvitskii, 2007).
     """
-    rng = np.random.default_rng(seed)
-    centres = _scatter(x, count, rng)
+    centres = _scatter(x, count, np.random.default_rng(seed))
     for _ in range(ROUNDS):
         # squared distances without the points' own squares
         group = np.argmin(np.einsum("id,id->i", centres, centres) - 2 * (x @ centres.T), axis=1)

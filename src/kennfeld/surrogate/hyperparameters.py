@@ -22,10 +22,8 @@ Likelihood = Callable[[Float], tuple[float, Float]]
 
 def exact_hyperparameters(x: Float, y: Float, starts: int, seed: int, iterations: int = 100) -> tuple[Float, float]:
     """Return length scales Float[inputs] and eta of the exact process, all in units of spread."""
-    rng = np.random.default_rng(seed)
-    part = _part(len(y), SCREENED, rng)
-    best = _screen_starts(x[part], y[part], starts, rng, iterations)
-    if part.size < len(y):
+    best = _screen_starts(x, y, starts, np.random.default_rng(seed), iterations)
+    if len(y) > SCREENED:
         plane = Plane.over(x)
         best = _maximise(lambda values: exact_likelihood(values, x, y, plane), best, iterations)[1]
     return np.exp(best[:-1]), float(np.exp(best[-1]))
@@ -36,10 +34,8 @@ def sparse_hyperparameters(
 ) -> tuple[Float, float]:
     """Return length scales and eta of the sparse process: the exact ones of a subset, improved on the bound."""
     rng = np.random.default_rng(seed)
-    few = _part(len(y), SCREENED, rng)
-    best = _screen_starts(x[few], y[few], starts, rng, iterations)
-    part = _part(len(y), SEARCHED, rng)
-    x, y = x[part], y[part]
+    best = _screen_starts(x, y, starts, rng, iterations)
+    x, y = _draw(x, y, SEARCHED, rng)
     plane = Plane.over(x)
     for _ in range(ROUNDS):
         z = x[greedy(x, min(centres, SEARCHED_CENTRES), np.exp(best[:-1]))]
@@ -47,15 +43,17 @@ def sparse_hyperparameters(
     return np.exp(best[:-1]), float(np.exp(best[-1]))
 
 
-def _part(count: int, most: int, rng: np.random.Generator) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    return np.arange(count) if count <= most else np.sort(rng.choice(count, most, replace=False))
+def _draw(x: Float, y: Float, most: int, rng: np.random.Generator) -> tuple[Float, Float]:
+    part = np.arange(len(y)) if len(y) <= most else np.sort(rng.choice(len(y), most, replace=False))
+    return x[part], y[part]
 
 
 def _screen_starts(x: Float, y: Float, starts: int, rng: np.random.Generator, iterations: int) -> Float:
-    """Return the best result of several searches for the highest exact likelihood.
+    """Return the best result of several searches for the highest exact likelihood of a few points.
 
     The first begins at middling smoothness, the others at points that are drawn around it.
     """
+    x, y = _draw(x, y, SCREENED, rng)
     plane, inputs = Plane.over(x), x.shape[1]
     middle = np.append(np.full(inputs, 0.5 * np.log(max(inputs, 2))), np.log(FIRST_NOISE))
     others = [middle + rng.normal(0.0, [*([1.0] * inputs), 2.0]) for _ in range(max(starts, 1) - 1)]

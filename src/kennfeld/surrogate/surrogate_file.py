@@ -12,6 +12,7 @@ from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
@@ -30,11 +31,8 @@ Surrogate = StaticSurrogate | DynamicSurrogate
 
 def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
     """Write a surrogate, whole or not at all. Raises `InputError` if the file cannot be written."""
-    try:
+    with convert_errors(path, "cannot be written", "Name another file."):
         write_whole(Path(path), _text(_tables(surrogate)))
-    except OSError as error:
-        message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(Location(str(path)), message, "Name another file.") from None
 
 
 def recognises_surrogate(head: str) -> bool:
@@ -114,14 +112,10 @@ def _text(tables: Mapping[str, Any], indent: str = "") -> str:
 
 def _content(path: Path) -> Mapping[str, Any]:
     location = Location(path.name)
+    with convert_errors(path, "cannot be read", missing="there is no such file", advice="Check the path."):
+        raw = path.read_bytes()
     try:
-        content = json.loads(path.read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        others = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-        remedy = nearest(path.name, others) or "Check the path."
-        raise InputError.of(Location(str(path)), "there is no such file", remedy) from None
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
+        content = json.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise InputError.of(location, "this is not UTF-8 text", REWRITE) from None
     except json.JSONDecodeError as error:

@@ -15,7 +15,8 @@ from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource
 from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat, recognises_script
 from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.calfiles.unsupported_files import explain_unsupported
-from kennfeld.errors import InputError, Location
+from kennfeld.errors import InputError
+from kennfeld.file_errors import convert_errors
 from kennfeld.measurement.file_kind import FileKind, detect_kind
 from kennfeld.models import formula as formulas
 from kennfeld.models.simulink.reader.document import recognises_simulink
@@ -83,12 +84,10 @@ class _InputFile:
 
     @cached_property
     def _beginning(self) -> tuple[FileKind, str]:
-        try:
+        with convert_errors(self.path, "cannot be read"):
             with self.path.open("rb") as stream:
                 head = stream.read(HEAD_SIZE)
             return detect_kind(self.path)[0], head.decode("utf-8", errors="replace").replace("\r\n", "\n")
-        except OSError as error:
-            raise InputError.of(Location(str(self.path)), f"cannot be read: {error.strerror or error}") from None
 
 
 def _is_simulink(file: _InputFile) -> bool:

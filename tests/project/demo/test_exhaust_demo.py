@@ -145,7 +145,8 @@ def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "3.7 degC" in said
     assert "converged" in said
-    assert {path.name for path in Path(tmp_path / "demo").iterdir()} == {"kennfeld.toml", "results", *exhaust.FILES}
+    files = {path.name for path in Path(tmp_path / "demo").iterdir()}
+    assert files - {".kennfeld"} == {"kennfeld.toml", "results", *exhaust.FILES}  # a slow machine caches recordings
 
 
 def test_the_help_names_every_demo(capsys):

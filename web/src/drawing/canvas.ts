@@ -210,7 +210,7 @@ function scales(box: Box, [x0, x1]: Range, yRange: Range, log: boolean): Pick<Ar
 
 function yTicks(range: Range, wanted: number, scale: AreaOptions["scale"]): number[] {
   if (scale === "log") return logTicks(...range);
-  const values = ticks(...range, Math.max(2, wanted));
+  const values = ticks(...range, Math.max(2, Math.min(8, wanted)));
   return scale === "counts" ? values.filter(Number.isInteger) : values;
 }
 

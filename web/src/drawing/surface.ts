@@ -21,6 +21,7 @@ export interface SurfaceMap {
 export type Point = readonly [number, number, number]; // on the screen, and its depth
 
 const ROOF = 0.62;
+const TITLE = 36; // pixels from the floor to the title of an axis
 const HOME = { azimuth: -0.62, elevation: 0.5 };
 
 /** A perspective view of the box from -1 to 1 in x and y, and from -ROOF to ROOF in height. */
@@ -40,15 +41,16 @@ export class Camera {
     this.turnTo(HOME.azimuth, HOME.elevation);
   }
 
-  fit(width: number, height: number): void {
+  /** Fit the box into a picture, with room for the numbers around it and further margins at the left and the right. */
+  fit(width: number, height: number, [marginLeft, marginRight]: Range = [0, 0]): void {
     this.turn = [Math.cos(this.azimuth), Math.sin(this.azimuth), Math.cos(this.elevation), Math.sin(this.elevation)];
     this.scale = 1;
     this.middle = [0, 0];
     const corners = [-1, 1].flatMap((a) => [-1, 1].flatMap((b) => [-ROOF, ROOF].map((c) => this.project(a, b, c))));
     const [left, right] = extent(corners.map((p) => p[0]));
     const [top, bottom] = extent(corners.map((p) => p[1]));
-    this.scale = Math.max(10, Math.min((width - 110) / (right - left), (height - 72) / (bottom - top)));
-    this.middle = [width / 2 - ((left + right) / 2) * this.scale + 8, height / 2 - ((top + bottom) / 2) * this.scale - 4];
+    this.scale = Math.max(10, Math.min((width - 110 - marginLeft - marginRight) / (right - left), (height - 72) / (bottom - top)));
+    this.middle = [(width + marginLeft - marginRight) / 2 - ((left + right) / 2) * this.scale + 8, height / 2 - ((top + bottom) / 2) * this.scale - 4];
   }
 
   project(x: number, y: number, z: number): Point {
@@ -61,7 +63,12 @@ export class Camera {
   }
 }
 
-interface Face { corners: readonly Point[]; ghost: boolean; mean: number; empty: boolean; tilt: number; depth: number }
+// Corners of a face: (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1). A face draws its far edges, which it shares with
+// faces that are drawn before; those at the near rim draw all.
+const ROUND = [0, 1, 2, 3, 0];
+const FAR_EDGES = [[[3, 0, 1], [2, 3, 0]], [[0, 1, 2], [1, 2, 3]]]; // by the signs of x and y of the back corner
+
+interface Face { corners: readonly Point[]; edges: readonly number[]; ghost: boolean; mean: number; empty: boolean; tilt: number; depth: number }
 
 export class Surface {
   readonly camera = new Camera();
@@ -74,7 +81,13 @@ export class Surface {
   /** Draw a map; `range` keeps the height axis while a value is dragged. */
   draw(pen: Pen, width: number, height: number, map: SurfaceMap, range: Range | null = null): void {
     this.map = map;
-    this.camera.fit(width, height);
+    let margins: Range = [0, 0];
+    for (let pass = 0; pass < 3; pass++) {
+      this.camera.fit(width, height, margins);
+      const [left, right] = this.overhang(pen, width);
+      if (!left && !right) break;
+      margins = [margins[0] + left, margins[1] + right];
+    }
     this.xs = positions(map.x.points);
     this.ys = positions(map.y.points);
     this.range = range ?? heightRange(map);
@@ -140,23 +153,30 @@ export class Surface {
   private faces(): Face[] {
     const { now, reference, empty, hidden = "" } = this.map;
     const faces: Face[] = [];
+    const shown = hidden !== "now" && hidden !== "both";
     const changed = reference !== null && this.points.some((_, k) => now[k] !== reference[k]);
-    if (changed && !["reference", "both"].includes(hidden)) this.addFaces(faces, reference!, this.project(reference!), null, true);
-    if (!["now", "both"].includes(hidden)) this.addFaces(faces, now, this.points, empty, false);
+    if (changed && hidden !== "reference" && hidden !== "both") {
+      // the ghost of a face that is where it was would be hidden by it
+      this.addFaces(faces, reference!, this.project(reference!), (cells) => shown && cells.every((cell) => now[cell] === reference![cell]), null);
+    }
+    if (shown) this.addFaces(faces, now, this.points, () => false, empty);
     return faces.sort((p, q) => q.depth - p.depth);
   }
 
-  private addFaces(faces: Face[], values: ArrayLike<number>, points: readonly Point[], empty: ((cell: number) => boolean) | null, ghost: boolean): void {
-    const ny = this.ys.length;
-    for (let i = 0; i + 1 < this.xs.length; i++) {
+  private addFaces(faces: Face[], values: ArrayLike<number>, points: readonly Point[], skip: (cells: number[]) => boolean, empty: SurfaceMap["empty"]): void {
+    const ghost = values === this.map.reference;
+    const [nx, ny, back] = [this.xs.length, this.ys.length, this.back()];
+    const [nearX, nearY] = [back.x > 0 ? 0 : nx - 2, back.y > 0 ? 0 : ny - 2];
+    const far = FAR_EDGES[back.x > 0 ? 1 : 0]![back.y > 0 ? 1 : 0]!;
+    for (let i = 0; i + 1 < nx; i++) {
       for (let j = 0; j + 1 < ny; j++) {
         const cells = [i * ny + j, (i + 1) * ny + j, (i + 1) * ny + j + 1, i * ny + j + 1];
         const [a, b, c, d] = cells.map((cell) => values[cell]!) as [number, number, number, number];
         const mean = (a + b + c + d) / 4;
-        if (!Number.isFinite(mean)) continue;
+        if (!Number.isFinite(mean) || skip(cells)) continue;
         const corners = cells.map((cell) => points[cell]!);
         faces.push({
-          corners, ghost, mean, empty: empty !== null && cells.some(empty),
+          corners, edges: i === nearX || j === nearY ? ROUND : far, ghost, mean, empty: empty !== null && cells.some(empty),
           tilt: this.heightOf(b) - this.heightOf(a) + this.heightOf(c) - this.heightOf(d),
           depth: (corners[0]![2] + corners[1]![2] + corners[2]![2] + corners[3]![2]) / 4,
         });
@@ -184,9 +204,38 @@ export class Surface {
     pen.textBaseline = "middle";
     tickTexts(xs).forEach((text, k) => this.write(pen, text, [place(x, xs[k]!), -back.y], [place(x, xs[k]!), back.y], 13));
     tickTexts(ys).forEach((text, k) => this.write(pen, text, [-back.x, place(y, ys[k]!)], [back.x, place(y, ys[k]!)], 14));
-    this.write(pen, withUnit(x.title, x.unit), [0, -back.y], [0, back.y], 36, true);
-    this.write(pen, withUnit(y.title, y.unit), [-back.x, 0.1], [back.x, 0.1], 36, true);
+    for (const { text, at, from } of this.titles()) this.write(pen, text, at, from, TITLE, true);
     this.writeHeights(pen, zs, back.side);
+  }
+
+  private titles(): { text: string; at: [number, number]; from: [number, number] }[] {
+    const { x, y } = this.map;
+    const back = this.back();
+    return [
+      { text: withUnit(x.title, x.unit), at: [0, -back.y], from: [0, back.y] },
+      { text: withUnit(y.title, y.unit), at: [-back.x, 0.1], from: [back.x, 0.1] },
+    ];
+  }
+
+  /** How far the titles would reach beyond the picture at its left and its right. */
+  private overhang(pen: Pen, width: number): Range {
+    let [left, right] = [0, 0];
+    for (const { text, at, from } of this.titles()) {
+      const { x, aside } = this.outwards(at, from, TITLE);
+      const wide = pen.measureText(text).width;
+      const start = Math.abs(aside) < 0.25 ? x - wide / 2 : aside > 0 ? x : x - wide;
+      left = Math.max(left, 2 - start);
+      right = Math.max(right, start + wide + 2 - width);
+    }
+    return [left, right];
+  }
+
+  /** A place outside an edge of the floor, and how far sideways it lies. */
+  private outwards(at: [number, number], from: [number, number], distance: number): { x: number; y: number; aside: number } {
+    const [a, b] = [this.camera.project(...at, -ROOF), this.camera.project(...from, -ROOF)];
+    const length = Math.hypot(a[0] - b[0], a[1] - b[1]) || 1;
+    const aside = (a[0] - b[0]) / length;
+    return { x: a[0] + aside * distance, y: a[1] + ((a[1] - b[1]) / length) * distance, aside };
   }
 
   /** The signs of x and y of the back corner, and the upright edge at the left of the picture. */
@@ -204,11 +253,9 @@ export class Surface {
 
   /** Write outwards from an edge of the floor; a title starts beside what is written there, instead of astride it. */
   private write(pen: Pen, text: string, at: [number, number], from: [number, number], distance: number, title = false): void {
-    const [a, b] = [this.camera.project(...at, -ROOF), this.camera.project(...from, -ROOF)];
-    const length = Math.hypot(a[0] - b[0], a[1] - b[1]) || 1;
-    const aside = (a[0] - b[0]) / length;
+    const { x, y, aside } = this.outwards(at, from, distance);
     pen.textAlign = !title || Math.abs(aside) < 0.25 ? "center" : aside > 0 ? "left" : "right";
-    pen.fillText(text, a[0] + aside * distance, a[1] + ((a[1] - b[1]) / length) * distance);
+    pen.fillText(text, x, y);
   }
 
   private writeHeights(pen: Pen, values: number[], side: [number, number]): void {
@@ -228,8 +275,8 @@ export class Surface {
 class Paints {
   private readonly dark = isDark();
   private readonly paper = this.dark ? 23 : 255;
-  readonly ghost = this.dark ? { fill: "rgba(150,158,168,.10)", stroke: "rgba(170,178,188,.55)" } : { fill: "rgba(150,156,163,.13)", stroke: "rgba(105,111,118,.62)" };
-  readonly edge = this.dark ? "rgba(10,14,18,.55)" : "rgba(20,30,45,.36)";
+  readonly ghost = this.dark ? { fill: "rgba(150,158,168,.10)", stroke: "rgba(170,178,188,.75)" } : { fill: "rgba(150,156,163,.13)", stroke: "rgba(105,111,118,.8)" };
+  readonly edge = this.dark ? "rgba(10,14,18,.75)" : "rgba(20,30,45,.55)";
 
   constructor(private readonly range: Range) {}
 
@@ -243,19 +290,24 @@ class Paints {
 }
 
 function drawFace(pen: Pen, face: Face, paints: Paints): void {
-  path(pen, face.corners);
-  pen.closePath();
+  path(pen, face.corners, ROUND);
   pen.lineWidth = 0.7;
   pen.fillStyle = face.ghost ? paints.ghost.fill : paints.of(face);
   pen.strokeStyle = face.ghost ? paints.ghost.stroke : paints.edge;
   pen.fill();
   if (face.empty) hatch(pen);
+  path(pen, face.corners, face.edges);
   pen.stroke();
 }
 
-function path(pen: Pen, points: readonly (readonly number[])[]): void {
+/** Begin a path through points, or through some of them in an order. */
+function path(pen: Pen, points: readonly (readonly number[])[], order?: readonly number[]): void {
   pen.beginPath();
-  points.forEach(([x, y], k) => pen[k ? "lineTo" : "moveTo"](x!, y!));
+  for (let k = 0; k < (order ?? points).length; k++) {
+    const point = points[order ? order[k]! : k]!;
+    if (k) pen.lineTo(point[0]!, point[1]!);
+    else pen.moveTo(point[0]!, point[1]!);
+  }
 }
 
 function position(points: readonly number[], value: number): number {

@@ -4,9 +4,10 @@ import { batch, computed, effect, signal } from "@preact/signals";
 import { newest } from "../connection";
 import { area, extent, line, widened, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
-import { count, plain, signed, significant } from "../drawing/numbers";
+import { ring } from "../drawing/marks";
+import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
 import { brush, datasetNumber, stretch } from "../plots";
-import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, state, table, type Table } from "../store";
+import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, table, type Table } from "../store";
 import { cellAt } from "./map-table";
 import { Picture } from "./picture";
 
@@ -21,13 +22,19 @@ const strip = signal<Strip | null>(null);
 const load = newest(async (given: { name: string; cell: number }) => {
   const reply = await request("informing", given);
   if (reply === null) return;
-  const { x, y, weight } = reply.arrays;
-  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x: x ?? new Float32Array(), y: y ?? new Float32Array(), weight: weight ?? new Float32Array() };
+  const array = (key: string) => reply.arrays[key] ?? new Float32Array();
+  const samples = { x: array("x"), y: array("y"), weight: array("weight") };
+  const before = evidence.value;
+  const same = before !== null && (["x", "y", "weight"] as const).every((key) => equal(before[key], samples[key]));
+  const { x, y, weight } = same ? before : samples; // the same arrays are not drawn again
+  const next = { name: given.name, cell: given.cell, parts: reply.head.datasets as Part[], most: (reply.head.most as number) ?? 0, x, y, weight };
   batch(() => {
     if (next.name !== evidence.value?.name || next.cell !== evidence.value.cell) shownStretch.value = 0;
     evidence.value = next;
   });
 });
+
+const equal = (a: Float32Array, b: Float32Array): boolean => a.length === b.length && a.every((value, k) => value === b[k]);
 
 const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) => {
   const pause = Math.max((to - from) * 1.5, 4);
@@ -63,35 +70,104 @@ effect(() => {
 });
 
 export function EvidencePane({ own }: { own: Table }) {
-  const cell = cellAt(own, ...selection.value.active);
-  const data = evidence.value;
-  const part = shownPart.value;
-  const total = data?.parts.reduce((sum, each) => sum + each.samples, 0) ?? 0;
-  const deviation = own.deviation?.[cell];
-  const how = own.locked.includes(cell) ? "locked" : own.values[cell] !== own.reference[cell] && !state.value.runs.length ? "by hand" : own.samples?.[cell] === 0 ? "no data" : "data";
   return (
     <section class="pane evid" aria-label="Evidence">
-      <div class="head"><h2>What this point rests on</h2><span class="right"><span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
-      <dl class="facts facts3">
-        <dt>grid point</dt><dd>{own.axes.map((axis, k) => <>{k > 0 && ", "}{plain(axis.points[selection.value.active[k]!] ?? 0, 5)} <u>{axis.unit}</u></>)}</dd>
-        <dt>now</dt><dd><b>{significant(own.values[cell]!, 5)}</b> <u>{own.unit}</u></dd>
-        <dt>{referenceName.value}, difference</dt><dd>{significant(own.reference[cell]!, 5)}, {signed(own.values[cell]! - own.reference[cell]!, 4)}</dd>
-        <dt>standard deviation</dt><dd>{deviation === undefined ? "after a run" : deviation === null ? "undetermined" : `± ${significant(deviation, 3)}`}</dd>
-        <dt>samples</dt><dd>{count(total)} <u>in</u> {count(data?.parts.reduce((sum, each) => sum + each.count, 0) ?? 0)} <u>stretches</u></dd>
-        <dt>their mean error</dt><dd>{part ? <>{signed(part.meanBefore ?? NaN)} → <b>{signed(part.meanNow ?? NaN)}</b></> : "–"}</dd>
-      </dl>
-      <div class="sub2"><b>In the {own.kind}</b><span class="key"><i class="dot" style={{ background: "var(--lit)" }} />its samples</span><span class="key"><i class="dot" style={{ background: "var(--before)" }} />others</span></div>
-      <Picture label="Samples around the grid point" kind="near" draw={drawNear} of={[evidence.value, selection.value, own]} />
-      <div class="sub2">
-        <b>In {part?.dataset ?? "the data"}</b><span class="q">{part ? `${shownStretch.value + 1} of ${part.stretches.length}, longest first` : ""}</span>
-        <span class="right"><button class="btn bare small" aria-label="Previous stretch" disabled={shownStretch.value === 0} onClick={() => { shownStretch.value -= 1; }}>‹</button><button class="btn bare small" aria-label="Next stretch" disabled={!part || shownStretch.value + 1 >= part.stretches.length} onClick={() => { shownStretch.value += 1; }}>›</button></span>
-      </div>
-      <Picture label="The stretch over time" kind="near" draw={drawStretch} of={[evidence.value, strip.value, place.value]} />
-      <div class="acts">
-        <button class="btn small" disabled={!part} onClick={() => showInPlots(part!)}>Show in Plots</button>
-        <button class="btn small" disabled={own.values[cell] === own.reference[cell]} onClick={() => { setValues([cell], [own.reference[cell]!], `${own.name}: set to the reference`); endDrag(); }}>Back to {referenceName.value}</button>
-      </div>
+      <Facts own={own} />
+      <div class="sub2 s1"><b>In the {own.kind}</b><span class="key"><i class="dot" style={{ background: "var(--lit)" }} />its samples</span><span class="key"><i class="dot" style={{ background: "var(--before)" }} />others</span></div>
+      <Near name={own.name} />
+      <StretchHead />
+      <StretchPicture />
+      <Actions own={own} />
     </section>
+  );
+}
+
+/** How the value is known. */
+function origin(own: Table, cell: number): string {
+  if (own.locked.includes(cell)) return "locked";
+  if (own.values[cell] !== own.reference[cell]) return "by hand";
+  return own.samples?.[cell] === 0 ? "no data" : "data";
+}
+
+function Facts({ own }: { own: Table }) {
+  const cell = cellAt(own, ...selection.value.active);
+  const part = shownPart.value;
+  const parts = evidence.value?.parts ?? [];
+  const sum = (value: (part: Part) => number) => parts.reduce((total, each) => total + value(each), 0);
+  const deviation = own.deviation?.[cell];
+  const how = origin(own, cell);
+  const worse = part !== undefined && Math.abs(part.meanNow ?? 0) > Math.abs(part.meanBefore ?? 0);
+  return (
+    <>
+      <div class="head"><h2>What this point rests on</h2><span class="right"><span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
+      <div class="facts3">
+        <dl class="facts">
+          <dt>grid point</dt><dd>{own.axes.map((axis, k) => <>{k > 0 && ", "}{plain(axis.points[selection.value.active[k]!] ?? 0, 4)} <u>{axis.unit}</u></>)}</dd>
+          <dt>now</dt><dd><b>{significant(own.values[cell]!)}</b> <u>{own.unit}</u></dd>
+          <dt>{referenceName.value}, difference</dt><dd>{significant(own.reference[cell]!)}, {signed(own.values[cell]! - own.reference[cell]!, 4)}</dd>
+          <dt>std deviation</dt><dd>{deviation === undefined ? "after a run" : deviation === null ? "undetermined" : `± ${significant(deviation, 3)}`}</dd>
+          <dt>samples</dt><dd>{count(sum((each) => each.samples))} <u>in</u> {count(sum((each) => each.count))} <u>stretches</u></dd>
+          <dt>their mean error</dt><dd>{part ? <>{signed(part.meanBefore ?? NaN)} → <b class={worse ? "bad" : ""}>{signed(part.meanNow ?? NaN)}</b></> : "–"}</dd>
+        </dl>
+        <Timeline part={part} />
+      </div>
+    </>
+  );
+}
+
+/** Where in the dataset its samples are. */
+function Timeline({ part }: { part: Part | undefined }) {
+  const dataset = part && settled.value.datasets[part.number];
+  if (part === undefined || dataset === undefined) return null;
+  const draw = (pen: Pen, width: number, height: number) => {
+    const x = (time: number) => ((time - dataset.begin) / (dataset.end - dataset.begin)) * width;
+    pen.fillStyle = token("raise");
+    pen.fillRect(0, 0, width, height);
+    pen.fillStyle = token("lit");
+    for (const [begin, end] of part.stretches) pen.fillRect(x(begin), 0, Math.max(1.2, x(end) - x(begin)), height);
+  };
+  return (
+    <div class="timeline">
+      <Picture label={`Where ${part.dataset} has its samples`} kind="places" draw={draw} of={[part]} />
+      <div class="ends q"><span>{plain(dataset.begin, 4)}{dataset.timed ? " s" : ""}</span><span>{part.dataset}</span><span>{plain(dataset.end, 4)}</span></div>
+    </div>
+  );
+}
+
+function Near({ name }: { name: string }) {
+  return <Picture label="Samples around the grid point" kind="near n1" draw={drawNear} of={[evidence.value?.x, selection.value, name]} />;
+}
+
+function StretchHead() {
+  const part = shownPart.value;
+  const go = (by: number) => { shownStretch.value += by; };
+  return (
+    <div class="sub2 s2">
+      <b class="cut">In {part?.dataset ?? "the data"}</b><span class="q">{part ? `${shownStretch.value + 1} of ${part.stretches.length}, longest first` : ""}</span>
+      <span class="right">
+        <button class="btn bare small" aria-label="Previous stretch" disabled={shownStretch.value === 0} onClick={() => go(-1)}>‹</button>
+        <button class="btn bare small" aria-label="Next stretch" disabled={!part || shownStretch.value + 1 >= part.stretches.length} onClick={() => go(1)}>›</button>
+      </span>
+    </div>
+  );
+}
+
+function StretchPicture() {
+  return <Picture label="The stretch over time" kind="near n2" draw={drawStretch} of={[strip.value, place.value]} />;
+}
+
+function Actions({ own }: { own: Table }) {
+  const cell = cellAt(own, ...selection.value.active);
+  const part = shownPart.value;
+  const reset = () => {
+    setValues([cell], [own.reference[cell]!], `${own.name}: set to the reference`);
+    endDrag();
+  };
+  return (
+    <div class="acts">
+      <button class="btn small" disabled={!part} onClick={() => showInPlots(part!)}>Show in Plots</button>
+      <button class="btn small" disabled={own.values[cell] === own.reference[cell]} onClick={reset}>Back to {referenceName.value}</button>
+    </div>
   );
 }
 
@@ -104,34 +180,29 @@ function showInPlots(part: Part): void {
   screen.value = "plots";
 }
 
+/** The samples around the point: where they look a map up; of a curve, with what weight they do. */
 function drawNear(pen: Pen, width: number, height: number): void {
   const [own, data] = [table.value, evidence.value];
-  if (own === null || data === null || own.axes.length < 2) return;
+  if (own === null || data === null || own.axes.length === 0 || data.name !== own.name) return;
+  const curve = own.axes.length === 1;
   const around = (axis: 0 | 1) => {
     const points = own.axes[axis]!.points;
     const at = selection.value.active[axis];
     return widened([points[Math.max(0, at - 2)]!, points[Math.min(points.length - 1, at + 2)]!], 0.02);
   };
   const box = { left: 40, right: width - 12, top: 8, bottom: height - 36 };
-  const plot = area(pen, box, around(0), around(1), { xTicks: undefined, title: own.axes[0]!.input });
+  const plot = area(pen, box, around(0), curve ? [0, 1.1] : around(1), { title: withUnit(own.axes[0]!.input, own.axes[0]!.unit) + (curve ? ", weight" : "") });
   plot.clip(() => {
-    for (const lit of [false, true]) {
-      pen.fillStyle = token(lit ? "lit" : "before");
-      for (let k = 0; k < data.x.length; k++) {
-        if (data.weight[k]! > 0 !== lit) continue;
-        pen.beginPath();
-        pen.arc(plot.x(data.x[k]!), plot.y(data.y[k]!), lit ? 1 + 1.4 * data.weight[k]! : 1, 0, 7);
-        pen.fill();
-      }
+    const [xs, ys] = [data.x, curve ? data.weight : data.y].map((values, k) => Float64Array.from(values, k ? plot.y : plot.x)) as [Float64Array, Float64Array];
+    pen.fillStyle = token("before");
+    for (let k = 0; k < xs.length; k++) if (!(data.weight[k]! > 0)) pen.fillRect(xs[k]! - 0.9, ys[k]! - 0.9, 1.8, 1.8);
+    pen.fillStyle = token("lit");
+    for (let k = 0; k < xs.length; k++) {
+      const side = 2 + 2.4 * data.weight[k]!;
+      if (data.weight[k]! > 0) pen.fillRect(xs[k]! - side / 2, ys[k]! - side / 2, side, side);
     }
     const [i, j] = selection.value.active;
-    pen.fillStyle = token("drag");
-    pen.strokeStyle = token("paper");
-    pen.lineWidth = 2;
-    pen.beginPath();
-    pen.arc(plot.x(own.axes[0]!.points[i]!), plot.y(own.axes[1]!.points[j]!), 5.5, 0, 7);
-    pen.fill();
-    pen.stroke();
+    ring(pen, [plot.x(own.axes[0]!.points[i]!), plot.y(curve ? 1 : own.axes[1]!.points[j]!)], 5.5, token("drag"), token("paper"), 2);
   });
 }
 

@@ -1,13 +1,13 @@
 // The table of a parameter: cells coloured by value, a rectangle selected by mouse or keys, edited as in a spreadsheet.
 
 import { useSignal } from "@preact/signals";
-import type { JSX } from "preact";
+import { Component } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
 import { fixed, parseNumber, significant, tableDecimals, tableFormat } from "../drawing/numbers";
 import { selection, setValues, theme, type Selection, type Table } from "../store";
-import { describeCells, editCells, type Edit } from "./table-edits";
+import { describeCells, editCells, readEdit, type Edit } from "./table-edits";
 
 export type Mode = "value" | "difference" | "percent";
 
@@ -41,13 +41,19 @@ function bars(own: Table): (number | null)[] {
   return own.deviation.map((value) => (value === null ? 1 : value <= 0 ? 0 : Math.max(0, Math.min(1, 1 + Math.log10(value / span) / 3))));
 }
 
+/** Edit the selected values that are not locked. */
+export function applyEdit(own: Table, edit: Edit): void {
+  const cells = cellsOf(own, selection.value).filter((cell) => !own.locked.includes(cell));
+  const next = editCells(own, selection.value, cells, edit);
+  if (next !== null && cells.length) setValues(cells, next, `${describeCells(own, selection.value)}: ${edit.title}`);
+}
+
 export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
   const [nx, ny] = size(own);
   const chosen = selection.value;
   const locked = new Set(own.locked);
   const typed = useSignal<string | null>(null);
   const body = useRef<HTMLTableElement>(null);
-  const kept = useRef<Kept[]>([]);
   const looks = cellLooks(own, shown, chosen, locked, typed.value);
   const xText = labels(own.axes[0]?.points ?? [0]);
   const yText = labels(own.axes[1]?.points ?? [0]);
@@ -71,11 +77,7 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
     }
   };
 
-  const apply = (edit: Edit) => {
-    const cells = cellsOf(own, selection.value).filter((cell) => !locked.has(cell));
-    const next = editCells(own, selection.value, cells, edit);
-    if (next !== null && cells.length) setValues(cells, next, `${describeCells(own, selection.value)}: ${edit.title}`);
-  };
+  const apply = (edit: Edit) => applyEdit(own, edit);
 
   const key = (event: KeyboardEvent) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -111,10 +113,7 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
           {xText.map((text, i) => <th class={i === chosen.active[0] ? "at" : ""}>{text}</th>)}
         </tr>
         {yText.map((text, j) => (
-          <tr>
-            <th class={j === chosen.active[1] ? "at" : ""}>{own.axes.length > 1 ? text : own.unit || "value"}</th>
-            {xText.map((_, i) => keptCell(kept.current, cellAt(own, i, j), `${i},${j}`, looks(i, j)))}
-          </tr>
+          <Row name={own.axes.length > 1 ? text : own.unit || "value"} at={j === chosen.active[1]} j={j} looks={xText.map((_, i) => looks(i, j))} />
         ))}
       </tbody>
     </table>
@@ -122,7 +121,24 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
 }
 
 interface Look { text: string; kind: string; colour: string; bar: string }
-interface Kept { look: Look; node: JSX.Element }
+interface RowProps { name: string; at: boolean; j: number; looks: Look[] }
+
+/** A row of cells, rendered only if one of them looks different: an edit seldom changes more than a row. */
+class Row extends Component<RowProps> {
+  override shouldComponentUpdate(next: RowProps): boolean {
+    const { name, at, j, looks } = this.props;
+    return next.name !== name || next.at !== at || next.j !== j || next.looks.length !== looks.length || !next.looks.every((look, i) => sameLook(look, looks[i]!));
+  }
+
+  render({ name, at, j, looks }: RowProps) {
+    return (
+      <tr>
+        <th class={at ? "at" : ""}>{name}</th>
+        {looks.map((look, i) => <td data-cell={`${i},${j}`} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.text}</td>)}
+      </tr>
+    );
+  }
+}
 
 /** Return a function that says how a cell looks: what is the same for all cells is computed once. */
 function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<number>, typed: string | null): (i: number, j: number) => Look {
@@ -141,15 +157,6 @@ function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<numb
       bar: deviations === null ? "0" : (deviations[at] ?? 0).toFixed(2),
     };
   };
-}
-
-/** Return the cell of the last time if it looks the same: then Preact has nothing to compare. */
-function keptCell(kept: Kept[], at: number, name: string, look: Look): JSX.Element {
-  const known = kept[at];
-  if (known !== undefined && known.node.props["data-cell"] === name && sameLook(known.look, look)) return known.node;
-  const node = <td data-cell={name} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.text}</td>;
-  kept[at] = { look, node };
-  return node;
 }
 
 const sameLook = (a: Look, b: Look): boolean => a.text === b.text && a.kind === b.kind && a.colour === b.colour && a.bar === b.bar;
@@ -176,7 +183,7 @@ function cellClass(own: Table, shown: Shown, chosen: Selection, locked: Set<numb
     inside && !single && i === chosen.x[1] ? "sr" : "",
     inside && !single && j === chosen.y[0] ? "st" : "",
     inside && !single && j === chosen.y[1] ? "sb" : "",
-    i === chosen.active[0] && j === chosen.active[1] ? "active" : "",
+    i === chosen.active[0] && j === chosen.active[1] ? `active ${own.samples?.[at] ? "ev" : ""}` : "",
     shown.empty && own.samples?.[at] === 0 ? "nd" : "",
     locked.has(at) ? "lock" : "",
     own.values[at] !== own.reference[at] ? "changed" : "",
@@ -207,17 +214,6 @@ function step(own: Table, [dx, dy]: [number, number], extend: boolean): void {
     return [Math.min(at, moved), Math.max(at, moved)];
   };
   selection.value = { x: far(x, active[0], dx, nx), y: far(y, active[1], dy, ny), active };
-}
-
-/** Read what was typed: a number, `=5`, `*1,1`, `/2`, `+3`. */
-function readEdit(text: string): Edit | null {
-  const operator = /^[=*/+]/.test(text) ? text[0]! : "=";
-  const number = parseNumber(/^[=*/+]/.test(text) ? text.slice(1) : text);
-  if (number === null) return null;
-  if (operator === "*") return { kind: "scale", title: `times ${number}`, amount: number };
-  if (operator === "/") return { kind: "scale", title: `divided by ${number}`, amount: 1 / number };
-  if (operator === "+") return { kind: "add", title: `raised by ${number}`, amount: number };
-  return { kind: "set", title: `set to ${number}`, amount: number };
 }
 
 function copy(event: ClipboardEvent, own: Table): void {

@@ -1,6 +1,6 @@
 // A canvas that is drawn again when something that it shows changes.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Pen } from "../drawing/canvas";
 import { theme } from "../store";
 
@@ -16,6 +16,6 @@ export function Picture({ label, draw, of, kind = "" }: { label: string; draw: D
     redraw.current = again;
     return close;
   }, []);
-  useEffect(() => redraw.current(), [...of, theme.value]);
+  useLayoutEffect(() => redraw.current(), [...of, theme.value]);
   return <div class={`canvas ${kind}`} ref={host} aria-label={label} />;
 }

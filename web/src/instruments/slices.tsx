@@ -1,6 +1,6 @@
 // A curve, or a slice of a map through the active point; its points can be dragged.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Area, type Range } from "../drawing/canvas";
 import { plain, withUnit } from "../drawing/numbers";
 import { drawSlice, type SliceData } from "../drawing/slices";
@@ -18,7 +18,7 @@ function sliceOf(own: Table, axis: 0 | 1): SliceData {
   const cells = along(own, axis);
   const { input, unit, points } = own.axes[axis]!;
   const other = own.axes[1 - axis];
-  const through = other ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 5)} ${other.unit || other.input}` : "";
+  const through = other ? ` at ${plain(other.points[selection.value.active[1 - axis]!]!, 4)} ${other.unit || other.input}` : "";
   const pick = <T,>(values: readonly T[]) => cells.map((cell) => values[cell]!);
   return {
     points, now: pick(own.values), before: pick(own.reference), deviation: own.deviation && pick(own.deviation),
@@ -62,7 +62,7 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
     return close;
   }, [axis]);
 
-  useEffect(() => redraw.current(), [own, selection.value, theme.value]);
+  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value]);
   return <div class="canvas" ref={host} aria-label={`Slice of ${own.name} over ${own.axes[axis]?.input}`} />;
 }
 

@@ -1,6 +1,6 @@
 // The surface of a map: drag the dot up or down, or turn the ground. A readout stays in the corner.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Range } from "../drawing/canvas";
 import { plain, signed, significant } from "../drawing/numbers";
 import { Surface as Drawing, type SurfaceMap } from "../drawing/surface";
@@ -66,7 +66,7 @@ export function Surface({ own }: { own: Table }) {
     return close;
   }, []);
 
-  useEffect(() => redraw.current(), [own, selection.value, theme.value]);
+  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value]);
   return <div class="body"><div class="canvas fill" ref={host} aria-label={`Surface of ${own.name}, now and reference`} /><Readout own={own} /></div>;
 }
 
@@ -94,7 +94,7 @@ function Readout({ own }: { own: Table }) {
   if (now === undefined || before === undefined) return null;
   return (
     <div class="tip readout" aria-live="off">
-      <b class="ink">{significant(now)} {own.unit}</b> <span class="q">at {plain(own.axes[0]!.points[i]!)}, {plain(own.axes[1]!.points[j]!)}</span><br />
+      <b class="ink">{significant(now)} {own.unit}</b> <span class="q">at {plain(own.axes[0]!.points[i]!, 4)}, {plain(own.axes[1]!.points[j]!, 4)}</span><br />
       <span class="q">{referenceName.value}</span> {significant(before)} <span class="q">difference</span> {now === before ? "0" : signed(now - before)}
     </div>
   );

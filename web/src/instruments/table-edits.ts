@@ -1,6 +1,6 @@
 // What an edit makes of the selected values. Pure functions of the table.
 
-import { plain } from "../drawing/numbers";
+import { parseNumber, plain } from "../drawing/numbers";
 import type { Selection, Table } from "../store";
 import { cellAt } from "./map-table";
 
@@ -78,4 +78,15 @@ export function describeCells(own: Table, { x, y, active }: Selection): string {
   if (nx * ny > 1) return `${own.name}, ${own.axes.length > 1 ? `${nx} \u00d7 ${ny}` : nx} points`;
   const place = own.axes.map((axis, k) => plain(axis.points[active[k]!]!, 5)).join(", ");
   return place ? `${own.name} at ${place}` : own.name;
+}
+
+/** Read what was typed: a number, `=5`, `*1,1`, `/2`, `+3`. */
+export function readEdit(text: string): Edit | null {
+  const operator = /^[=*/+]/.test(text) ? text[0]! : "=";
+  const number = parseNumber(/^[=*/+]/.test(text) ? text.slice(1) : text);
+  if (number === null) return null;
+  if (operator === "*") return { kind: "scale", title: `times ${number}`, amount: number };
+  if (operator === "/") return { kind: "scale", title: `divided by ${number}`, amount: 1 / number };
+  if (operator === "+") return { kind: "add", title: `raised by ${number}`, amount: number };
+  return { kind: "set", title: `set to ${number}`, amount: number };
 }

@@ -7,9 +7,12 @@ import { NumberField, Segment, TextField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
+import { SettingsButton } from "../instruments/settings-panel";
+import { openEntry, panel, showFinding } from "../navigation";
 import { setKeys } from "../settings";
 import { message, request, screen, settled, state } from "../store";
 import { upload } from "../uploads";
+import { DataSettings } from "./data/settings";
 
 interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
 interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; error?: string; channels: Channel[] }
@@ -36,10 +39,11 @@ effect(() => {
 export function Data() {
   return (
     <>
-      <main class="data" onDragOver={(event) => event.preventDefault()} onDrop={drop}>
+      <main class={`data ${panel.data.value ? "open" : ""}`} onDragOver={(event) => event.preventDefault()} onDrop={drop}>
         <FileList />
         <Channels />
         <Mapping />
+        <DataSettings />
       </main>
       <Footer><Key keys={["Ctrl", "Z"]} text="undo" /><span>drop files anywhere</span></Footer>
     </>
@@ -62,7 +66,7 @@ function FileList() {
     <section class="pane files">
       <div class="head">
         <h2>Files</h2><span class="sub">{entries.value.reduce((sum, e) => sum + e.files.length, 0)} in {entries.value.length} datasets</span>
-        <span class="right"><label class="btn small"><Icon name="plus" />Add files<input type="file" multiple hidden onChange={(event) => addFiles([...(event.currentTarget.files ?? [])])} /></label><span class="q">or drop them anywhere</span></span>
+        <span class="right"><SettingsButton own={panel.data} first="dataset" /><label class="btn small"><Icon name="plus" />Add files<input type="file" multiple hidden onChange={(event) => addFiles([...(event.currentTarget.files ?? [])])} /></label><span class="q">or drop them anywhere</span></span>
       </div>
       <table class="list">
         <thead><tr><th>file</th><th>dataset</th><th>use</th><th class="num">weight</th><th class="num">samples</th><th class="num">rate</th><th class="num">length</th><th>missing</th><th>where</th><th class="num">raster</th><th class="num">warm-up</th><th /></tr></thead>
@@ -79,18 +83,18 @@ function FileRow({ entry, file, first }: { entry: Entry; file: File; first: bool
   return (
     <tr class={entry.use === "off" ? "off" : ""}>
       <td><Icon name="file" /> <b>{file.name}</b></td>
-      <td>{first ? (entry.name || own?.name) : ""}</td>
+      <td>{first && <button class="fold link" title="All settings of the dataset" onClick={() => { panel.data.value = "dataset"; openEntry("dataset", at); }}>{entry.name || own?.name}</button>}</td>
       <td>{first && <Segment label={`Use of ${file.name}`} options={["training", "test"]} chosen={entry.use} choose={(use) => setKeys([[["dataset", at, "use"], use === "training" ? null : use]], `${file.name}: ${use} data`)} />}</td>
-      <td class="num">{first && <NumberField path={["dataset", at, "weight"]} label={`Weight of ${file.name}`} help="Factor on the squared errors of the dataset; 0 switches off." placeholder="1" width={44} />}</td>
+      <td class="num">{first && <NumberField path={["dataset", at, "weight"]} label={`Weight of ${file.name}`} width={44} />}</td>
       {file.error ? <td colSpan={4} class="bad">{file.error}</td> : (
         <>
           <td class="num">{count(file.samples ?? 0)}</td><td class="num">{file.step ? `${significant(1 / file.step, 3)} Hz` : MISSING}</td><td class="num">{file.length ? `${significant(file.length, 4)} s` : MISSING}</td>
           <td>{file.missing ? <span class="tag w">{(file.missing * 100).toFixed(1)} %</span> : <span class="q">none</span>}</td>
         </>
       )}
-      <td>{first && <TextField path={["dataset", at, "where"]} label={`Condition of ${file.name}`} help="Formula over channel names; samples that fail it are simulated but not scored." placeholder="all samples" width={120} mono />}</td>
-      <td class="num">{first && <NumberField path={["dataset", at, "raster"]} label={`Raster of ${file.name}`} help="Time step in s to which the recording is resampled." placeholder="own" unit="s" width={58} />}</td>
-      <td class="num">{first && <NumberField path={["dataset", at, "warmup"]} label={`Warm-up of ${file.name}`} help="Time in s at the start of each piece that is simulated but not scored." placeholder="0" unit="s" width={50} />}</td>
+      <td>{first && <TextField path={["dataset", at, "where"]} label={`Condition of ${file.name}`} placeholder="all samples" width={120} mono />}</td>
+      <td class="num">{first && <NumberField path={["dataset", at, "raster"]} label={`Raster of ${file.name}`} placeholder="own" width={58} />}</td>
+      <td class="num">{first && <NumberField path={["dataset", at, "warmup"]} label={`Warm-up of ${file.name}`} width={50} />}</td>
       <td>{first && <button class="btn bare small" title="Remove the dataset from the project; the file stays" aria-label={`Remove ${file.name}`} onClick={() => setKeys([[["dataset", at], null]], `Removed ${entry.name || file.name}`)}>×</button>}</td>
     </tr>
   );
@@ -152,7 +156,7 @@ function Mapping() {
       </table>
       {inputs.value.length === 0 && <p class="pad q">The inputs of the function are listed here once its text is written. <button class="btn small" onClick={() => { screen.value = "function"; }}>Function</button></p>}
       <Proposals />
-      {remarks.length > 0 && <div class="cks">{remarks.map((f) => <div class={`ck ${f.severity === "error" ? "w" : "w"}`}><Icon name="warning" /><span class="grow">{f.text}</span></div>)}</div>}
+      {remarks.length > 0 && <div class="cks">{remarks.map((f) => <div class={`ck ${f.severity === "error" ? "w" : "w"}`}><Icon name="warning" /><span class="grow">{f.text}</span><button class="btn small" onClick={() => showFinding(f)}>Show</button></div>)}</div>}
     </section>
   );
 }

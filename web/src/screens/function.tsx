@@ -9,6 +9,7 @@ import { ErrorSplit, placeText, split } from "../instruments/error-split";
 import { Proposals } from "../instruments/proposals";
 import { settings } from "../settings";
 import { open, screen, state } from "../store";
+import { FunctionSettings } from "./function/settings";
 
 const shownText = signal<"function" | "project">("function");
 export function Function() {
@@ -33,6 +34,7 @@ export function Function() {
           <div class="head"><h2>At the cursor</h2><span class="sub">{split.value === null ? "" : placeText(split.value)}</span></div>
           <ErrorSplit nodes />
           <Proposals />
+          <FunctionSettings />
           <div class="head mid"><h2>Parameters</h2><span class="sub">what the function looks up</span></div>
           <table class="list"><tbody>{state.value.parameters.map((p) => <tr onClick={() => { open(p.name); screen.value = "parameters"; }}><td><b>{p.name}</b></td><td class="q">{p.kind} {p.shape.join(" × ")}</td><td class="q">{p.unit}</td></tr>)}</tbody></table>
         </section>

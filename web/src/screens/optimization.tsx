@@ -5,16 +5,17 @@ import { newest } from "../connection";
 import { area, line, ticks, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { MISSING, count, significant } from "../drawing/numbers";
-import { ChoiceField, NumberField } from "../fields";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { drawGrid } from "../drawing/grid";
 import { drawCurves } from "../drawing/slices";
 import { Picture } from "../instruments/picture";
+import { showFinding } from "../navigation";
 import { run, view } from "../runs";
 import { isRunning, open, request, screen, settled, state } from "../store";
 import { OutcomeBody, OutcomeHead, type StepRow } from "./optimization/outcome";
 import { RunOptions } from "./optimization/resume";
+import { OptimizationSettings } from "./optimization/settings";
 
 interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
 interface Small { name: string; unit: string; ends: [number, number][]; values: number[][]; start: number[][] }
@@ -66,7 +67,7 @@ export function Optimization() {
 }
 
 function Settings() {
-  const { parameters, freeValues, findings, criteria, datasets } = state.value;
+  const { parameters, freeValues, findings, datasets } = state.value;
   const remarks = findings.filter((f) => f.severity !== "remark");
   const samples = (use: string) => datasets.filter((d) => d.use === use).reduce((sum, d) => sum + d.samples, 0);
   return (
@@ -83,21 +84,11 @@ function Settings() {
           ))}
         </tbody>
       </table>
-      <div class="head mid"><h2>Criteria</h2></div>
-      <table class="list"><thead><tr><th>node</th><th>follows</th><th class="num">weight</th><th>loss</th></tr></thead><tbody>{criteria.map((c, k) => <tr><td><b>{c.node}</b></td><td class="mono ink">{c.target}</td><td class="num"><NumberField path={["criterion", k + 1, "weight"]} label={`Weight of ${c.node}`} placeholder="1" width={48} /></td><td><ChoiceField path={["criterion", k + 1, "loss"]} label={`Loss of ${c.node}`} help="huber and soft_l1 reduce the influence of outliers." options={["square", "huber", "soft_l1"]} width={76} /></td></tr>)}</tbody></table>
-      <div class="head mid"><h2>Search</h2></div>
-      <div class="opts">
-        <label class="o"><span class="q">Starts</span><NumberField path={["optimizer", "starts"]} label="Starts" help="Number of starts: the first from the present values, the others spread around it." placeholder="1" /></label>
-        <label class="o"><span class="q">Seed</span><NumberField path={["optimizer", "seed"]} label="Seed" help="Seed of the spread of the starts." placeholder="0" /></label>
-        <label class="o"><span class="q">Continuation</span><ChoiceField path={["optimizer", "continuation"]} label="Continuation" help="Also descend on smoothed lookups, which finds better minima." options={["auto", "off"]} /></label>
-        <label class="o"><span class="q">Iterations, at most</span><NumberField path={["optimizer", "max_iterations"]} label="Iterations, at most" placeholder="200" /></label>
-        <label class="o"><span class="q">Method</span><ChoiceField path={["optimizer", "method"]} label="Method" help="The global search needs no derivatives; for few values." options={["gauss-newton", "global"]} width={108} /></label>
-        <label class="o"><span class="q">Tolerance</span><NumberField path={["optimizer", "tolerance"]} label="Tolerance" help="Relative change of the cost at which a descent ends." placeholder="1e-8" /></label>
-      </div>
+      <OptimizationSettings />
       <div class="head mid"><h2>Check before the run</h2><span class="right">{remarks.length > 0 && <span class="tag w">{remarks.length} message{remarks.length > 1 ? "s" : ""}</span>}</span></div>
       <div class="cks">
         <div class="ck g"><Icon name="done" /><span class="grow">{count(freeValues)} values of {parameters.filter((p) => p.free).length} parameters; {count(samples("training"))} training and {count(samples("test"))} test samples</span></div>
-        {findings.map((f) => <div class={`ck ${f.severity === "remark" ? "i" : "w"}`}><Icon name={f.severity === "remark" ? "find" : "warning"} /><span class="grow">{f.text}</span>{f.severity !== "remark" && <button class="btn small" onClick={() => { screen.value = f.screen; }}>Show</button>}</div>)}
+        {findings.map((f) => <div class={`ck ${f.severity === "remark" ? "i" : "w"}`}><Icon name={f.severity === "remark" ? "find" : "warning"} /><span class="grow">{f.text}</span>{f.severity !== "remark" && <button class="btn small" onClick={() => showFinding(f)}>Show</button>}</div>)}
       </div>
     </section>
   );

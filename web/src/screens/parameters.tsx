@@ -1,16 +1,21 @@
 // The parameters: a list, what the fit may do with each, and the editor of one.
 
-import { signal } from "@preact/signals";
+import { computed, signal } from "@preact/signals";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { extent } from "../drawing/canvas";
-import { css, height as heightColour } from "../drawing/colours";
+import { height as heightColour } from "../drawing/colours";
 import { MISSING, count, plain, significant } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { EvidencePane } from "../instruments/evidence";
 import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
-import { MapTable, cellsOf, type Shown } from "../instruments/map-table";
+import { MapTable, applyEdit, cellAt, cellsOf, type Shown } from "../instruments/map-table";
+import { describeCells, readEdit } from "../instruments/table-edits";
 import { Slice } from "../instruments/slices";
 import { Surface } from "../instruments/surface";
+import { panel } from "../navigation";
+import { SettingsButton } from "../instruments/settings-panel";
+import { ParameterSettings } from "./parameters/settings";
 import { Properties } from "./properties";
 import { open, openName, referenceName, selection, state, table, type Parameter, type Table } from "../store";
 
@@ -29,10 +34,11 @@ export function Parameters() {
   const own = table.value;
   return (
     <>
-      <main class="parameters">
+      <main class={`parameters ${panel.parameters.value ? "open" : ""}`}>
         <List />
         <Bar own={own} />
         {own === null ? <section class="pane tbl"><p class="pad q">No parameter is open.</p><Proposals /></section> : <Editor own={own} />}
+        <ParameterSettings />
       </main>
       <Footer>
         <Key keys={["Enter"]} text="set all" />
@@ -62,9 +68,15 @@ function List() {
         </div>
       </div>
       <div class="items">{visible.map((p) => <Item own={p} />)}</div>
-      {table.value !== null && <Properties own={table.value} />}
+      {isOpen.value && <OpenProperties />}
     </section>
   );
+}
+
+const isOpen = computed(() => table.value !== null);
+
+function OpenProperties() {
+  return table.value === null ? null : <Properties own={table.value} />;
 }
 
 function Item({ own }: { own: Parameter }) {
@@ -80,21 +92,28 @@ function Item({ own }: { own: Parameter }) {
 }
 
 function Thumbnail({ own }: { own: Parameter }) {
-  const rows = own.thumbnail;
-  const [width, height] = [30, 20];
-  if (rows.length === 0) return <svg width={width} height={height} aria-hidden="true" />;
+  const [rows, canvas] = [own.thumbnail, useRef<HTMLCanvasElement>(null)];
+  const [nx, ny] = [rows.length, rows[0]?.length ?? 0];
+  const values = rows.flat();
+  useLayoutEffect(() => paintThumbnail(canvas.current, rows), [values.join(" ")]);
+  if (nx === 0) return <svg class="thumb" aria-hidden="true" />;
+  if (ny > 1) return <canvas class="thumb" ref={canvas} width={nx} height={ny} aria-hidden="true" />;
+  const [low, high] = extent(values);
+  const points = values.map((value, k) => `${2 + (26 * k) / Math.max(1, nx - 1)},${17 - 14 * (high > low ? (value - low) / (high - low) : 0.5)}`).join(" ");
+  return <svg class="thumb" aria-hidden="true"><polyline fill="none" stroke="var(--model)" stroke-width="1.5" points={points} /></svg>;
+}
+
+/** Paint a pixel for each value, y upwards. */
+function paintThumbnail(canvas: HTMLCanvasElement | null, rows: number[][]): void {
+  if (canvas === null) return;
+  const pen = canvas.getContext("2d")!;
   const [low, high] = extent(rows.flat());
-  const share = (value: number) => (high > low ? (value - low) / (high - low) : 0.5);
-  if (rows[0]!.length === 1) {
-    const points = rows.map(([value], k) => `${2 + (26 * k) / Math.max(1, rows.length - 1)},${17 - 14 * share(value!)}`).join(" ");
-    return <svg class="thumb" width={width} height={height} aria-hidden="true"><polyline fill="none" stroke="var(--model)" stroke-width="1.5" points={points} /></svg>;
-  }
-  const [w, h] = [width / rows.length, height / rows[0]!.length];
-  return (
-    <svg class="thumb" width={width} height={height} aria-hidden="true">
-      {rows.flatMap((row, i) => row.map((value, j) => <rect x={i * w} y={height - (j + 1) * h} width={w + 0.4} height={h + 0.4} fill={css(heightColour(share(value)))} />))}
-    </svg>
-  );
+  const image = pen.createImageData(canvas.width, canvas.height);
+  rows.forEach((row, i) => row.forEach((value, j) => {
+    const colour = heightColour(high > low ? (value - low) / (high - low) : 0.5);
+    image.data.set([...colour, 255], 4 * ((row.length - 1 - j) * rows.length + i));
+  }));
+  pen.putImageData(image, 0, 0);
 }
 
 function Bar({ own }: { own: Table | null }) {
@@ -112,6 +131,8 @@ function Bar({ own }: { own: Table | null }) {
           <span class="sep" />
           <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}><span class="sw hatched" />no data</button>
           <button class="chip" aria-pressed={shown.value.deviation} onClick={() => set({ deviation: !shown.value.deviation })}><span class="sw bar2" />std dev</button>
+          <span class="sep" />
+          <SettingsButton own={panel.parameters} first="parameters" />
         </div>
       </div>
     </section>
@@ -150,14 +171,36 @@ function SelectionBar({ own }: { own: Table }) {
   const reach = (axis: 0 | 1, [from, to]: [number, number]) => {
     const points = own.axes[axis]?.points;
     if (!points) return "";
-    return from === to ? plain(points[from]!, 5) : `${plain(points[from]!, 5)} … ${plain(points[to]!, 5)}`;
+    return from === to ? plain(points[from]!, 4) : `${plain(points[from]!, 4)} … ${plain(points[to]!, 4)}`;
   };
   return (
     <div class="selbar">
       <span class="ink">{chosen.x[1] - chosen.x[0] + 1} × {chosen.y[1] - chosen.y[0] + 1}</span>
       {own.axes.slice(0, 2).map((axis, k) => <><span class="q">{axis.input}</span> {reach(k as 0 | 1, k === 0 ? chosen.x : chosen.y)}</>)}
       <span class="sep" />
-      <span class="q">least</span> {significant(least)} <span class="q">mean</span> {significant(mean)} <span class="q">greatest</span> {significant(greatest)} <span class="q">{own.unit}</span>
+      <span class="q">least</span> {significant(least)} <span class="q">mean</span> {significant(mean)} <span class="q">greatest</span> {significant(greatest)}
+      <ValueField own={own} />
     </div>
+  );
+}
+
+/** Sets the selected values, as typing into the table does. */
+function ValueField({ own }: { own: Table }) {
+  const value = own.values[cellAt(own, ...selection.value.active)]!;
+  const enter = (event: KeyboardEvent & { currentTarget: HTMLInputElement }) => {
+    const input = event.currentTarget;
+    if (event.key === "Escape") input.value = plain(value, 6);
+    if (event.key !== "Enter") return;
+    const edit = readEdit(input.value);
+    if (edit === null) input.value = plain(value, 6);
+    else applyEdit(own, edit);
+    input.select();
+  };
+  return (
+    <span class="right">
+      <input class="field small num" aria-label={`Value of ${describeCells(own, selection.value)}`} title={`Sets the selected values (${own.unit || "no unit"}).\n=5 sets, *1.1 scales, +2 adds; Enter applies`}
+        value={plain(value, 6)} onFocus={(event) => event.currentTarget.select()} onKeyDown={enter} onBlur={(event) => { event.currentTarget.value = plain(value, 6); }} />
+      <span class="q">{own.unit}</span>
+    </span>
   );
 }

@@ -17,9 +17,9 @@ export function Properties({ own }: { own: Table }) {
       <div class="head top"><h2 class="cut">{own.name}</h2><span class="right q">what the fit may do</span></div>
       <div class="props">
         <Prop label="Fit"><Segment label="Fit" options={["free", "fixed"]} chosen={parameter?.free ? "free" : "fixed"} choose={(option) => setKeys([[path("free"), option === "free"]], `${own.name}: ${option}`)} /></Prop>
-        <Prop label="Bounds"><PairField path={path("bounds")} label={`Bounds of ${own.name}`} help={`Lower and upper bound of all values${own.unit ? `, in ${own.unit}` : ""}.`} /></Prop>
-        {own.axes.length > 0 && <Prop label="Smoothness"><LogSlider path={path("smoothness")} label={`Smoothness of ${own.name}`} help="Penalty on curvature; a larger one gives a smoother table. 0 switches off." /></Prop>}
-        {own.axes.map((axis, k) => <Prop label={`d/d ${axis.input || DIRECTIONS[k]}`}><PairField path={path("gradient", DIRECTIONS[k]!)} label={`Slope of ${own.name} along ${axis.input || DIRECTIONS[k]}`} help={`Limits of the slope; 0 on one side makes the table monotonic.`} /></Prop>)}
+        <Prop label="Bounds"><PairField path={path("bounds")} label={`Bounds of ${own.name}`} /></Prop>
+        {own.axes.length > 0 && <Prop label="Smoothness"><LogSlider path={path("smoothness")} label={`Smoothness of ${own.name}`} /></Prop>}
+        {own.axes.map((axis, k) => <Prop label={`d/d ${axis.input || DIRECTIONS[k]}`}><PairField path={path("gradient", DIRECTIONS[k]!)} label={`Slope of ${own.name} along ${axis.input || DIRECTIONS[k]}`} /></Prop>)}
         {pins !== undefined && Array.isArray(pins) && <Prop label="Pinned"><span class="ink">{pins.length}</span><span class="q">value{pins.length > 1 ? "s" : ""}</span><button class="btn small" onClick={() => setKeys([[path("pin"), null]], `${own.name}: no pins`)}>Remove</button></Prop>}
         <Prop label="Without data">
           <span class="ink">{parameter?.withoutData ?? 0}</span><span class="q">of {own.values.length}</span>

@@ -1,5 +1,6 @@
 """The state that every page shows."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "severity": finding.severity,
         "text": str(finding),
+        "message": str(replace(finding, location=Location())),
         "file": location.file,
         "line": location.line,
         "column": location.column,
@@ -96,6 +98,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
+RECORDINGS = (".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".mat", ".mlg", ".msl")
 SCREENS = {
     "dataset": "data",
     "channels": "data",
@@ -115,6 +118,8 @@ def _screen_of(location: Location) -> str:
     """Return the screen on which a problem is solved."""
     if location.file.endswith((".kf", ".slx", ".mdl")):
         return "function"
+    if location.file.lower().endswith(RECORDINGS) and not location.path:
+        return "data"
     section = location.path.strip("[").partition("]")[0].partition(".")[0]
     return SCREENS.get(section, "parameters")
 

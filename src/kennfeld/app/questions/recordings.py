@@ -44,6 +44,19 @@ def _paths(folder: Path, entry: Mapping[str, Any]) -> list[str]:
     return [path for pattern in patterns for path in find_recordings(folder, str(pattern))]
 
 
+def recording_names(session: Session) -> list[str]:
+    """Return the names of the files of all datasets."""
+    folder = session.path.parent
+    return [Path(path.partition("#")[0]).name for entry in _entries(session) for path in _paths(folder, entry)]
+
+
+def channel_names(session: Session) -> list[str]:
+    """Return the names of the channels of all files, each once."""
+    folder = session.path.parent
+    files = (_file(folder, path) for entry in _entries(session) for path in _paths(folder, entry))
+    return list(dict.fromkeys(channel["name"] for file in files for channel in file["channels"]))
+
+
 def channel_ranges(session: Session) -> dict[str, Range]:
     """Return the range of every channel of the training files."""
     ranges: dict[str, Range] = {}

@@ -1,13 +1,19 @@
 """The settings of the project: keys of the project file, and the text of the function."""
 
 import math
+from collections.abc import Sequence
 from datetime import date, time
+from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText
-from kennfeld.errors import InputError, Location
+from kennfeld.errors import Finding, InputError, Location
+from kennfeld.project.schema import read_project
+from kennfeld.project.toml_file import parse_value
+
+Changes = Sequence[tuple[Sequence[str | int], Any]]
 
 
 def settings(session: Session, given: Given) -> Answer:
@@ -40,8 +46,47 @@ def _toml(value: Any) -> Any:
 def set_keys(session: Session, given: Given) -> Answer:
     """Set keys of the project file: `changes` are pairs of a path and a value, null removes the key."""
     changes = [(tuple(path), _toml(value)) for path, value in given["changes"]]
-    session.do(SetKeys(str(given["title"]), session.path.name, changes), str(given.get("drag", "")))
+    session.do(_command(session, given, changes), str(given.get("drag", "")))
     return Answer()
+
+
+def _command(session: Session, given: Given, changes: Changes) -> SetKeys:
+    name = session.path.name
+    return SetKeys(str(given["title"]), name, changes, session.saved.texts.get(name, ""))
+
+
+def set_toml(session: Session, given: Given) -> Answer:
+    """Set the key at `path` to a value that is written as TOML: `text`. An empty text removes the key.
+
+    Raises:
+        InputError: the text is not a value, or the project file reports an error of it.
+    """
+    path, text = tuple(given["path"]), str(given["text"]).strip()
+    value = parse_value(str(path[-1]), text) if text else None
+    command = _command(session, given, [(path, value)])
+    refusals = _new_errors(session, command)
+    if refusals:
+        raise InputError(refusals)
+    session.do(command)
+    return Answer()
+
+
+def _new_errors(session: Session, command: SetKeys) -> list[Finding]:
+    """Return the errors of the project file that a command would add."""
+    name = session.path.name
+    before, after = (
+        _errors(session.path, state.texts[name]) for state in (session.state, command.apply(session.state))
+    )
+    known = {(finding.location.path, finding.message) for finding in before}
+    return [finding for finding in after if (finding.location.path, finding.message) not in known]
+
+
+def _errors(path: Path, text: str) -> tuple[Finding, ...]:
+    try:
+        read_project(path, {path.name: text.removeprefix("\ufeff").replace("\r\n", "\n")})
+    except InputError as error:
+        return error.findings
+    return ()
 
 
 def set_text(session: Session, given: Given) -> Answer:

@@ -12,10 +12,10 @@ from kennfeld.app.session.session import Session
 from kennfeld.calfiles import endings, read, read_several, recognise
 from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.graph.interpolation import regrid
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project.checkpoints import FOLDER as SAVES
-from kennfeld.project.parameter_tables import regrid
 
 MAX_FILES = 300
 MAX_DEPTH = 3  # folders below that of the project
@@ -148,4 +148,6 @@ def fit_onto(own: Parameter, other: Parameter) -> Parameter:
         raise ArgumentError(f"{own.name} is a {own.kind} of another size than the {other.kind} of the file")
     if len(own.axes) != len(other.axes) or (own.kind == "rbf") != (other.kind == "rbf"):
         raise ArgumentError(f"{own.name} is a {own.kind} here and a {other.kind} in the file")
-    return own.with_values(regrid(other, own.axes) if tables and own.kind != "rbf" else other.values)
+    if not tables or own.kind == "rbf":
+        return own.with_values(other.values)
+    return own.with_values(regrid(other.values, other.axes, own.axes, other.extrapolation))

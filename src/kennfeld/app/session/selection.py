@@ -11,7 +11,6 @@ from kennfeld.errors import ArgumentError, Location
 from kennfeld.models.formula import expression, spell_name
 from kennfeld.optimize.problem import Problem
 from kennfeld.preprocessing.binding import bind_inputs
-from kennfeld.preprocessing.calculated import uses_clock
 
 DIGITS = 8  # of the numbers in a condition
 
@@ -62,7 +61,7 @@ def condition(selection: SampleSelection, recording: LiveDataset, problem: Probl
 def check_clock(text: str, recording: LiveDataset) -> None:
     """Raise `ArgumentError` if a condition counts time from several begins in a dataset."""
     graph, dataset = expression(text, Location("where")), recording.bound.dataset
-    if not uses_clock(graph):
+    if not graph.clocks:
         return
     if dataset.time is None:
         raise ArgumentError("The dataset has no time stamps, so that no condition can name a stretch of it.")

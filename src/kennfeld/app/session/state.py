@@ -142,12 +142,15 @@ class SetKeys:
 
     Attributes:
         file: name of the project file.
-        changes: path and value of each key; entries of a list count from 1.
+        changes: path and value of each key; entries of a list count from 1. Tables that lose their last key are
+            removed, too.
+        saved: text of the file as it was saved, whose notation is restored with its values.
     """
 
     title: str
     file: str
     changes: Sequence[tuple[Sequence[str | int], Any]]
+    saved: str = ""
 
     def apply(self, state: SessionState) -> SessionState:
         """Return the state with these keys.
@@ -155,10 +158,11 @@ class SetKeys:
         Raises:
             InputError: the text of the project file is not valid TOML.
         """
-        document = ProjectDocument(state.texts[self.file], Path(self.file))
+        document = ProjectDocument(state.texts[self.file], Path(self.file), earlier=[self.saved] if self.saved else [])
         for path, value in self.changes:
             if value is None:
                 document.remove(path)
+                document.remove_empty(path[:-1])
             else:
                 document.set(path, value)
         return replace(state, texts={**state.texts, self.file: document.text})

@@ -51,13 +51,15 @@ def parse_characteristic(block: A2lBlock, *, typedef: bool = False) -> Character
         **_limits(cursor),
     }
     options = cursor.options(_CHARACTERISTIC_OPTIONS)
+    sizes = parse_sizes(options)
     inputs = (word for inner in block.inner("DEPENDENT_CHARACTERISTIC") for word in inner.tokens[1:])
     return Characteristic(
         **required,
         **_shared_attributes(options),
         axes=tuple(map(_parse_axis_descr, block.inner("AXIS_DESCR"))),
         number=_integer_option(options, "NUMBER") or 0,
-        matrix_dim=_matrix_sizes(options),
+        # ASAP2 1.6 writes three sizes, zeros and ones for what is not there
+        matrix_dim=tuple(size or 1 for size in sizes) if any(sizes) else (),
         bit_mask=_integer_option(options, "BIT_MASK"),
         encoding=options.get("ENCODING", [""])[0],
         dependent_on=tuple(map(unquote, inputs)),
@@ -140,12 +142,6 @@ def _integer_option(options: Options, keyword: str) -> int | None:
     if value is None:
         raise A2lError(f"has {word[:40]!r} after {keyword}, which must be an integer")
     return value
-
-
-def _matrix_sizes(options: Options) -> tuple[int, ...]:
-    sizes = parse_sizes(options)
-    # ASAP2 1.6 writes three sizes, zeros and ones for what is not there
-    return tuple(size or 1 for size in sizes) if any(sizes) else ()
 
 
 def parse_sizes(options: Options) -> tuple[int, ...]:

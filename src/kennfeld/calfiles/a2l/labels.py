@@ -32,7 +32,7 @@ from kennfeld.formatting import holds_control_characters
 from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
 
 _AXES = {"CURVE": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
-_ENCODINGS = {"": "latin-1", "ASCII": "latin-1", "UTF8": "utf-8"}
+ENCODINGS = {"": "latin-1", "ASCII": "latin-1", "UTF8": "utf-8"}  # of texts, as Python names them
 _MAX_DIMENSIONS = 4
 _MAX_COUNT = 2**31
 _MAX_NESTING = 16  # curves that give each other their axes
@@ -352,18 +352,13 @@ class Labels:
 
 def _ascii_text(source: Characteristic, part: ObjectPart) -> Text:
     data_type = part.storage.data_type
-    if SIZES[data_type] != 1 or source.encoding not in _ENCODINGS:
+    if SIZES[data_type] != 1 or source.encoding not in ENCODINGS:
         raise A2lError(f"is text of {data_type} {source.encoding}, not of bytes")
     content = part.stored.astype(np.uint8).tobytes().partition(b"\0")[0]
-    text = content.decode(encoding_of(source), errors="replace")
+    text = content.decode(ENCODINGS[source.encoding], errors="replace")
     if holds_control_characters(text):
         raise A2lError("contains bytes that are not text")
     return Text(source.name, text, source.description)
-
-
-def encoding_of(source: Characteristic) -> str:
-    """Return the Python name of a text's encoding."""
-    return _ENCODINGS[source.encoding]
 
 
 def _read_once(known: dict[str, Stored | Exception], name: str, read: Callable[[], Stored]) -> Stored:

@@ -226,8 +226,8 @@ def _describe(a2l: A2l, source: AxisPts | Characteristic) -> Described:
         kind,
         (source.max_axis_points,) if isinstance(source, AxisPts) else source.shape,
         source.phys_unit or (method.unit if method else ""),
-        _limit(source.lower),
-        _limit(source.upper),
+        open_limit(source.lower),
+        open_limit(source.upper),
         source.address,
         source.functions,
         source.description,
@@ -235,6 +235,6 @@ def _describe(a2l: A2l, source: AxisPts | Characteristic) -> Described:
     )
 
 
-def _limit(value: float) -> float:
+def open_limit(value: float) -> float:
     """Return a limit, infinite if it is the range of a floating-point type."""
     return value if abs(value) < 1e300 else (inf if value > 0 else -inf)

@@ -153,7 +153,9 @@ class _Walk:
         if component.kind in _COUNTS:
             self._stored_count(component)
         elif component.kind == "FNC_VALUES":
-            self._values(component)
+            numbers, rooms = self._shape()
+            spread = rooms if self.layout.static_layout else numbers
+            self._keep(component, numbers, _strides(spread, SIZES[component.data_type], component.mode), prod(rooms))
         elif component.kind == "AXIS_PTS":
             number, most = self._number(component.direction)
             self._keep(component, (number,), (SIZES[component.data_type],), most)
@@ -197,11 +199,6 @@ class _Walk:
             raise A2lError(f"has {number} rescale pairs")
         size = SIZES[component.data_type]
         self._keep(component, (number, 2), (2 * size, size), 2 * max(number, component.pairs))
-
-    def _values(self, component: Component) -> None:
-        numbers, rooms = self._shape()
-        spread = rooms if self.layout.static_layout else numbers
-        self._keep(component, numbers, _strides(spread, SIZES[component.data_type], component.mode), prod(rooms))
 
     def _shape(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         if not self.request.most:

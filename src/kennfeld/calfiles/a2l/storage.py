@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles.a2l.conversion import CompuConversion
+from kennfeld.calfiles.a2l.objects import open_limit
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import count_noun
 
@@ -60,12 +61,6 @@ def _effective_mask(data_type: str, bit_mask: int | None) -> int | None:
     if bit_mask is None or is_float(data_type) or bit_mask & every == every:
         return None
     return bit_mask & every
-
-
-def span_of(data_type: str, bit_mask: int | None) -> tuple[int, int]:
-    """Return the least and the largest whole number that a data type can hold within a bit mask."""
-    mask, info = _effective_mask(data_type, bit_mask), np.iinfo(native(data_type))
-    return (int(info.min), int(info.max)) if mask is None else (0, mask >> shift_of(mask))
 
 
 def decode_raw(memory: bytes, offsets: Int, data_type: str, byte_order: str, bit_mask: int | None = None) -> Raw:
@@ -133,11 +128,11 @@ class StorageFormat:
     @cached_property
     def span(self) -> tuple[float, float]:
         """The least and the largest raw number."""
-        if self.integer:
-            low, high = span_of(self.data_type, self.bit_mask)
-            return float(low), float(high)
-        largest = float(np.finfo(native(self.data_type)).max)
-        return -largest, largest
+        mask = _effective_mask(self.data_type, self.bit_mask)
+        if mask is not None:
+            return 0.0, float(mask >> shift_of(mask))
+        info = (np.iinfo if self.integer else np.finfo)(native(self.data_type))
+        return float(info.min), float(info.max)
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -160,11 +155,7 @@ class StorageFormat:
             return -inf, inf
         slack = self.step(np.array(self.span)).max() + 1e-6 * (largest - least)
         full = lower <= least + slack and upper >= largest - slack
-        return (-inf, inf) if full else (_bound(lower), _bound(upper))
-
-
-def _bound(limit: float) -> float:
-    return limit if abs(limit) < 1e300 else np.copysign(inf, limit)
+        return (-inf, inf) if full else (open_limit(lower), open_limit(upper))
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,6 @@ class _BlockBuilder:
     characters: int = 0
 
     def feed(self, file: _File, depth: int) -> None:
-        """Take the tokens of one file."""
         if not self.stack:
             self.stack.append(A2lBlock("", file, 0))
         at: int | None = 0

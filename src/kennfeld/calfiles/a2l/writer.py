@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.calfiles.a2l.conversion import IDENTITY, VerbalConversion
-from kennfeld.calfiles.a2l.labels import AxisInMemory, Label, Labels, SharedAxis, encoding_of
+from kennfeld.calfiles.a2l.labels import ENCODINGS, AxisInMemory, Label, Labels, SharedAxis
 from kennfeld.calfiles.a2l.objects import DIRECTIONS, A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.reader import check_epk
 from kennfeld.calfiles.a2l.record_layout import AbsentError, PartOffsets
@@ -74,7 +74,6 @@ class Memory:
 
 
 def _runs(addresses: list[int]) -> Iterator[list[int]]:
-    """Yield runs of consecutive addresses."""
     start = 0
     for at in range(1, len(addresses) + 1):
         if at == len(addresses) or addresses[at] != addresses[at - 1] + 1:
@@ -115,7 +114,6 @@ class _ImageWriter:
     changed: set[str] = field(default_factory=set)  # what may have changed
 
     def write(self) -> None:
-        """Write every group axis, parameter and text."""
         a2l = self.labels.a2l
         self._warn_about_units()
         for axis in self.parameters.axes:
@@ -201,7 +199,7 @@ class _ImageWriter:
         for direction, axis in zip(DIRECTIONS, source.axes if isinstance(source, Characteristic) else (), strict=False):
             if axis.attribute == "COM_AXIS":
                 adjustable.add(f"AXIS_PTS_{direction}")
-        message = f"has {_size(tuple(counts.values()))} points, but {_size(before)} in the image"
+        message = f"has {size_text(counts.values())} points, but {size_text(before)} in the image"
         if not counts.keys() <= adjustable:
             self.findings.error(0, source.name, f"{message}, which stores no point count", "Use the same number.")
             return None
@@ -258,7 +256,7 @@ class _ImageWriter:
     def _resize_table(self, label: Label, member: Parameter) -> None:
         source, before, sizes = label.source, label.part.physical.shape, member.values.shape
         if not label.axes:
-            message = f"has {_size(sizes)} values, but {_size(before)} in the control unit"
+            message = f"has {size_text(sizes)} values, but {size_text(before)} in the control unit"
             self.findings.error(0, member.name, message)
             return
         pairs = zip(DIRECTIONS, sizes, before, strict=False)
@@ -309,7 +307,7 @@ class _ImageWriter:
 
     def _raw_characters(self, label: Label, text: Text) -> Raw | None:
         size = label.part.stored.size
-        content = text.text.encode(encoding_of(label.source), errors="replace")
+        content = text.text.encode(ENCODINGS[label.source.encoding], errors="replace")
         if len(content) > size:
             message = f"has {len(content)} characters, but there is room for {size}"
             self.findings.error(0, text.name, message, "Shorten the text.")
@@ -347,10 +345,6 @@ class _ImageWriter:
 
 def _memory_order(points: Float, falling: bool) -> Float:
     return points[::-1] if falling else points
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    return size_text(shape)
 
 
 def _report_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, findings: FileFindings) -> None:

@@ -16,13 +16,11 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.calfiles.xml_tree import Element, parse_xml
+from kennfeld.calfiles.xml_tree import Element, has_root, parse_xml
 from kennfeld.formatting import count_labels, count_noun, size_text
 from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
 
-_ROOT = re.compile(r"<(?:[\w.-]+:)?MSRSW[\s/>]")
 _VERSION = re.compile(r"CDF(\d)(\d)")
-_PROLOG = 20_000  # characters before the root: declaration, document type, comments
 _SCALARS = ("VALUE", "BOOLEAN", "DEPENDENT_VALUE", "DEPEDNDENT_VALUE")  # so misspelt in the demo file of ASAM
 _WORDS: dict[str, TextKind] = {"ASCII": "text", "BOOLEAN": "boolean"}  # categories whose text is no enumeration
 _BLOCKS = ("VAL_BLK", "VALUE_ARRAY", "BOOLEAN_ARRAY")
@@ -32,7 +30,7 @@ _MAX_DIMENSIONS = 4
 
 def recognises_cdfx(text: str) -> bool:
     """Check whether a text is XML whose root is that of CDFX."""
-    return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
+    return has_root(text, "MSRSW")
 
 
 def read_cdfx(source: CalibrationSource) -> ReadResult:
@@ -128,7 +126,6 @@ class _CdfxReader:
             self.groups[instance.name] = axis
 
     def take(self, instance: Instance) -> None:
-        """Check an instance and add it."""
         category = instance.category
         if instance.value is None:
             self._skip(instance, "contains no values")

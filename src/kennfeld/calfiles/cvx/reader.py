@@ -7,7 +7,6 @@ specification leaves "axis name information" to the free text of the type line, 
 """
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
@@ -155,16 +154,13 @@ def _dialect(text: str, findings: FileFindings) -> _Dialect:
     return _Dialect(version, separator, point, (comment or "").strip() or "*", quote or '"')
 
 
-def _rows(text: str, dialect: _Dialect) -> Iterator[_CsvRow]:
-    for number, line in enumerate(text.split("\n"), 1):
-        if not line.lstrip().startswith(dialect.comment) and (cells := dialect.cells(line)):
-            yield _CsvRow(number, cells)
-
-
 def _records(text: str, dialect: _Dialect, findings: FileFindings) -> list[_Record]:
     records: list[_Record] = []
     before = _CsvRow(0, [])
-    for row in _rows(text, dialect):
+    for number, line in enumerate(text.split("\n"), 1):
+        row = _CsvRow(number, dialect.cells(line))
+        if not row.cells or line.lstrip().startswith(dialect.comment):
+            continue
         if row.cells[0] in _TYPES and len(before.cells) == 2 and before.cells[0] not in _TYPES:
             if records and records[-1].rows:
                 records[-1].rows.pop()  # the identifier of this record

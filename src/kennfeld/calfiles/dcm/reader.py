@@ -131,7 +131,6 @@ class _DcmReader:
             self.findings.warning(block.line, block.name, message)
 
     def take(self, block: DcmBlock) -> None:
-        """Check a block and add its content."""
         texts = [key for _, key, _ in block.statements if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
         item: Item | None
         if block.keyword in ("FESTWERT", "TEXTSTRING") and block.rest_of("TEXT"):

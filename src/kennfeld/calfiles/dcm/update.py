@@ -35,8 +35,7 @@ def write_dcm(parameters: ParameterSet, file: str) -> WriteResult:
     origin = parameters.origin
     if not isinstance(origin, Dcm) or not origin.source.is_exact:
         return WriteResult(whole_text(parameters).encode("utf-8", errors="replace"))
-    update = _DcmUpdate(origin, parameters)
-    return WriteResult(origin.source.encoded("".join(update.lines())))
+    return WriteResult(origin.source.encoded("".join(_DcmUpdate(origin, parameters).lines())))
 
 
 class _DcmUpdate:
@@ -50,7 +49,6 @@ class _DcmUpdate:
         self.complete = dcm.items.keys() <= self.now.keys() and dcm.axes.keys() <= self.axes.keys()
 
     def lines(self) -> Iterator[str]:
-        """Return the lines of the new file."""
         done = 0  # lines
         for block in self.dcm.blocks:
             yield from self.text[done : block.line - 1]
@@ -210,7 +208,6 @@ def _format_like(value: float, like: str) -> str:
 
 
 def _replace_text(line: str, text: str) -> str:
-    """Replace the quoted text of a line."""
     first, last = line.find('"'), line.rfind('"')
     if first < 0:
         word = _WORD.findall(line)[-1]

@@ -19,12 +19,11 @@ from datetime import date, time, timedelta
 from io import BytesIO
 from math import isfinite, nan
 
-from kennfeld import workbooks
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
 from kennfeld.errors import InputError, Location
 from kennfeld.parameters import TextKind
-from kennfeld.workbooks import Workbook, column_letters
+from kennfeld.workbooks import Workbook, column_letters, open_workbook
 
 INDEX, SCALARS, TEXTS, AXES = "Parameters", "Scalars", "Texts", "Axes"
 _LABELS = ("functions", "display name", "variant")
@@ -161,7 +160,8 @@ def is_calibration_workbook(source: CalibrationSource) -> bool:
             names = _SHEET_NAME.findall(stream.read(_MAX_SHEET_LIST))
         if INDEX.encode() not in names:
             return False
-        return index_heading(sheet_of(open_source(source), INDEX, FileFindings(source.name))) is not None
+        book = open_workbook(source.name, source.raw)
+        return index_heading(sheet_of(book, INDEX, FileFindings(source.name))) is not None
     except (InputError, KeyError, zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError):
         return False
 
@@ -172,11 +172,6 @@ def index_heading(sheet: Sheet) -> int | None:
         if {INDEX_HEADING[0], INDEX_HEADING[1], INDEX_HEADING[-1]} <= set(sheet.words(row)):
             return row
     return None
-
-
-def open_source(source: CalibrationSource) -> Workbook:
-    """Open a workbook; raises `InputError` if it is damaged, encrypted or too large."""
-    return workbooks.open_workbook(source.name, source.raw)
 
 
 def sheet_of(book: Workbook, name: str, findings: FileFindings) -> Sheet:

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from kennfeld.calfiles.excel import layout
-from kennfeld.calfiles.excel.layout import AxisCells, Sheet, index_heading, open_source, sheet_of
+from kennfeld.calfiles.excel.layout import AxisCells, Sheet, index_heading, sheet_of
 from kennfeld.calfiles.excel.tables import read_grid
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
-from kennfeld.workbooks import Workbook
+from kennfeld.workbooks import Workbook, open_workbook
 
 _TABLES = {"curve": (1, 1), "map": (2, 2), "cube": (3, 4)}  # the least and the most axes
 
@@ -23,7 +23,7 @@ def read_excel(source: CalibrationSource) -> ReadResult:
     Of a label with several variants the first one counts. Raises `InputError` with all findings and its cell.
     """
     findings = FileFindings(source.name)
-    book = open_source(source)
+    book = open_workbook(source.name, source.raw)
     index = sheet_of(book, layout.INDEX, findings) if layout.INDEX in book.names else Sheet(layout.INDEX, [], findings)
     heading = index_heading(index)
     if heading is None:

@@ -65,10 +65,11 @@ class _WorkbookWriter:
         texts = [item for item in self.items if isinstance(item, Text)]
         self._list(layout.INDEX, layout.INDEX_HEADING, map(self._index_row, self.items), links=True)
         if singles:
-            self._list(layout.SCALARS, layout.SCALARS_HEADING, map(_scalar_row, singles))
+            numbers = ((m.name, m.values.item(), m.unit, m.description, *_labels(m), _size(m)) for m in singles)
+            self._list(layout.SCALARS, layout.SCALARS_HEADING, numbers)
         if texts:
-            rows = ((text.name, text.text, text.description, *_labels(text)) for text in texts)
-            self._list(layout.TEXTS, layout.TEXTS_HEADING, rows)
+            words = ((text.name, text.text, text.description, *_labels(text)) for text in texts)
+            self._list(layout.TEXTS, layout.TEXTS_HEADING, words)
         if self.parameters.axes:
             self._group_axes()
         for item in self.items:
@@ -198,11 +199,6 @@ def _exact_sheet_class() -> type:
 def _is_single(member: Parameter) -> bool:
     """Check whether a parameter is a single value, which goes to the sheet of scalars."""
     return member.size == 1 and not member.axes
-
-
-def _scalar_row(member: Parameter) -> tuple[str | float, ...]:
-    value = float(member.values.ravel()[0])
-    return (member.name, value, member.unit, member.description, *_labels(member), _size(member))
 
 
 def _labels(item: Item) -> tuple[str, str, str]:

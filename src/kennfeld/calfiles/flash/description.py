@@ -8,7 +8,8 @@ from pathlib import Path
 from kennfeld.calfiles.a2l.objects import A2l, Described, FlashOrigin, summarise_labels
 from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource, FileFindings, ReadResult, WriteResult
 from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import join_names, nearest
+from kennfeld.file_errors import nearest_file
+from kennfeld.formatting import join_names
 from kennfeld.parameter_set import ParameterSet
 
 IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
@@ -103,8 +104,7 @@ def describe_a2l(path: str | Path) -> A2lFile:
     path = Path(path)
     raw = _file_content(path)
     if raw is None:
-        neighbours = [file.name for file in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise InputError.of(Location(str(path)), "A2L file not found", nearest(path.name, neighbours))
+        raise InputError.of(Location(str(path)), "A2L file not found", nearest_file(path))
     fragment = fragment_of_a2l(CalibrationSource(path.name, raw).text)
     if fragment:
         raise InputError.of(Location(path.name), *fragment)

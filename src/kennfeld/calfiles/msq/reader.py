@@ -8,7 +8,7 @@ Speeduino, MS2/Extra, MS3 and rusEFI are tried, as their public definition files
 
 import re
 from bisect import bisect
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from html import unescape
 from math import isfinite
@@ -20,7 +20,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
-from kennfeld.calfiles.xml_tree import parse_xml
+from kennfeld.calfiles.xml_tree import has_root, parse_xml
 from kennfeld.formatting import count_noun, size_text
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
@@ -29,6 +29,7 @@ _MAX_FILES = 50
 _SIGNATURE = re.compile(r'^[ \t]*signature[ \t]*=[ \t]*"([^"\n]*)"', re.MULTILINE)
 _LINE = re.compile(r"[ \t]*(\w+)[ \t]*=[ \t]*(.*)")
 _WORD = re.compile(r'"([^"]*)"|([^",;\s][^",;]*)')
+# a constant that is free text, not a choice of words
 _STRING = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*string[ \t]*,", re.MULTILINE | re.IGNORECASE)
 _SECTION = re.compile(r"[ \t]*\[([^\]]+)\]")
 
@@ -57,8 +58,6 @@ knock_window_dur knock_window_rpms, oilPressureProtMins oilPressureProtRPM, cool
 rollingProtCutPercent rollingProtRPMDelta, wmiAdvAdj wmiAdvBins
 """
 
-_ROOT = re.compile(r"<(?:[\w.-]+:)?msq[\s/>]")
-_PROLOG = 20_000  # characters before the root
 _ATTRIBUTES = r"""((?:\s+[\w:.-]+\s*=\s*(?:"[^"]*"|'[^']*'))*)"""
 _PART = re.compile(
     rf"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<(page|constant|pcVariable|versionInfo){_ATTRIBUTES}\s*(/?)>([^<]*)", re.DOTALL
@@ -107,11 +106,6 @@ def _definitions(path: Path) -> Iterator[tuple[Path, str]]:
                 yield file, CalibrationSource(file.name, file.read_bytes()).text
     except OSError:
         return
-
-
-def strings_of(definition: str) -> frozenset[str]:
-    """Return the constants that a definition file declares as free text, not as a choice of words."""
-    return frozenset(_STRING.findall(definition))
 
 
 def pairs_of(definition: str) -> list[Pair]:
@@ -194,7 +188,7 @@ class Msq:
 
 def recognises_msq(text: str) -> bool:
     """Check whether a text is XML whose root is that of a tune."""
-    return text.lstrip("\ufeff \n\t").startswith("<") and _ROOT.search(text[:_PROLOG]) is not None
+    return has_root(text, "msq")
 
 
 def read_msq(source: CalibrationSource) -> ReadResult:
@@ -211,7 +205,7 @@ def read_msq(source: CalibrationSource) -> ReadResult:
     signature = reader.find(text)
     definition = find_definition(source.path, signature, findings)
     reader.build(pairs_of(definition) if definition is not None else usual_pairs(), definition is not None)
-    reader.free_texts(strings_of(definition or ""))
+    reader.free_texts(_STRING.findall(definition or ""))
     warnings = findings.finish()
     origin = Msq(source, text, reader.constants, reader.items, reader.axes)
     parameters = build_set({(name, ""): item for name, item in reader.items.items()}, reader.axes.values(), origin)
@@ -294,10 +288,10 @@ class _MsqReader:
                 self.items[name] = self._item(name, tables.get(name))
         self.items = {name: self.items[name] for name in self.constants if name in self.items}
 
-    def free_texts(self, names: Set[str]) -> None:
+    def free_texts(self, names: Iterable[str]) -> None:
         """Mark constants as free text instead of one of several words."""
-        for name in names & self.items.keys():
-            item = self.items[name]
+        for name in names:
+            item = self.items.get(name)
             if isinstance(item, Text):
                 self.items[name] = replace(item, kind="text")
 

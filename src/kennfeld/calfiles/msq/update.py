@@ -48,7 +48,6 @@ class _MsqUpdate:
         self.units: list[str] = []  # labels in another unit than in the tune
 
     def text(self) -> str:
-        """Return the characters of the new file."""
         pieces, done = [], 0
         for name, constant in self.tune.constants.items():
             if name in self.contents:
@@ -57,7 +56,6 @@ class _MsqUpdate:
         return "".join([*pieces, self.tune.text[done:]])
 
     def take(self, item: Item) -> None:
-        """Put one parameter or text into its constant."""
         before = self.tune.items.get(item.name)
         if before is None:
             is_axis = item.name in self.tune.constants
@@ -93,7 +91,6 @@ class _MsqUpdate:
             self.contents[item.name] = f"{head}{escape(item.text, quote=False)}{tail}"
 
     def take_axis(self, axis: Axis) -> None:
-        """Put the breakpoints of a group axis into their constant."""
         before = self.tune.axes.get(axis.name)
         if before is None or len(before) != len(axis):
             message = "is not an axis of the tune"
@@ -103,8 +100,7 @@ class _MsqUpdate:
             return
         result = self._numbers(self.tune.constants[axis.name], before.breakpoints, axis.breakpoints)
         if np.any(np.diff(result) <= 0):
-            digits = self.tune.constants[axis.name].digits
-            rounded = f"rounding to {count_noun(digits or 0, 'digit')}"
+            rounded = f"rounding to {count_noun(self.tune.constants[axis.name].digits or 0, 'digit')}"
             message = f"is not strictly increasing after {rounded}, as the tune stores it"
             self.findings.error(0, axis.name, message, "Increase the distance of its breakpoints.")
 

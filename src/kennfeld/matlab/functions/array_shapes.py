@@ -7,14 +7,8 @@ import numpy as np
 
 from kennfeld.formatting import size_text
 from kennfeld.matlab import values as v
-from kennfeld.matlab.functions.numeric_registry import (
-    MANY,
-    NUMERIC_FUNCTIONS,
-    NumericArguments,
-    NumericFunction,
-    function,
-)
-from kennfeld.matlab.operators import cast_to_class, colon_range, concatenate_along, transpose
+from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
+from kennfeld.matlab.operators import cast_to_class, colon_range, concatenate_along, pad_dimensions, transpose
 
 _CLASSES = (*v.INTEGERS, "double", "single", "logical")
 
@@ -41,15 +35,20 @@ def parse_shape(values: Sequence[v.Value]) -> tuple[int, ...]:
     return tuple(shape)
 
 
-def _filled(fill: float) -> NumericFunction:
+def _filled(fill: float, is_logical: bool = False) -> Run:
     def run(call: NumericArguments) -> v.Value:
         values, name = _with_class(call)
         shape = parse_shape(values)
         call.budget.allocate(math.prod(shape))
-        result = np.full(shape, fill)
-        return result != 0 if name == "logical" else cast_to_class(result, name)
+        return cast_to_class(np.full(shape, fill), "logical" if is_logical else name)
 
-    return NumericFunction(run, 0, MANY)
+    return run
+
+
+for _names, _fill in (("zeros", 0.0), ("ones", 1.0), ("nan NaN", math.nan), ("inf Inf", math.inf)):
+    function(_names, 0, MANY)(_filled(_fill))
+function("true", 0, MANY)(_filled(1.0, is_logical=True))
+function("false", 0, MANY)(_filled(0.0, is_logical=True))
 
 
 def _with_class(call: NumericArguments) -> tuple[list[v.Value], str]:
@@ -63,23 +62,6 @@ def _with_class(call: NumericArguments) -> tuple[list[v.Value], str]:
             name = v.class_name(v.array_value(values[at + 1])) if word == "like" and at + 1 < len(values) else word
             del values[at:]
     return values, "double" if name == "like" else name
-
-
-for _names, _fill in (("zeros", 0.0), ("ones", 1.0), ("nan NaN", math.nan), ("inf Inf", math.inf)):
-    for _name in _names.split():
-        NUMERIC_FUNCTIONS[_name] = _filled(_fill)
-
-
-def _constant(value: bool) -> NumericFunction:
-    def run(call: NumericArguments) -> v.Value:
-        shape = parse_shape(_with_class(call)[0])
-        call.budget.allocate(math.prod(shape))
-        return np.full(shape, value)
-
-    return NumericFunction(run, 0, MANY)
-
-
-NUMERIC_FUNCTIONS["true"], NUMERIC_FUNCTIONS["false"] = _constant(True), _constant(False)
 
 
 @function("cell", 0, MANY)
@@ -96,8 +78,7 @@ def _eye(call: NumericArguments) -> v.Value:
     if len(shape) > 2:
         raise v.MatlabValueError("a matrix requires two sizes")
     call.budget.allocate(math.prod(shape))
-    matrix = np.eye(shape[0], shape[1])
-    return matrix != 0 if name == "logical" else cast_to_class(matrix, name)
+    return cast_to_class(np.eye(shape[0], shape[1]), name)
 
 
 @function("linspace", 2, 3)
@@ -121,9 +102,8 @@ def _logspace(call: NumericArguments) -> v.Value:
 def _repmat(call: NumericArguments) -> v.Value:
     data, times = call.data(0), parse_shape(call.values[1:])
     call.budget.allocate(data.size * math.prod(times))
-    dimensions = max(data.ndim, len(times))
-    deeper = data.reshape(data.shape + (1,) * (dimensions - data.ndim))
-    return v.with_class_of(call[0], np.tile(deeper, times + (1,) * (dimensions - len(times))))
+    (deeper,) = pad_dimensions(data, least=len(times))
+    return v.with_class_of(call[0], np.tile(deeper, times + (1,) * (deeper.ndim - len(times))))
 
 
 @function("meshgrid", 1, 2)
@@ -177,6 +157,7 @@ for _name, _run in {
     "width": lambda call: v.scalar(call.data(0).shape[1]),
     "isempty": lambda call: v.logical(not call.data(0).size),
     "isscalar": lambda call: v.logical(call.data(0).size == 1),
+    "isvector": lambda call: v.logical(v.is_vector(call.data(0))),
     "isrow": lambda call: v.logical(call.data(0).ndim == 2 and call.data(0).shape[0] == 1),
     "iscolumn": lambda call: v.logical(call.data(0).ndim == 2 and call.data(0).shape[1] == 1),
     "issquare": lambda call: v.logical(call.data(0).ndim == 2 and len(set(call.data(0).shape)) == 1),
@@ -186,13 +167,7 @@ for _name, _run in {
     "transpose": lambda call: v.with_class_of(call[0], transpose(call.data(0))),
     "ctranspose": lambda call: v.with_class_of(call[0], transpose(call.data(0))),
 }.items():
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(_run, 1, 1)
-
-
-@function("isvector", 1)
-def _isvector(call: NumericArguments) -> v.Value:
-    data = call.data(0)
-    return v.logical(data.ndim == 2 and 1 in data.shape)
+    function(_name, 1)(_run)
 
 
 @function("reshape", 2, MANY)
@@ -231,7 +206,8 @@ def _permute(call: NumericArguments) -> v.Value:
     data, order = call.data(0), [int(at) - 1 for at in call.numbers(1).ravel(order="F")]
     if sorted(order) != list(range(len(order))) or len(order) < data.ndim or len(order) > 32:
         raise v.MatlabValueError("the order must list each dimension once")
-    return v.with_class_of(call[0], data.reshape(data.shape + (1,) * (len(order) - data.ndim)).transpose(order))
+    (deeper,) = pad_dimensions(data, least=len(order))
+    return v.with_class_of(call[0], deeper.transpose(order))
 
 
 @function("squeeze", 1)
@@ -258,10 +234,6 @@ def _diag(call: NumericArguments) -> v.Value:
         call.budget.allocate(side * side)
         return np.diag(data.ravel(order="F"), offset)
     return np.diag(data, offset).reshape(-1, 1)
-
-
-NUMERIC_FUNCTIONS["tril"] = NumericFunction(lambda call: np.tril(call.matrix(0), call.integer(1, 0)), 1, 2)
-NUMERIC_FUNCTIONS["triu"] = NumericFunction(lambda call: np.triu(call.matrix(0), call.integer(1, 0)), 1, 2)
 
 
 @function("kron", 2)
@@ -298,6 +270,8 @@ def _ind2sub(call: NumericArguments) -> tuple[v.Value, ...]:
     return (*indices, *(np.ones_like(rest) for _ in range(count - len(indices))))
 
 
+function("tril", 1, 2)(lambda call: np.tril(call.matrix(0), call.integer(1, 0)))
+function("triu", 1, 2)(lambda call: np.triu(call.matrix(0), call.integer(1, 0)))
 function("pi", 0)(lambda call: v.scalar(math.pi))
 function("colon", 2, 3)(
     lambda call: colon_range(call[0], call[1] if len(call) == 3 else None, call[len(call) - 1], call.budget)

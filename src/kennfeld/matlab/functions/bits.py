@@ -1,12 +1,13 @@
 """Bitwise functions on integers, in the class of their first argument; doubles count as uint64."""
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kennfeld.matlab.functions.elementary import apply_pairwise
-from kennfeld.matlab.functions.numeric_registry import NUMERIC_FUNCTIONS, NumericArguments, NumericFunction, function
+from kennfeld.matlab.functions.numeric_registry import NumericArguments, Run, function
 from kennfeld.matlab.operators import pad_dimensions
 from kennfeld.matlab.values import INTEGERS, Array, MatlabValueError, Value, class_name, text
 
@@ -55,24 +56,23 @@ def _apply_bits(call: NumericArguments, operation: Callable[[int, int], int], ki
     left = _to_integers(call, 0, kind)
     right = _to_integers(call, 1, replace(kind, signed=True))
     each = np.frompyfunc(lambda a, b: float(kind.wrapped(operation(int(a), int(b)))), 2, 1)
-    name = next(
-        (class_name(call.array(at)) for at in range(operands) if class_name(call.array(at)) in INTEGERS), "double"
-    )
+    names = [class_name(call.array(at)) for at in range(operands)]
+    name = next((name for name in names if name in INTEGERS), "double")
     return apply_pairwise(call, lambda *_: np.asarray(each(*pad_dimensions(left, right))).astype(np.float64), name)
 
 
-def _bitwise(operation: Callable[[int, int], int]) -> NumericFunction:
+def _bitwise(operation: Callable[[int, int], int]) -> Run:
     def run(call: NumericArguments) -> Value:
         kind, call = _class_of(call, 2)
         _to_integers(call, 1, kind)
         return _apply_bits(call, operation, kind, 2)
 
-    return NumericFunction(run, 2, 3)
+    return run
 
 
-NUMERIC_FUNCTIONS["bitand"] = _bitwise(lambda item, other: item & other)
-NUMERIC_FUNCTIONS["bitor"] = _bitwise(lambda item, other: item | other)
-NUMERIC_FUNCTIONS["bitxor"] = _bitwise(lambda item, other: item ^ other)
+function("bitand", 2, 3)(_bitwise(operator.and_))
+function("bitor", 2, 3)(_bitwise(operator.or_))
+function("bitxor", 2, 3)(_bitwise(operator.xor))
 
 
 def _place(at: int, kind: _Class) -> int:

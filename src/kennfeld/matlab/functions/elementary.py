@@ -2,19 +2,23 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.matlab.functions.numeric_registry import NumericArguments, function
-from kennfeld.matlab.operators import apply_binary, apply_unary, cast_to_class, result_class
+from kennfeld.matlab.functions.numeric_registry import NumericArguments, Run, function
+from kennfeld.matlab.operators import (
+    apply_binary,
+    apply_unary,
+    cast_to_class,
+    pad_dimensions,
+    result_class,
+    round_half_away,
+)
 from kennfeld.matlab.values import Array, MatlabValueError, Value, array_value, class_name
 
 _Real = Callable[[Float], Float]
-
-
-def _round_half_away(values: Float) -> Float:
-    return np.asarray(np.trunc(values + np.copysign(0.5, values)) if values.size else values)
 
 
 def _exact_degrees(turns: Float, name: str) -> Float:
@@ -92,7 +96,7 @@ _LIMITED: dict[str, tuple[_Real, Callable[[Float], Bool], str]] = {
 
 def _elementwise(
     operation: _Real, floating: bool = False, forbidden: Callable[[Float], Bool] | None = None, value: str = ""
-) -> Callable[[NumericArguments], Value]:
+) -> Run:
     def run(call: NumericArguments) -> Value:
         values = call.numbers(0)
         if forbidden is not None and forbidden(values).any():
@@ -118,16 +122,14 @@ _OPERATORS = {
 def _round(call: NumericArguments) -> Value:
     values, digits = call.numbers(0), call.integer(1, 0)
     factor = 10.0 ** min(max(digits, -300), 300)
-    rounded = _round_half_away(values * factor) / factor if digits else _round_half_away(values)
+    rounded = round_half_away(values * factor) / factor if digits else round_half_away(values)
     return cast_to_class(np.where(np.isfinite(values), rounded, values), result_class(call.array(0)))
 
 
 def apply_pairwise(call: NumericArguments, operation: Callable[[Float, Float], Array], name: str = "") -> Array:
     """Apply an operation to two arguments with implicit expansion, in their common class."""
     shape = apply_binary("+", np.zeros(call.array(0).shape), np.zeros(call.array(1).shape), call.budget).shape
-    dimensions = len(shape)
-    operands = (call.numbers(0), call.numbers(1))
-    left, right = (values.reshape(values.shape + (1,) * (dimensions - values.ndim)) for values in operands)
+    left, right = pad_dimensions(call.numbers(0), call.numbers(1), least=len(shape))
     with np.errstate(all="ignore"):
         result = operation(left, right)
     if result.dtype == np.bool_:
@@ -153,7 +155,7 @@ def _is_multiple(left: Float, right: Float) -> Bool:
     return np.asarray(is_near & (right != np.floor(right)))
 
 
-_WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, "round": _round_half_away}
+_WAYS: dict[str, _Real] = {"fix": np.trunc, "floor": np.floor, "ceil": np.ceil, "round": round_half_away}
 
 
 @function("idivide", 2, 3)
@@ -202,12 +204,8 @@ _PAIRWISE: dict[str, Callable[[Float, Float], Array]] = {
 }
 
 
-def _of_operator(operator: str) -> Callable[[NumericArguments], Value]:
+def _of_operator(operator: str) -> Run:
     return lambda call: apply_binary(operator, call[0], call[1], call.budget)
-
-
-def _of_pairs(operation: Callable[[Float, Float], Array]) -> Callable[[NumericArguments], Value]:
-    return lambda call: apply_pairwise(call, operation)
 
 
 for _name, _operation in _KEEPING.items():
@@ -217,7 +215,7 @@ for _name, _operation in _FLOATING.items():
 for _name, (_operation, _forbidden, _reason) in _LIMITED.items():
     function(_name, 1)(_elementwise(_operation, True, _forbidden, _reason))
 for _name, _pair in _PAIRWISE.items():
-    function(_name, 2)(_of_pairs(_pair))
+    function(_name, 2)(partial(apply_pairwise, operation=_pair))
 for _name, _operator in _OPERATORS.items():
     function(_name, 2)(_of_operator(_operator))
 function("isnan", 1)(lambda call: np.isnan(call.numbers(0)))

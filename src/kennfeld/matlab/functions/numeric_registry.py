@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-
-import numpy as np
+from typing import TypeAlias
 
 from kennfeld.arrays import Float
 from kennfeld.matlab import values as v
@@ -64,8 +63,7 @@ class NumericArguments:
 
     def is_text(self, at: int) -> bool:
         """Return True if the argument exists and is text."""
-        value = self.values[at] if at < len(self) else None
-        return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
+        return at < len(self) and v.is_text(self.values[at])
 
     def words(self, begin: int) -> list[str]:
         """Return the texts from an argument on, in lower case."""
@@ -81,23 +79,25 @@ class NumericArguments:
         return dimension - 1
 
 
+Run: TypeAlias = Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
+
+
 @dataclass(frozen=True)
 class NumericFunction:
     """A function with its minimum and maximum number of arguments."""
 
-    run: Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
+    run: Run
     least: int
     most: int
 
 
 NUMERIC_FUNCTIONS: dict[str, NumericFunction] = {}
-_Run = Callable[[NumericArguments], "v.Value | tuple[v.Value, ...]"]
 
 
-def function(names: str, least: int, most: int | None = None) -> Callable[[_Run], _Run]:
+def function(names: str, least: int, most: int | None = None) -> Callable[[Run], Run]:
     """Register a function under one or more names, separated by blanks."""
 
-    def register(run: _Run) -> _Run:
+    def register(run: Run) -> Run:
         for name in names.split():
             NUMERIC_FUNCTIONS[name] = NumericFunction(run, least, least if most is None else most)
         return run

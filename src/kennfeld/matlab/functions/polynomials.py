@@ -21,8 +21,7 @@ def _polyfit(call: NumericArguments) -> Value:
     if x.size != y.size or not 0 <= degree < 100:
         raise MatlabValueError("polyfit requires x and y of equal length and a degree from 0 to 99")
     call.budget.allocate(x.size * (degree + 1) * 10)
-    powers = np.vander(x, degree + 1)
-    return row(np.linalg.lstsq(powers, y, rcond=None)[0])
+    return row(np.linalg.lstsq(np.vander(x, degree + 1), y, rcond=None)[0])
 
 
 @function("polyval", 2)

@@ -11,14 +11,8 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.matlab import values as v
 from kennfeld.matlab.functions.elementary import apply_pairwise
-from kennfeld.matlab.functions.numeric_registry import (
-    MANY,
-    NUMERIC_FUNCTIONS,
-    NumericArguments,
-    NumericFunction,
-    function,
-)
-from kennfeld.matlab.operators import cast_to_class, result_class
+from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
+from kennfeld.matlab.operators import cast_to_class, pad_dimensions, result_class
 
 _Along = Callable[[Float, int], v.Array]
 _WORDS = frozenset({"all", "double", "native", "default", "includenan", "includemissing", "omitnan"})
@@ -153,7 +147,7 @@ def _set_operation(call: NumericArguments, name: str) -> v.Value:
 
 
 for _name in ("union", "intersect", "setdiff"):
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(partial(_set_operation, name=_name), 2, 2)
+    function(_name, 2)(partial(_set_operation, name=_name))
 
 
 @function("issorted", 1)
@@ -211,9 +205,7 @@ def matches_case(subject: v.Value, case: v.Value) -> bool:
     return bool(case.size) and bool(subject.size) and bool((v.numbers(subject) == v.numbers(case)).all())
 
 
-def _reduction(
-    operation: _Along, of_nothing: float | bool | None, keeps: bool, without_nan: _Along | None
-) -> NumericFunction:
+def _reduction(operation: _Along, of_nothing: float | bool | None, keeps: bool, without_nan: _Along | None) -> Run:
     """Return a function of an array and a dimension.
 
     `of_nothing` is its value for an empty array, `without_nan` computes it without NaN; `keeps` the integer class.
@@ -229,7 +221,7 @@ def _reduction(
             return v.logical(of_nothing) if isinstance(of_nothing, bool) else v.scalar(of_nothing)
         values = values.reshape(-1, 1, order="F") if "all" in words else values
         axis = call.dimension(1, values)
-        values = _with_axis(values, axis)
+        (values,) = pad_dimensions(values, least=axis + 1)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # the mean of nothing is not a number
             result = v.trim_dimensions(reduce(values, axis))
@@ -237,7 +229,7 @@ def _reduction(
             return result
         return cast_to_class(result, result_class(call.array(0)) if keeps else "double")
 
-    return NumericFunction(run, 1, 4)
+    return run
 
 
 def _options(call: NumericArguments) -> tuple[NumericArguments, set[str]]:
@@ -252,16 +244,11 @@ def _options(call: NumericArguments) -> tuple[NumericArguments, set[str]]:
     return replace(call, values=values), words
 
 
-def _with_axis(values: Float, axis: int) -> Float:
-    """Return an array with the dimension `axis`, of length 1 if it was missing."""
-    return values.reshape(values.shape + (1,) * (axis + 1 - values.ndim)) if axis >= values.ndim else values
-
-
 for _name, (_operation, _of_nothing, _keeps) in _SIMPLE.items():
-    NUMERIC_FUNCTIONS[_name] = _reduction(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name))
+    function(_name, 1, 4)(_reduction(_operation, _of_nothing, _keeps, _WITHOUT_NAN.get(_name)))
 
 
-def _deviation(root: bool) -> NumericFunction:
+def _deviation(root: bool) -> Run:
     def run(call: NumericArguments) -> v.Value:
         values = call.numbers(0)
         weight = call.number(1, 0.0) if len(call) > 1 and call.data(1).size else 0.0
@@ -269,7 +256,7 @@ def _deviation(root: bool) -> NumericFunction:
             raise v.MatlabValueError(f"the weight must be 0 or 1, got {weight:g}")
         values = values.reshape(1, 0) if values.shape == (0, 0) and len(call) < 3 else values
         axis = call.dimension(2, values)
-        values = _with_axis(values, axis)
+        (values,) = pad_dimensions(values, least=axis + 1)
         if not values.shape[axis]:
             return v.trim_dimensions(np.full((*values.shape[:axis], 1, *values.shape[axis + 1 :]), np.nan))
         result = v.trim_dimensions(
@@ -277,13 +264,14 @@ def _deviation(root: bool) -> NumericFunction:
         )
         return np.asarray(np.sqrt(result) if root else result)
 
-    return NumericFunction(run, 1, 3)
+    return run
 
 
-NUMERIC_FUNCTIONS["std"], NUMERIC_FUNCTIONS["var"] = _deviation(True), _deviation(False)
+function("std", 1, 3)(_deviation(root=True))
+function("var", 1, 3)(_deviation(root=False))
 
 
-def _extreme(name: str, along: _Along, arg: Callable[[Float, int], v.Array]) -> NumericFunction:
+def _extreme(name: str, along: _Along, arg: Callable[[Float, int], v.Array]) -> Run:
     def run(call: NumericArguments) -> "v.Value | tuple[v.Value, ...]":
         if len(call) == 2 or (len(call) == 3 and call.data(1).size):
             return apply_pairwise(call, np.fmin if name == "min" else np.fmax)
@@ -303,7 +291,7 @@ def _extreme(name: str, along: _Along, arg: Callable[[Float, int], v.Array]) -> 
         places = np.expand_dims(at, axis).astype(np.float64) + 1
         return cast_to_class(v.trim_dimensions(extremes), result_class(call.array(0))), v.trim_dimensions(places)
 
-    return NumericFunction(run, 1, 3)
+    return run
 
 
 def _extreme_of_nothing(values: Float, axis: int) -> Float:
@@ -313,8 +301,8 @@ def _extreme_of_nothing(values: Float, axis: int) -> Float:
     return np.take(values, [0], axis=axis)
 
 
-NUMERIC_FUNCTIONS["min"] = _extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True), np.argmin)
-NUMERIC_FUNCTIONS["max"] = _extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True), np.argmax)
+function("min", 1, 3)(_extreme("min", lambda v, a: np.fmin.reduce(v, axis=a, keepdims=True), np.argmin))
+function("max", 1, 3)(_extreme("max", lambda v, a: np.fmax.reduce(v, axis=a, keepdims=True), np.argmax))
 
 
 @function("diff", 1, 3)
@@ -327,7 +315,8 @@ def _diff(call: NumericArguments) -> v.Value:
         axis = call.dimension(2, values)
         if values.size == 1 and len(call) < 3:
             return v.EMPTY
-        values = v.trim_dimensions(np.diff(_with_axis(values, axis), axis=axis))
+        (values,) = pad_dimensions(values, least=axis + 1)
+        values = v.trim_dimensions(np.diff(values, axis=axis))
     return cast_to_class(values, result_class(call.array(0)))
 
 
@@ -336,16 +325,12 @@ def _dot(call: NumericArguments) -> v.Value:
     left, right = call.numbers(0), call.numbers(1)
     if left.size != right.size:
         raise v.MatlabValueError("the arguments must have the same size")
-    if _is_vector(left) and _is_vector(right):
+    if v.is_vector(left) and v.is_vector(right):
         return v.scalar(float(left.ravel(order="F") @ right.ravel(order="F")))
     if left.shape != right.shape:
         raise v.MatlabValueError("the arguments must have the same size")
     products = (left * right).reshape(1, 0) if left.shape == (0, 0) else left * right
     return np.asarray(products.sum(axis=call.dimension(9, products), keepdims=True))
-
-
-def _is_vector(values: v.Array) -> bool:
-    return values.ndim == 2 and 1 in values.shape
 
 
 @function("cross", 2)
@@ -361,7 +346,7 @@ def _norm(call: NumericArguments) -> v.Value:
     values = call.numbers(0)
     if not values.size:
         return v.scalar(0.0)
-    is_vector = _is_vector(values)
+    is_vector = v.is_vector(values)
     kinds = {"inf": np.inf, "fro": 2 if is_vector else "fro"}
     order = kinds[call.text(1).casefold()] if call.is_text(1) else call.number(1, 2.0)
     return v.scalar(float(np.linalg.norm(values.ravel() if is_vector else values, order)))  # type: ignore[arg-type]
@@ -398,7 +383,7 @@ _TO_SCALAR: dict[str, Callable[..., Any]] = {
     "rank": np.linalg.matrix_rank,
 }
 for _name, _reduce in _TO_SCALAR.items():
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(_to_scalar(_reduce), 1, 1)
+    function(_name, 1)(_to_scalar(_reduce))
 
 
 @function("pinv", 1)

@@ -8,23 +8,14 @@ from typing import Any
 import numpy as np
 
 from kennfeld.matlab import values as v
-from kennfeld.matlab.functions.numeric_registry import (
-    MANY,
-    NUMERIC_FUNCTIONS,
-    NumericArguments,
-    NumericFunction,
-    function,
-)
+from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
+from kennfeld.matlab.operators import round_half_away
 
 __all__: list[str] = []
 
 _FORMAT = re.compile(r"%(?:%|([-+ 0#]*)(\*|\d+)?(?:\.(\d+))?l?([diufeEgGxXoscaA]))")
 _ESCAPES = {"\\n": "\n", "\\t": "\t", "\\r": "\r", "\\\\": "\\", "\\a": "\a", "\\f": "\f", "\\v": "\v"}
 _MAX_WIDTH = 500
-
-
-def _is_text(value: v.Value) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype.kind in "UO"
 
 
 def _over_texts(value: v.Value, change: Callable[[str], str]) -> v.Value:
@@ -37,7 +28,7 @@ def _over_texts(value: v.Value, change: Callable[[str], str]) -> v.Value:
     return v.characters(change(v.text(value)))
 
 
-def _comparison(same: Callable[[str, str, int], bool]) -> Callable[[NumericArguments], v.Value]:
+def _comparison(same: Callable[[str, str, int], bool]) -> Run:
     def run(call: NumericArguments) -> v.Value:
         count = call.integer(2, 0)
         sides = [_each_text(call[at]) for at in (0, 1)]
@@ -62,10 +53,10 @@ def _equal_texts(left: str | None, right: str | None, count: int, same: Callable
 def _each_text(value: v.Value) -> list[str | None]:
     """Return the texts of a value; None for elements that are not text."""
     if isinstance(value, v.MatlabCell):
-        return [v.text(element) if _is_text(element) else None for element in value.values.ravel(order="F")]
+        return [v.text(element) if v.is_text(element) else None for element in value.values.ravel(order="F")]
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         return [str(element) for element in value.ravel(order="F")]
-    return [v.text(value) if _is_text(value) and np.asarray(value).shape[0] < 2 else None]
+    return [v.text(value) if v.is_text(value) and np.asarray(value).shape[0] < 2 else None]
 
 
 for _name, _same in {
@@ -74,11 +65,10 @@ for _name, _same in {
     "strncmp": lambda a, b, n: len(a) >= n and len(b) >= n and a[:n] == b[:n],
     "strncmpi": lambda a, b, n: len(a) >= n and len(b) >= n and a[:n].casefold() == b[:n].casefold(),
 }.items():
-    _count = 3 if _name.startswith("strn") else 2
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(_comparison(_same), _count, _count)
+    function(_name, 3 if _name.startswith("strn") else 2)(_comparison(_same))
 
 
-def _pattern_test(test: Callable[[str, str], bool]) -> Callable[[NumericArguments], v.Value]:
+def _pattern_test(test: Callable[[str, str], bool]) -> Run:
     def run(call: NumericArguments) -> v.Value:
         patterns = [item for item in _each_text(call[1]) if item is not None]
         results = [any(test(item or "", word) for word in patterns) for item in _each_text(call[0])]
@@ -92,7 +82,7 @@ for _name, _test in {
     "startsWith": lambda item, word: item.startswith(word),
     "endsWith": lambda item, word: item.endswith(word),
 }.items():
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(_pattern_test(_test), 2, 2)
+    function(_name, 2)(_pattern_test(_test))
 
 
 def _register_change(names: str, change: Callable[[str], str]) -> None:
@@ -182,8 +172,8 @@ def _format_number(value: float, digits: int | None) -> str:
 
 @function("int2str", 1)
 def _int2str(call: NumericArguments) -> v.Value:
-    rounded = np.trunc(call.numbers(0) + np.copysign(0.5, call.numbers(0)))
-    return v.characters("  ".join(f"{number:.0f}" for number in rounded.ravel(order="F")))
+    rounded = round_half_away(call.numbers(0)).ravel(order="F")
+    return v.characters("  ".join(f"{number:.0f}" for number in rounded))
 
 
 @function("mat2str", 1, 2)
@@ -218,7 +208,7 @@ def _flatten(values: Sequence[v.Value]) -> list[Any]:
     for value in values:
         if isinstance(value, v.MatlabCell):
             raise v.MatlabValueError("a cell array cannot be printed")
-        if _is_text(value):
+        if v.is_text(value):
             items.append(v.text(value))
         else:
             items += v.numbers(value).ravel(order="F").tolist()
@@ -279,7 +269,7 @@ def _char(call: NumericArguments) -> v.Value:
         widest = max(map(len, words), default=0)
         call.budget.allocate(widest * len(words))
         return np.array([list(word.ljust(widest)) for word in words], dtype="U1").reshape(len(words), widest)
-    if _is_text(value):
+    if v.is_text(value):
         return value if v.class_name(value) == "char" else v.characters(v.text(value))
     codes = v.numbers(value)
     if not ((codes >= 0) & (codes < 0x110000) & (codes == np.floor(codes))).all():
@@ -301,7 +291,7 @@ def _string(call: NumericArguments) -> v.Value:
     value = call[0]
     if isinstance(value, v.MatlabCell):
         return v.object_array([v.text(element) for element in value.values.ravel(order="F")], value.values.shape)
-    if _is_text(value):
+    if v.is_text(value):
         return v.strings([v.text(value)]) if v.class_name(value) == "char" else value
     words = [_format_number(element, None) for element in v.numbers(value).ravel(order="F").tolist()]
     return v.object_array(words, call.array(0).shape)

@@ -13,8 +13,8 @@ from kennfeld.matlab.operators import concatenate_rows
 __all__: list[str] = []
 
 
-def _struct_at(call: NumericArguments, at: int) -> v.MatlabStruct:
-    value = call[at]
+def _struct_argument(call: NumericArguments) -> v.MatlabStruct:
+    value = call[0]
     if not isinstance(value, v.MatlabStruct):
         raise v.MatlabValueError(f"must be a struct, got a {v.class_name(value)}")
     return value
@@ -46,7 +46,7 @@ def _column(value: v.Value, count: int) -> list[v.Value]:
 
 @function("fieldnames", 1)
 def _fieldnames(call: NumericArguments) -> v.Value:
-    names = _struct_at(call, 0).names
+    names = _struct_argument(call).names
     return v.MatlabCell(v.object_array([v.characters(name) for name in names], (len(names), 1)))
 
 
@@ -63,7 +63,7 @@ def _isfield(call: NumericArguments) -> v.Value:
 
 @function("getfield", 2)
 def _getfield(call: NumericArguments) -> v.Value:
-    struct, name = _struct_at(call, 0), call.text(1)
+    struct, name = _struct_argument(call), call.text(1)
     if name not in struct.names:
         raise v.MatlabValueError(f"unknown field {name}. {nearest(name, struct.names)}".strip())
     return struct.fields[name]
@@ -71,13 +71,13 @@ def _getfield(call: NumericArguments) -> v.Value:
 
 @function("setfield", 3)
 def _setfield(call: NumericArguments) -> v.Value:
-    struct = _struct_at(call, 0)
+    struct = _struct_argument(call)
     return v.MatlabStruct.of({**struct.fields, call.text(1): call[2]}, struct.kind)
 
 
 @function("rmfield", 2)
 def _rmfield(call: NumericArguments) -> v.Value:
-    struct = _struct_at(call, 0)
+    struct = _struct_argument(call)
     removed = set(map(v.text, call[1].values.ravel())) if isinstance(call[1], v.MatlabCell) else {call.text(1)}
     missing = next((name for name in removed if name not in struct.names), None)
     if missing is not None:
@@ -89,13 +89,13 @@ def _rmfield(call: NumericArguments) -> v.Value:
 
 @function("orderfields", 1)
 def _orderfields(call: NumericArguments) -> v.Value:
-    struct = _struct_at(call, 0)
+    struct = _struct_argument(call)
     return v.MatlabStruct(struct.elements, tuple(sorted(struct.names)), struct.kind)
 
 
 @function("struct2cell", 1)
 def _struct2cell(call: NumericArguments) -> v.Value:
-    struct = _struct_at(call, 0)
+    struct = _struct_argument(call)
     return v.MatlabCell(v.object_array([struct.fields[name] for name in struct.names], (len(struct.names), 1)))
 
 
@@ -114,10 +114,14 @@ def _cell2struct(call: NumericArguments) -> v.Value:
 
 @function("num2cell", 1)
 def _num2cell(call: NumericArguments) -> v.Value:
-    data = call.data(0)
-    call.budget.allocate(10 * data.size)
-    parts = [v.with_class_of(call[0], element.reshape(1, 1)) for element in data.ravel(order="F")]
-    return v.MatlabCell(v.object_array(parts, data.shape))
+    call.budget.allocate(10 * call.data(0).size)
+    return v.MatlabCell(v.object_array(_single_elements(call[0]), call.data(0).shape))
+
+
+def _single_elements(value: v.Value) -> list[v.Value]:
+    """Return the elements of a value as values of size 1 x 1."""
+    data = v.elements_of(value).ravel(order="F")
+    return [v.with_class_of(value, data[at : at + 1].reshape(1, 1)) for at in range(data.size)]
 
 
 @function("cell2mat", 1)
@@ -181,15 +185,7 @@ def _arrayfun(call: NumericArguments) -> tuple[v.Value, ...]:
     shapes = {v.elements_of(value).shape for value in values}
     if len(shapes) != 1:
         raise v.MatlabValueError("arrayfun requires arrays of equal size")
-    columns = [
-        [v.with_class_of(value, element.reshape(1, 1)) for element in _split_elements(value)] for value in values
-    ]
-    return _map_elements(call, columns, shapes.pop(), uniform)
-
-
-def _split_elements(value: v.Value) -> list[v.Array]:
-    data = v.elements_of(value).ravel(order="F")
-    return [data[at : at + 1] for at in range(data.size)]
+    return _map_elements(call, list(map(_single_elements, values)), shapes.pop(), uniform)
 
 
 @function("structfun", 2, MANY)
@@ -201,4 +197,4 @@ def _structfun(call: NumericArguments) -> v.Value:
     return _to_uniform(list(results.values()), (len(results), 1)) if uniform else v.MatlabStruct.of(results)
 
 
-function("numfields", 1)(lambda call: v.scalar(len(_struct_at(call, 0).names)))
+function("numfields", 1)(lambda call: v.scalar(len(_struct_argument(call).names)))

@@ -1,25 +1,18 @@
 """Functions of classes: conversions, predicates and limits."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
 from kennfeld.matlab import values as v
-from kennfeld.matlab.functions.numeric_registry import (
-    MANY,
-    NUMERIC_FUNCTIONS,
-    NumericArguments,
-    NumericFunction,
-    function,
-)
-from kennfeld.matlab.operators import cast_to_class
+from kennfeld.matlab.functions.numeric_registry import MANY, NumericArguments, Run, function
+from kennfeld.matlab.operators import cast_to_class, to_logical
 
 __all__: list[str] = []
 
 
-def _to(name: str) -> Callable[[NumericArguments], v.Value]:
+def _to(name: str) -> Run:
     def run(call: NumericArguments) -> v.Value:
         if call.is_text(0) and call.array(0).dtype.kind == "O" and name == "double":
             return v.scalar(_parse_number(call.text(0)))
@@ -36,20 +29,14 @@ def _parse_number(word: str) -> float:
 
 
 for _name in (*v.INTEGERS, "double", "single"):
-    NUMERIC_FUNCTIONS[_name] = NumericFunction(_to(_name), 1, 1)
-
-
-def _to_logical(values: Float) -> v.Array:
-    if np.isnan(values).any():
-        raise v.MatlabValueError("NaN is neither true nor false")
-    return np.asarray(values != 0)
+    function(_name, 1)(_to(_name))
 
 
 @function("cast", 2)
 def _cast(call: NumericArguments) -> v.Value:
     name = call.text(1)
     if name == "logical":
-        return _to_logical(call.numbers(0))
+        return to_logical(call.numbers(0))
     if name not in (*v.INTEGERS, "double", "single"):
         raise v.MatlabValueError(f"unknown numeric class {name}")
     return cast_to_class(call.numbers(0), name)
@@ -64,8 +51,8 @@ def _isa(call: NumericArguments) -> v.Value:
     return v.logical(name == wanted or name in _GROUPS.get(wanted, ()))
 
 
-def _class_test(*names: str) -> NumericFunction:
-    return NumericFunction(lambda call: v.logical(v.class_name(call[0]) in names), 1, 1)
+def _class_test(names: Sequence[str]) -> Run:
+    return lambda call: v.logical(v.class_name(call[0]) in names)
 
 
 for _name, _classes in {
@@ -78,7 +65,7 @@ for _name, _classes in {
     "iscell": ("cell",),
     "isreal": (*_GROUPS["numeric"], "logical", "char"),
 }.items():
-    NUMERIC_FUNCTIONS[_name] = _class_test(*_classes)
+    function(_name, 1)(_class_test(_classes))
 
 
 @function("iscellstr", 1)
@@ -94,26 +81,28 @@ def _eps(call: NumericArguments) -> v.Value:
     return np.asarray(np.spacing(np.abs(call.numbers(0)))) if len(call) else v.scalar(float(np.finfo(np.float64).eps))
 
 
-def _limit_of(name: str) -> NumericFunction:
+def _limit_of(name: str) -> Run:
     def run(call: NumericArguments) -> v.Value:
         kind = np.float32 if len(call) and call.text(0) == "single" else np.float64
         return np.array([[getattr(np.finfo(kind), name)]], dtype=kind)
 
-    return NumericFunction(run, 0, 1)
+    return run
 
 
-def _whole_limit(name: str) -> NumericFunction:
+def _whole_limit(name: str) -> Run:
     def run(call: NumericArguments) -> v.Value:
         of = "int32" if not len(call) else call.text(0) if call.is_text(0) else v.class_name(call[0])
         if of not in v.INTEGERS:
             raise v.MatlabValueError(f"unknown integer class {of}")
         return np.array([[getattr(np.iinfo(of), name)]], dtype=of)
 
-    return NumericFunction(run, 0, 1)
+    return run
 
 
-NUMERIC_FUNCTIONS["realmax"], NUMERIC_FUNCTIONS["realmin"] = _limit_of("max"), _limit_of("tiny")
-NUMERIC_FUNCTIONS["intmax"], NUMERIC_FUNCTIONS["intmin"] = _whole_limit("max"), _whole_limit("min")
+function("realmax", 0, 1)(_limit_of("max"))
+function("realmin", 0, 1)(_limit_of("tiny"))
+function("intmax", 0, 1)(_whole_limit("max"))
+function("intmin", 0, 1)(_whole_limit("min"))
 
 
 @function("exist", 1, 2)
@@ -162,7 +151,7 @@ def _str2double(call: NumericArguments) -> v.Value:
     return v.scalar(_parse_number(call.text(0)) if call.is_text(0) else math.nan)
 
 
-def _in_base(base: int) -> Callable[[NumericArguments], v.Value]:
+def _in_base(base: int) -> Run:
     def run(call: NumericArguments) -> v.Value:
         word = call.text(0).replace(" ", "")[:64]
         try:
@@ -173,13 +162,9 @@ def _in_base(base: int) -> Callable[[NumericArguments], v.Value]:
     return run
 
 
-NUMERIC_FUNCTIONS["bin2dec"], NUMERIC_FUNCTIONS["hex2dec"] = (
-    NumericFunction(_in_base(2), 1, 1),
-    NumericFunction(_in_base(16), 1, 1),
-)
-
-
-function("logical boolean", 1)(lambda call: _to_logical(call.numbers(0)))
+function("bin2dec", 1)(_in_base(2))
+function("hex2dec", 1)(_in_base(16))
+function("logical boolean", 1)(lambda call: to_logical(call.numbers(0)))
 function("class", 1)(lambda call: v.characters(v.class_name(call[0])))
 function("isstruct", 1)(lambda call: v.logical(isinstance(call[0], v.MatlabStruct) and not call[0].kind))
 function("isobject", 1)(lambda call: v.logical(isinstance(call[0], v.MatlabStruct) and bool(call[0].kind)))

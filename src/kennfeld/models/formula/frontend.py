@@ -6,6 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from kennfeld.errors import InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.formula.functions import FUNCTIONS, functions_of
@@ -75,10 +76,8 @@ def read(
 
 def text_of(path: Path) -> str:
     """Return the contents of a file of formula text; raises `InputError` if it is not UTF-8 text."""
-    try:
+    with convert_errors(path, "the file cannot be read"):
         content = path.read_bytes()
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"the file cannot be read: {error.strerror or error}") from None
     if b"\0" in content:
         raise InputError.of(Location(str(path)), "the file is binary, not text", "Formula text must be UTF-8.")
     try:
@@ -199,8 +198,7 @@ def _expressions(
     for name, span in spans.items():
         quoted = Token("quoted", f"%{name.replace('%', '%%')}%", span[0], 0)
         statements.append(Definition(quoted, "", parse_expression(source, span, keys)))
-    names = NameTable(statements, around, source)
-    nodes = build(names, builder, known)
+    nodes = build(NameTable(statements, around, source), builder, known)
     source.raise_findings()
     return nodes
 

@@ -88,10 +88,6 @@ def _fold(builder: GraphBuilder, first: int, *others: int, op: str) -> int:
     return first
 
 
-def _if(builder: GraphBuilder, condition: int, a: int, b: int) -> int:
-    return builder.call("select", condition, a, b)
-
-
 def _bswitch(builder: GraphBuilder, x: int, a: int, b: int) -> int:
     return builder.call("select", builder.call("le", x, builder.const(0.0)), a, b)
 
@@ -173,7 +169,7 @@ _TABLE = (
     _function("mod(a, b)", partial(_operation, op="mod")),
     _function("min(a, b, ...)", partial(_fold, op="min")),
     _function("max(a, b, ...)", partial(_fold, op="max")),
-    _function("if(condition, a, b)", _if),
+    _function("if(condition, a, b)", partial(_operation, op="select")),
     _function("bswitch(x, a, b)", _bswitch),
     _function("clip(x, lower, upper)", _clip),
     _function("prev(x, init=0)", _prev, memory=True, later="x"),

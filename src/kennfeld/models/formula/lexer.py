@@ -159,8 +159,7 @@ class Source:
 
     def location(self, line: int, column: int = 0) -> Location:
         """Return the location of a line, or of a column in it."""
-        location = self.locations[line - 1]
-        return replace(location, column=column)
+        return replace(self.locations[line - 1], column=column)
 
     def report(self, at: Token, message: str, remedy: str = "") -> None:
         """Add a finding about a token; a token in column 0 stands for the whole line."""

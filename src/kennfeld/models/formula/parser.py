@@ -35,7 +35,6 @@ LEVELS: Final = {
 }
 _NOT, _COMPARISON, _POWER = LEVELS["not"], LEVELS["<"], LEVELS["^"]
 _LOOSEST = 1
-_FUNCTION_FORM = "Write def f(a, b) = expression."
 
 # keeps the parser far from Python's own limit of 1000 calls
 MAX_DEPTH = 100
@@ -142,13 +141,13 @@ class _StatementParser:
 
     def _arguments(self, arguments: list[Token]) -> Token:
         """Append the arguments of a function; return the equals sign after them."""
-        self._expect("(", _FUNCTION_FORM)
+        self._expect("(")
         if self._peek.text != ")":
             arguments.append(self._name("the name of an argument is missing"))
             while self._take(","):
                 arguments.append(self._name("the name of an argument is missing"))
-        self._expect(")", _FUNCTION_FORM)
-        return self._expect("=", _FUNCTION_FORM)
+        self._expect(")")
+        return self._expect("=")
 
     def _name(self, message: str) -> Token:
         token = self._next()
@@ -235,7 +234,10 @@ class _StatementParser:
             case (("name" | "quoted"), _):
                 return self._call(token) if self._peek.text == "(" else self._bare(token)
             case "op", "(":
-                return self._bracket(token)
+                self._deeper()
+                inner = self._expression(_LOOSEST)
+                self._close(token)
+                return inner
             case "op", ("-" | "+" | "not"):
                 return self._prefix(token, level)
         raise self._no_operand(token)
@@ -262,12 +264,6 @@ class _StatementParser:
         self._close(opening)
         key = self._key("call", name.name, name.quoted, *(arg.key for arg in args))
         return Call(name.name, tuple(args), name, key)
-
-    def _bracket(self, opening: Token) -> Expr:
-        self._deeper()
-        inner = self._expression(_LOOSEST)
-        self._close(opening)
-        return inner
 
     def _prefix(self, token: Token, level: int) -> Expr:
         if token.text == "not" and level > _NOT:
@@ -308,9 +304,9 @@ class _StatementParser:
         self.position += taken
         return taken
 
-    def _expect(self, text: str, remedy: str) -> Token:
+    def _expect(self, text: str) -> Token:
         if not self._take(text):
-            raise SyntaxFault(self._peek, f"missing {text}", remedy)
+            raise SyntaxFault(self._peek, f"missing {text}", "Write def f(a, b) = expression.")
         return self.tokens[self.position - 1]
 
     def _key(self, *parts: Any) -> int:

@@ -12,7 +12,7 @@ from kennfeld.matlab.values import MatlabValueError, trim_dimensions
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, format_sizes
 from kennfeld.models.imperative.path_facts import round_half_away
 
 MASK_REMEDY = "Write it as a loop over all elements with if."
@@ -29,8 +29,18 @@ def fixed_element(array: Nodes, at: Sequence[int]) -> int:
         result = array.ravel(order="F")[at[0]] if len(at) == 1 else array[tuple(at)]
     except IndexError:
         places = ",".join(str(item + 1) for item in at)
-        raise ProgramError(f"index ({places}) exceeds an array of size {format_size(array)}") from None
+        raise ProgramError(f"index ({places}) exceeds an array of size {format_sizes(array)}") from None
     return int(result)
+
+
+def cell_indices(evaluator: SymbolicEvaluator, whole: Nodes, trees: Sequence[m.Expression]) -> list[int]:
+    """Evaluate the indices, from 0, of an element of a cell array; raises `ProgramError` unless they are constant."""
+    indices = map(s.as_array, evaluator.index_values(whole, trees))
+    numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
+    at = [int(number.item()) - 1 for number in numbers if number is not None and number.size == 1]
+    if len(at) < len(trees):
+        raise ProgramError("the index of a cell is not a constant scalar")
+    return at
 
 
 def index_value(
@@ -55,8 +65,7 @@ def index_value(
     places = evaluator.index_values(array, trees)
     if _is_mask(evaluator, array, places):
         return array
-    result = _elements(evaluator, array, places, message)
-    return s.of_class(array, result)
+    return s.of_class(array, _elements(evaluator, array, places, message))
 
 
 def _is_mask(evaluator: SymbolicEvaluator, array: Nodes, places: list[s.SymbolicValue]) -> bool:
@@ -160,7 +169,7 @@ def check_within(at: list[int], size: int, array: Nodes, message: str) -> None:
     """Raise `ProgramError` if zero-based indices exceed a size."""
     wrong = next((item for item in at if not 0 <= item < size), None)
     if wrong is not None and size + len(at) > 0:
-        raise ProgramError(f"index {wrong + 1} of {message} exceeds its size {format_size(array)}")
+        raise ProgramError(f"index {wrong + 1} of {message} exceeds its size {format_sizes(array)}")
 
 
 def _select_at(evaluator: SymbolicEvaluator, parts: Nodes, node: int) -> Nodes:
@@ -171,11 +180,6 @@ def _select_at(evaluator: SymbolicEvaluator, parts: Nodes, node: int) -> Nodes:
     for number in range(parts.shape[0], 0, -1):
         result = apply("select", apply("eq", at, float(number)), parts[number - 1], result)
     return result
-
-
-def format_size(array: Nodes) -> str:
-    """Return the size of an array for a message."""
-    return "x".join(map(str, array.shape))
 
 
 def assign_part(
@@ -192,12 +196,9 @@ def assign_part(
             if not isinstance(key, str):
                 raise ProgramError("the name of a field is not a text")
             return _change_part(evaluator, old, of, lambda current: _with_field(current, key, value))
-        case m.Call(of, arguments):
-            return _change_part(
-                evaluator, old, of, lambda current: _with_elements(evaluator, current, arguments, value)
-            )
-        case m.CellIndex(of, arguments):
-            return _change_part(evaluator, old, of, lambda current: _with_cell(evaluator, current, arguments, value))
+        case m.Call(of, arguments) | m.CellIndex(of, arguments):
+            change = _with_cell if isinstance(target, m.CellIndex) else _with_elements
+            return _change_part(evaluator, old, of, lambda current: change(evaluator, current, arguments, value))
     raise ProgramError("the target of an assignment is not a variable")
 
 
@@ -237,11 +238,7 @@ def _with_cell(
 ) -> s.SymbolicCell:
     cells = current if isinstance(current, s.SymbolicCell) else s.SymbolicCell((), (0, 0))
     whole = np.arange(len(cells.cells), dtype=np.int64).reshape(cells.shape, order="F")
-    indices = map(s.as_array, evaluator.index_values(whole, trees))
-    numbers = [evaluator.context.numbers(index, "the index of a cell") for index in indices]
-    at = [int(number.item()) - 1 for number in numbers if number is not None and number.size == 1]
-    if len(at) != len(trees):
-        raise ProgramError("the index of a cell is not a constant scalar")
+    at = cell_indices(evaluator, whole, trees)
     is_row = len(cells.shape) == 2 and min(cells.shape) < 2
     if at == [len(cells.cells)] and is_row:  # one more, behind the last
         rows, columns = cells.shape
@@ -267,9 +264,8 @@ def _with_elements(
     if new.size == 0:
         raise ProgramError("deleting elements is not supported")
     result = _written(evaluator, np.asarray(old), places, np.asarray(new))
-    logical = isinstance(new, s.LogicalNodes) and (
-        current is None or (isinstance(current, s.LogicalNodes) and current.size > 0)
-    )
+    keeps_logical = current is None or (isinstance(current, s.LogicalNodes) and current.size > 0)
+    logical = isinstance(new, s.LogicalNodes) and keeps_logical
     return s.as_logical(result) if logical else s.integers(result, s.word_of(new if old.size == 0 else old))
 
 
@@ -277,7 +273,10 @@ def _written(evaluator: SymbolicEvaluator, old: Nodes, places: list[s.SymbolicVa
     if len(places) == 1 and isinstance(places[0], s.LogicalNodes) and places[0].shape == old.shape:
         mask = places[0]
         if evaluator.context.numbers(mask, "a mask") is None:
-            return _masked(evaluator, old, mask, new)
+            if new.size != 1:
+                raise ProgramError("several elements are assigned through a mask that depends on signals", MASK_REMEDY)
+            value = np.broadcast_to(new.reshape(()), old.shape)
+            return elementwise(evaluator.builder, "select", np.asarray(mask), value, old)
     sizes = [old.size] if len(places) == 1 else list(fold_dimensions(old, len(places)).shape)
     result = [resolve_index(evaluator, place, size, "it") for place, size in zip(places, sizes, strict=True)]
     if len(places) > 1 and old.size == 0:
@@ -318,12 +317,6 @@ def _whole(place: s.SymbolicValue, result: Place, new: Nodes, axis: int) -> Plac
     return None, list(range(new.shape[axis] if new.ndim > axis and new.size > 1 else 1))
 
 
-def _masked(evaluator: SymbolicEvaluator, old: Nodes, mask: Nodes, new: Nodes) -> Nodes:
-    if new.size != 1:
-        raise ProgramError("several elements are assigned through a mask that depends on signals", MASK_REMEDY)
-    return elementwise(evaluator.builder, "select", np.asarray(mask), np.broadcast_to(new.reshape(()), old.shape), old)
-
-
 def _assign_fixed(evaluator: SymbolicEvaluator, old: Nodes, places: list[list[int]], new: Nodes) -> Nodes:
     """Assign elements at fixed indices; the array grows to hold them, with new elements 0."""
     if any(item < 0 for at in places for item in at):
@@ -332,9 +325,9 @@ def _assign_fixed(evaluator: SymbolicEvaluator, old: Nodes, places: list[list[in
     evaluator.context.room(math.prod(float(max(at, default=0)) for at in places))
     indices = [np.array([at], dtype=np.float64) + 1 for at in places]
     try:
-        return assign_elements(old, indices, new, evaluator.builder.const(0.0), Budget(), owned=False)
+        return assign_elements(old, indices, new, evaluator.builder.const(0.0), Budget())
     except MatlabValueError as error:
-        raise ProgramError(f"assignment to an array of size {format_size(old)}: {error}") from None
+        raise ProgramError(f"assignment to an array of size {format_sizes(old)}: {error}") from None
 
 
 def _assign_selected(evaluator: SymbolicEvaluator, old: Nodes, places: list[Place], new: int) -> Nodes:

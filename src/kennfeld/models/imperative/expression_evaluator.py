@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import children, field_path
+from kennfeld.matlab.traversal import children, dotted_name
 from kennfeld.models.imperative import symbolic_values as s
-from kennfeld.models.imperative.element_access import MASK_REMEDY, fixed_element, index_value
+from kennfeld.models.imperative.element_access import MASK_REMEDY, cell_indices, fixed_element, index_value
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.graph_operators import BINARY
 from kennfeld.models.imperative.library.elementwise_functions import ELEMENTWISE_NAMES
@@ -22,12 +22,11 @@ from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTI
 from kennfeld.models.imperative.library.numeric_rules import evaluate_constant_call
 from kennfeld.models.imperative.library.reduction_functions import (
     checked_matrix_product,
-    format_sizes,
     matrix_divide,
     matrix_power,
     transpose,
 )
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, format_sizes
 from kennfeld.models.imperative.path_facts import logical_and, logical_or, truth_of
 from kennfeld.models.imperative.path_state import SymbolicInterpreter
 from kennfeld.models.imperative.ranges import constant_distance, range_length
@@ -64,8 +63,10 @@ class ExpressionEvaluator:
                 return self._field(tree)
             case m.Unary(operator, operand):
                 return self._unary(operator, self.nodes(operand))
+            case m.Binary(("&&" | "||") as operator, left, right):
+                return self._short_circuit(operator, left, right)
             case m.Binary(operator, left, right):
-                return self._binary(operator, left, right)
+                return self.operation(operator, self._operand(left), self._operand(right))
             case m.Transpose(operand):
                 return transpose(self.nodes(operand))
             case m.Matrix(rows):
@@ -107,13 +108,12 @@ class ExpressionEvaluator:
 
     def _field(self, tree: m.Field | m.DynamicField) -> s.SymbolicValue:
         if isinstance(tree, m.Field):
-            path = field_path(tree) if self.context.parameters_first else None
-            if path is not None and path[0] not in self.body.names:
-                parameter = self.context.workspace(".".join(path))
+            path = dotted_name(tree) if self.context.parameters_first else ""
+            if path and path.partition(".")[0] not in self.body.names:
+                parameter = self.context.workspace(path)
                 if parameter is not None:
                     return parameter
-            return s.field_of(self.value(tree.of), tree.name, _short(tree.of))
-        name = self.value(tree.name)
+        name = tree.name if isinstance(tree, m.Field) else self.value(tree.name)
         if not isinstance(name, str):
             raise ProgramError("the name of a field is not a text")
         return s.field_of(self.value(tree.of), name, _short(tree.of))
@@ -137,11 +137,6 @@ class ExpressionEvaluator:
         if operator == "-":
             return s.integers(self.apply("neg", operand), s.word_of(operand))
         return s.as_logical(self.apply("not", operand))
-
-    def _binary(self, operator: str, left: m.Expression, right: m.Expression) -> s.SymbolicValue:
-        if operator in ("&&", "||"):
-            return self._short_circuit(operator, left, right)
-        return self.operation(operator, self._operand(left), self._operand(right))
 
     def _operand(self, tree: m.Expression) -> Nodes:
         current = s.force(self.value(tree))
@@ -245,12 +240,8 @@ class ExpressionEvaluator:
     def _cell(self, value: s.SymbolicValue, arguments: Sequence[m.Expression]) -> s.SymbolicValue:
         if not isinstance(value, s.SymbolicCell):
             raise ProgramError(f"braces index {s.describe(value)}, not a cell array")
-        shape = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
-        places = self.index_values(shape, arguments)
-        indices = [self.context.numbers(s.as_array(place), "the index of a cell") for place in places]
-        if any(index is None or index.size != 1 for index in indices):
-            raise ProgramError("the index of a cell is not a constant scalar")
-        return s.force(value.cells[fixed_element(shape, [int(n.item()) - 1 for n in indices if n is not None])])
+        whole = np.arange(len(value.cells), dtype=np.int64).reshape(value.shape, order="F")
+        return s.force(value.cells[fixed_element(whole, cell_indices(self, whole, arguments))])
 
     def index_values(self, array: Nodes, trees: Sequence[m.Expression]) -> list[s.SymbolicValue]:
         """Evaluate the indices into an array, within which `end` is defined; ":" stands for all."""
@@ -271,7 +262,7 @@ class ExpressionEvaluator:
     def _call(self, tree: m.Call) -> s.SymbolicValue:
         if isinstance(tree.of, m.Name) and tree.of.name not in self.body.names:
             return self._first_result(tree.of.name, tree.arguments)
-        dotted = _dotted(tree.of)
+        dotted = dotted_name(tree.of)
         if dotted.startswith("coder.") and "coder" not in self.body.names:
             return self._coder(dotted, tree.arguments)
         of = self.value(tree.of)
@@ -327,7 +318,7 @@ class ExpressionEvaluator:
         value: s.SymbolicValue | None = None
         if isinstance(tree, m.Name):
             value = self.body.names.get(tree.name)
-        elif isinstance(tree, m.Field) and _dotted(tree.of) and _dotted(tree).split(".")[0] in self.body.names:
+        elif isinstance(tree, m.Field) and dotted_name(tree.of) and dotted_name(tree).split(".")[0] in self.body.names:
             of = self.value(tree.of)
             value = of.fields.get(tree.name) if isinstance(of, s.SymbolicStruct) else None
         return value if isinstance(value, s.DeferredValue) and value.name else None
@@ -459,9 +450,5 @@ def _is_elementwise(evaluator: ExpressionEvaluator, tree: m.Expression) -> bool:
     return False
 
 
-def _dotted(tree: m.Expression) -> str:
-    return ".".join(field_path(tree) or ())
-
-
 def _short(tree: m.Expression) -> str:
-    return _dotted(tree) or "it"
+    return dotted_name(tree) or "it"

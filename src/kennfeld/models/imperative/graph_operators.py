@@ -24,7 +24,8 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
 
     MATLAB and generated code agree in this: `mod(0.3, 0.1)` is 0, although the doubles give a quotient below 3.
     """
-    if all(_is_whole(builder.value(int(node))) for node in b.ravel()):
+    values = [builder.value(int(node)) for node in b.ravel()]
+    if all(value is not None and (not math.isfinite(value) or value == math.floor(value)) for value in values):
         return rest
     apply = Elementwise(builder)
     ratio = apply("abs", apply("div", a, b))
@@ -32,10 +33,6 @@ def without_rest(builder: GraphBuilder, rest: Nodes, a: Nodes, b: Nodes) -> Node
     is_near = apply("le", distance, apply("mul", math.ulp(1.0), ratio))
     is_broken = apply("ne", b, apply("floor", b))
     return apply("select", apply("and", is_near, is_broken), 0.0, rest)
-
-
-def _is_whole(value: float | None) -> bool:
-    return value is not None and (not math.isfinite(value) or value == math.floor(value))
 
 
 def _remainder(builder: GraphBuilder, a: Nodes, b: Nodes) -> Nodes:

@@ -78,7 +78,6 @@ def wrap_to_type(builder: GraphBuilder, whole: Nodes, word: IntegerType) -> Node
 
 
 def _round(apply: Elementwise, x: Nodes, rounding: str) -> Nodes:
-    """Round numbers by the method of a block."""
     match rounding:
         case "Ceiling":
             return apply("ceil", x)

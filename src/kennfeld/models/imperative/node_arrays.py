@@ -1,7 +1,8 @@
 """Operations on arrays of graph nodes: elementwise with broadcasting, reductions, matrix products."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -22,6 +23,11 @@ def check_size(size: int) -> None:
     """Raise `EvaluationError` if an array would be too large."""
     if size > _MAX_ELEMENTS:
         raise EvaluationError(f"it creates an array of {size} elements; the maximum is {_MAX_ELEMENTS}")
+
+
+def format_sizes(*arrays: Nodes) -> str:
+    """Return the sizes of arrays for a message."""
+    return " and ".join("x".join(map(str, array.shape)) for array in arrays)
 
 
 def align_dimensions(*arrays: Nodes) -> list[Nodes]:
@@ -53,9 +59,10 @@ class Elementwise:
         return elementwise(self.builder, op, *args)
 
 
-def reduce_nodes(builder: GraphBuilder, op: str, nodes: list[int]) -> int:
+def reduce_nodes(builder: GraphBuilder, op: str, nodes: Iterable[int]) -> int:
     """Combine nodes by an operation from first to last; 0 if there are none."""
-    return reduce(lambda a, b: builder.call(op, a, b), nodes) if nodes else builder.const(0.0)
+    terms = [int(node) for node in nodes]
+    return reduce(partial(builder.call, op), terms) if terms else builder.const(0.0)
 
 
 def matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
@@ -67,7 +74,7 @@ def matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> Nodes:
     for row in range(left.shape[0]):
         for column in range(right.shape[1]):
             terms = elementwise(builder, "mul", left[row, :], right[:, column])
-            result[row, column] = reduce_nodes(builder, "add", [int(term) for term in terms])
+            result[row, column] = reduce_nodes(builder, "add", terms)
     return result
 
 

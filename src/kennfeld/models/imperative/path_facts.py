@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Final, NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
@@ -99,21 +100,15 @@ def round_half_away(x: float) -> float:
     return math.copysign(math.floor(abs(x) + 0.5), x)
 
 
-_RISING: dict[str, Callable[[float], float]] = {"floor": math.floor, "ceil": math.ceil, "round": round_half_away}
-
-
 def bound_of(builder: GraphBuilder, node: int, up: bool) -> float:
     """Return the upper or lower bound of a node."""
-    result = interval_of(builder, node)
+    result = _IntervalAnalysis(builder).limits(node, 0)
     return result.high if up else result.low
 
 
-def interval_of(builder: GraphBuilder, node: int) -> Interval:
-    """Return the bounds of a node that follow from its operations."""
-    return _IntervalAnalysis(builder).limits(node, 0)
-
-
 class _IntervalAnalysis:
+    """Bounds of nodes that follow from their operations."""
+
     def __init__(self, builder: GraphBuilder) -> None:
         self.builder = builder
         self.seen: dict[int, Interval] = {}
@@ -156,8 +151,8 @@ class _IntervalAnalysis:
         return result
 
 
-def _whole(op: str, x: Interval) -> Interval:
-    return Interval(*(_RISING[op](item) if math.isfinite(item) else item for item in x))
+def _whole(rule: Callable[[float], float], x: Interval) -> Interval:
+    return Interval(*(rule(item) if math.isfinite(item) else item for item in x))
 
 
 def _mod(a: Interval, b: Interval) -> Interval:
@@ -180,9 +175,9 @@ _RULES: dict[str, Callable[..., tuple[float, float]]] = {
     "add": lambda a, b: (a.low + b.low, a.high + b.high),
     "sub": lambda a, b: (a.low - b.high, a.high - b.low),
     "neg": lambda x: (-x.high, -x.low),
-    "floor": lambda x: _whole("floor", x),
-    "ceil": lambda x: _whole("ceil", x),
-    "round": lambda x: _whole("round", x),
+    "floor": partial(_whole, math.floor),
+    "ceil": partial(_whole, math.ceil),
+    "round": partial(_whole, round_half_away),
     "abs": _abs,
     "mod": _mod,
     "mul": _mul,

@@ -13,7 +13,7 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
-from kennfeld.models.imperative.node_arrays import Nodes, elementwise
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise, format_sizes
 from kennfeld.models.imperative.path_facts import assume, known_truth, logical_and, logical_not, logical_or
 
 Key = TypeVar("Key")
@@ -95,18 +95,14 @@ class _StateMerge:
 
     def _partial(self, name: str, yes: s.SymbolicValue | None, no: s.SymbolicValue | None) -> s.SymbolicValue:
         """Merge a variable that is certainly defined on at most one side."""
-        values = [item.value if isinstance(item, s.ConditionalValue) else item for item in (yes, no)]
-        if values[0] is None or values[1] is None:
-            value = values[0] if values[0] is not None else values[1]
-            if value is None:
-                return s.InvalidValue(f"{name} is not assigned")
-        else:
-            value = self.held(name, *values)
-        return (
-            value
-            if isinstance(value, s.InvalidValue)
-            else s.ConditionalValue(value, self.jump(self._defined(yes), self._defined(no)))
-        )
+        parts = [item.value if isinstance(item, s.ConditionalValue) else item for item in (yes, no)]
+        values = [part for part in parts if part is not None]
+        if not values:
+            return s.InvalidValue(f"{name} is not assigned")
+        value = self.held(name, *values) if len(values) == 2 else values[0]
+        if isinstance(value, s.InvalidValue):
+            return value
+        return s.ConditionalValue(value, self.jump(self._defined(yes), self._defined(no)))
 
     def _defined(self, value: s.SymbolicValue | None) -> int:
         return value.defined if isinstance(value, s.ConditionalValue) else self.builder.const(float(value is not None))
@@ -132,7 +128,7 @@ class _StateMerge:
 
     def _arrays(self, name: str, yes: Nodes, no: Nodes) -> s.SymbolicValue:
         if yes.shape != no.shape:
-            sizes = " or ".join("x".join(map(str, item.shape)) for item in (yes, no))
+            sizes = " or ".join(map(format_sizes, (yes, no)))
             return s.InvalidValue(f"the size of {name} depends on a condition ({sizes})", _SAME_TYPE_REMEDY)
         result = yes if np.array_equal(yes, no) else elementwise(self.builder, "select", self.choice, yes, no)
         if isinstance(yes, s.LogicalNodes) and isinstance(no, s.LogicalNodes):

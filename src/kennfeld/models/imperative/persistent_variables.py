@@ -48,11 +48,8 @@ class FirstCallObserver:
     def watch(self, whole: m.If, before: PathState, asked: int) -> None:
         """Record the values assigned by a decision on isempty alone, if constant and without other effects."""
         frame, names = self.body.frame, self.body.names
-        if (
-            len(whole.branches) != 1
-            or whole.otherwise
-            or not _holds_if_empty(whole.branches[0].condition, frame.persistent)
-        ):
+        is_alone = len(whole.branches) == 1 and not whole.otherwise
+        if not (is_alone and _holds_if_empty(whole.branches[0].condition, frame.persistent)):
             return
         changed = [name for name, value in names.items() if value is not before.names.get(name)]
         kept = self.body.state.kept

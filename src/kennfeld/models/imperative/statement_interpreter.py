@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import field_path
+from kennfeld.matlab.traversal import assigned_name, dotted_name
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.control_flow import LoopUnroller
 from kennfeld.models.imperative.element_access import assign_part
@@ -36,15 +36,10 @@ class StatementInterpreter:
     function. All raise `ProgramError` for code that cannot be lowered.
     """
 
-    def __init__(
-        self,
-        context: EvaluationContext,
-        names: Mapping[str, s.SymbolicValue] | None = None,
-        frame: CallFrame | None = None,
-    ) -> None:
+    def __init__(self, context: EvaluationContext, names: Mapping[str, s.SymbolicValue] | None = None) -> None:
         self.context, self.builder = context, context.builder
         self.state = PathState(dict(names or {}))
-        self.frame = frame or CallFrame(functions=context.functions)
+        self.frame = CallFrame(functions=context.functions)
         self.expressions = ExpressionEvaluator(self)
         self.loops = LoopUnroller(self)
         # called with each `if`, the state before it, and the number of isempty queries in its condition
@@ -114,7 +109,7 @@ class StatementInterpreter:
         name = _called_name(expression)
         if name == "error":
             raise AbortedPathError
-        if name in _SILENT or (name or "").startswith("coder."):
+        if name in _SILENT or name.startswith("coder."):
             return
         if isinstance(expression, m.Call) and isinstance(expression.of, m.Name):
             self.expressions.call(expression.of.name, expression.arguments, 0)
@@ -124,21 +119,16 @@ class StatementInterpreter:
             self.value(expression)
 
     def _declare(self, kind: str, names: Sequence[str]) -> None:
-        if kind == "global":
-            self._share(names)
-            return
         for name in names:
-            self.frame.persistent.append(name)
-            unset = s.ConditionalValue(s.EMPTY, self.builder.const(0.0))
-            self.names[name] = self.state.kept.get((self.frame.name, name), unset)
-
-    def _share(self, names: Sequence[str]) -> None:
-        """Declare global variables, which the host provides."""
-        for name in names:
-            if (GLOBAL, name) not in self.state.kept:
+            if kind != "global":
+                self.frame.persistent.append(name)
+                unset = s.ConditionalValue(s.EMPTY, self.builder.const(0.0))
+                self.names[name] = self.state.kept.get((self.frame.name, name), unset)
+            elif (GLOBAL, name) not in self.state.kept:
                 raise ProgramError(f"global {name}: the block has no data store of this name", "Make it an input.")
-            self.frame.shared.append(name)
-            self.names[name] = self.state.kept[GLOBAL, name]
+            else:
+                self.frame.shared.append(name)
+                self.names[name] = self.state.kept[GLOBAL, name]
 
     # values
 
@@ -181,12 +171,7 @@ class StatementInterpreter:
 
     def truth(self, value: s.SymbolicValue) -> int:
         """Return the condition of a value: all elements are non-zero, and there are any."""
-        nodes = s.as_array(s.force(value), "a condition")
-        if nodes.size == 0:
-            return self.builder.const(0.0)
-        return (
-            int(nodes.item()) if nodes.size == 1 else reduce_nodes(self.builder, "and", [int(n) for n in nodes.ravel()])
-        )
+        return reduce_nodes(self.builder, "and", s.as_array(s.force(value), "a condition").ravel())
 
     def within(self, names: Mapping[str, s.SymbolicValue], make: Callable[[], s.SymbolicValue]) -> s.SymbolicValue:
         """Call `make` with other variables."""
@@ -204,7 +189,9 @@ class StatementInterpreter:
         if isinstance(target, m.Name):
             self.names[target.name] = value
         elif target is not None:
-            name = _target_name(target)
+            name = assigned_name(target)
+            if not name:
+                raise ProgramError("the target of an assignment is not a variable")
             old = self.names.get(name)
             whole = self.read(name) if old is not None and not self._undefined(old) else None
             self.names[name] = assign_part(self.expressions, whole, target, s.force(value))
@@ -212,7 +199,7 @@ class StatementInterpreter:
     def _assign(self, target: m.Expression | None, tree: m.Expression) -> None:
         if target is not None and is_masked_assignment(self.expressions, target, tree):
             assert isinstance(target, m.Call)
-            self.names[_target_name(target)] = assign_masked(self.expressions, target, tree)
+            self.names[assigned_name(target)] = assign_masked(self.expressions, target, tree)
         else:
             self.assign(target, self.value(tree))
 
@@ -222,7 +209,7 @@ class StatementInterpreter:
     def _assign_several(self, targets: Sequence[m.Expression | None], value: m.Expression) -> None:
         name = _called_name(value)
         arguments = value.arguments if isinstance(value, m.Call) else ()
-        if name is None or name in self.names:
+        if not name or name in self.names:
             raise ProgramError("several results are assigned from a value that is not a function call")
         results = self.expressions.call(name, arguments, len(targets))
         if len(results) < len(targets):
@@ -321,14 +308,10 @@ class StatementInterpreter:
         self.context.running.append(function)
         self.run(function.body)
         self.context.running.pop()
-        self._keep()
-        return tuple(self._results(function, wanted))
-
-    def _keep(self) -> None:
-        """Store the values of persistent variables for the next call."""
         for name in self.frame.persistent:
             self.state.kept[self.frame.name, name] = self.names[name]
         self._keep_shared()
+        return tuple(self._results(function, wanted))
 
     def _keep_shared(self) -> None:
         for name in self.frame.shared:
@@ -354,16 +337,6 @@ def _bind_arguments(function: m.FunctionDefinition, arguments: Sequence[s.Symbol
     return dict(zip(names, arguments, strict=False))
 
 
-def _called_name(tree: m.Expression) -> str | None:
-    """Return the name of the function that an expression calls, with its dots."""
-    way = field_path(tree.of if isinstance(tree, m.Call) else tree)
-    return ".".join(way) if way is not None else None
-
-
-def _target_name(tree: m.Expression) -> str:
-    """Return the variable that an assignment changes."""
-    while isinstance(tree, (m.Field, m.DynamicField, m.Call, m.CellIndex)):
-        tree = tree.of
-    if not isinstance(tree, m.Name):
-        raise ProgramError("the target of an assignment is not a variable")
-    return tree.name
+def _called_name(tree: m.Expression) -> str:
+    """Return the name of the function that an expression calls, with its dots; empty if it is not a name."""
+    return dotted_name(tree.of if isinstance(tree, m.Call) else tree)

@@ -14,7 +14,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.values import trim_dimensions
 from kennfeld.models.imperative.evaluation_errors import ProgramError
 from kennfeld.models.imperative.integer_types import IntegerType
-from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.node_arrays import Nodes, format_sizes
 
 EMPTY: Final[Nodes] = np.zeros((0, 0), dtype=np.int64)
 
@@ -151,14 +151,11 @@ def force(value: SymbolicValue) -> SymbolicValue:
 def describe(value: SymbolicValue) -> str:
     """Return the kind of a value in words."""
     if isinstance(value, np.ndarray):
-        return f"an array of {'x'.join(map(str, value.shape))}"
+        return f"an array of {format_sizes(value)}"
     kinds = {
-        str: "a text",
-        String: "a string",
-        SymbolicStruct: "a struct",
-        SymbolicCell: "a cell array",
+        str: "a text", String: "a string", SymbolicStruct: "a struct", SymbolicCell: "a cell array",
         FunctionHandleValue: "a function",
-    }
+    }  # fmt: skip
     return kinds.get(type(value), "a variable that is not assigned in every case")
 
 

@@ -71,8 +71,7 @@ def import_simulink(
     """
     loaded = LoadedModel.of(path, parameters, folders)
     system, scope, prefix = loaded.system(subsystem)
-    cuts = loaded.cuts(bind or {}, prefix)
-    model_import = ModelImport(loaded, system, scope, cuts, frozenset(promote), step)
+    model_import = ModelImport(loaded, system, scope, loaded.cuts(bind or {}, prefix), frozenset(promote), step)
     blocks = _blocks(system, model_import.flat, prefix) if promote else {}
     if misnamed := list(_find_misnamed(loaded.path, promote, blocks)):
         raise InputError(misnamed)

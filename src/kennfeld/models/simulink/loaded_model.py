@@ -56,7 +56,7 @@ class LoadedModel:
             if not key.strip() or not text.strip():
                 location, message = Location(self.path.name, path="bind"), f'"{key}" = "{text}" is empty'
                 raise InputError.of(location, message, 'Write "path" = "channel or formula".')
-        return {_within(key, prefix): text for key, text in bind.items()}
+        return {key.removeprefix(f"{prefix}/") if prefix else key: text for key, text in bind.items()}
 
     def system(self, subsystem: str | None) -> tuple[System, Scope, str]:
         """Return the system at a path, its scope and its full path; raise `InputError` if there is none."""
@@ -93,10 +93,6 @@ class LoadedModel:
             return flatten(system, scope, cuts, opaque_mask_types(), self.models, maskable_types(), counts)
         except OverflowError as error:
             raise InputError.of(Location(self.path.name), str(error)) from None
-
-
-def _within(key: str, prefix: str) -> str:
-    return key[len(prefix) + 1 :] if prefix and key.startswith(prefix + "/") else key
 
 
 def _visible_variables(document: ModelDocument, around: VariableTable) -> dict[str, Variable]:

@@ -31,7 +31,7 @@ from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.lowering.parameter_fields import variable_field
-from kennfeld.models.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus, as_vector, fastest_sample_time
+from kennfeld.models.simulink.signals import CONSTANT, Bus, Signal, SignalOrBus, as_vector, period_of
 from kennfeld.models.simulink.variables.mask_scope import names_assigned_by_functions
 from kennfeld.parameters import Axis
 
@@ -57,12 +57,12 @@ def _outputs(block: BlockContext) -> tuple[SignalOrBus, ...]:
     script = _script(block)
     function = script.functions[0]
     context = _evaluation_context(block, {function.name: function for function in script.functions[1:]})
-    values = _arguments(block, function)
-    call = _Call(block, context, function, values)
+    call = _Call(block, context, function, _arguments(block, function))
     results = call.results()
-    period = fastest_sample_time([block.input_or_bus(at).period for at in range(_ports(block))])
+    period = period_of(block.input_or_bus(at) for at in range(_ports(block)))
     period = 0.0 if block.memories and period == CONSTANT else period
-    shown = _output_names(block)
+    chart = block.flat.block.chart
+    shown = {data.name for data in chart.data if data.scope == "OUTPUT_DATA"} if chart is not None else set()
     named = zip(function.results, results, strict=False)
     outputs = [value for name, value in named if not shown or name in shown]
     return tuple(_wired(value, period) for value in (*outputs, *call.stores))
@@ -81,12 +81,6 @@ def _script(block: BlockContext) -> m.Script:
 def _ports(block: BlockContext) -> int:
     """Return the number of inputs that are ports; the others are data stores."""
     return block.input_count - len(block.flat.code_stores)
-
-
-def _output_names(block: BlockContext) -> set[str]:
-    """Return the results that are outputs, if the block specifies them."""
-    chart = block.flat.block.chart
-    return {data.name for data in chart.data if data.scope == "OUTPUT_DATA"} if chart is not None else set()
 
 
 def _evaluation_context(block: BlockContext, functions: Mapping[str, m.FunctionDefinition]) -> EvaluationContext:
@@ -158,7 +152,7 @@ def _to_symbolic(wired: SignalOrBus) -> SymbolicValue:
     """Return a signal as a variable: a vector as a column, a bus as a struct."""
     if isinstance(wired, Bus):
         return SymbolicStruct({name: _to_symbolic(member) for name, member in wired.members.items()})
-    return wired.nodes.reshape(-1, 1) if wired.nodes.ndim == 1 else wired.nodes
+    return wired.matrix
 
 
 def _wired(nodes: SymbolicValue, period: float) -> SignalOrBus:

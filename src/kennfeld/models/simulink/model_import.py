@@ -25,11 +25,7 @@ from kennfeld.models.simulink.import_report import (
 )
 from kennfeld.models.simulink.loaded_model import LoadedModel
 from kennfeld.models.simulink.lowering.compiler import BlockCompiler, compile_to_fixed_point
-from kennfeld.models.simulink.lowering.diagnostics import (
-    UnsupportedError,
-    placeholder_signal,
-    unsupported_reason,
-)
+from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError, placeholder_signal, unsupported_reason
 from kennfeld.models.simulink.lowering.lowering_pass import LoweringPass
 from kennfeld.models.simulink.lowering.pass_state import InferredAttributes
 from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, Outputs
@@ -225,11 +221,13 @@ class ModelImport:
             for writer, reader in compiler.stores.undecided
         )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
+        sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
+        warnings = (Finding(Location(), sentence, severity="warning") for sentence in sentences)
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         return ImportReport(
             len(blocks), len(blocks) - len(unsupported), tuple(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
-            (*(_warning(text) for text in (*compiler.warnings, *_integer_types(self.flat.blocks))), *self.remarks),
+            (*warnings, *self.remarks),
             dict(compiler.declared.sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(_calibratable(p, compiler.declared.sources) for p in compiler.declared.parameters.values()),
             reasons=dict(self.variables.undefined),
@@ -259,10 +257,6 @@ class ModelImport:
             remarks=report.notes,
             stepped=self.stepping.replaced,
         )
-
-
-def _warning(sentence: str) -> Finding:
-    return Finding(Location(), sentence, severity="warning")
 
 
 def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:

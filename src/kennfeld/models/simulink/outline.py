@@ -187,7 +187,9 @@ def _workspace(document: ModelDocument) -> Iterator[DataSource]:
     if workspace.kind == "m-code":
         yield DataSource("model workspace", "MATLAB code", _first_line(workspace.text))
     elif workspace.kind == "file":
-        yield DataSource("model workspace", workspace.text, _there(document.path.parent, workspace.text))
+        is_there = Path(workspace.text).name == workspace.text and (document.path.parent / workspace.text).is_file()
+        place = "next to the model" if is_there else _MISSING
+        yield DataSource("model workspace", workspace.text, place)
     elif workspace.kind != "none":
         data = workspace_variables(workspace)
         unread = f", unreadable: {', '.join(data.unreadable)}" if any(data.unreadable) else ""
@@ -215,7 +217,3 @@ def _first_line(code: str) -> str:
     lines = [line.strip() for line in code.splitlines() if line.strip()]
     more = f" ... ({len(lines)} lines)" if len(lines) > 1 else ""
     return (lines[0][:80] if lines else "") + more
-
-
-def _there(folder: Path, name: str) -> str:
-    return "next to the model" if Path(name).name == name and (folder / name).is_file() else _MISSING

@@ -16,6 +16,14 @@ CONSTANT = math.inf
 CONTINUOUS = 0.0
 
 
+def _operator(op: str) -> "Callable[[Signal, Signal | float], Signal]":
+    return lambda signal, other: apply(op, signal, other)
+
+
+def _reflected_operator(op: str) -> "Callable[[Signal, float], Signal]":
+    return lambda signal, other: apply(op, other, signal)
+
+
 @dataclass(frozen=True, eq=False)
 class Signal:
     """Graph nodes in the shape of the signal: (n,) for a vector, (rows, columns) for a matrix, (1,) for a scalar.
@@ -48,60 +56,32 @@ class Signal:
         return [int(node) for node in self.nodes.ravel(order="F")]
 
     @property
+    def matrix(self) -> Nodes:
+        """Nodes as a matrix, a vector as a column."""
+        return self.nodes.reshape(-1, 1) if self.nodes.ndim == 1 else self.nodes
+
+    @property
     def elements(self) -> "list[Signal]":
         """Scalar signals, column by column."""
         return [replace(self, nodes=np.array([node], dtype=np.int64)) for node in self.flat]
 
-    def __add__(self, other: "Signal | float") -> "Signal":
-        return apply("add", self, other)
-
-    def __sub__(self, other: "Signal | float") -> "Signal":
-        return apply("sub", self, other)
-
-    def __mul__(self, other: "Signal | float") -> "Signal":
-        return apply("mul", self, other)
-
-    def __truediv__(self, other: "Signal | float") -> "Signal":
-        return apply("div", self, other)
-
-    def __pow__(self, other: "Signal | float") -> "Signal":
-        return apply("pow", self, other)
-
-    def __mod__(self, other: "Signal | float") -> "Signal":
-        return apply("mod", self, other)
-
-    def __and__(self, other: "Signal | float") -> "Signal":
-        return apply("and", self, other)
-
-    def __or__(self, other: "Signal | float") -> "Signal":
-        return apply("or", self, other)
-
-    def __lt__(self, other: "Signal | float") -> "Signal":
-        return apply("lt", self, other)
-
-    def __le__(self, other: "Signal | float") -> "Signal":
-        return apply("le", self, other)
-
-    def __gt__(self, other: "Signal | float") -> "Signal":
-        return apply("gt", self, other)
-
-    def __ge__(self, other: "Signal | float") -> "Signal":
-        return apply("ge", self, other)
-
-    def __radd__(self, other: float) -> "Signal":
-        return apply("add", other, self)
-
-    def __rsub__(self, other: float) -> "Signal":
-        return apply("sub", other, self)
-
-    def __rmul__(self, other: float) -> "Signal":
-        return apply("mul", other, self)
-
-    def __rtruediv__(self, other: float) -> "Signal":
-        return apply("div", other, self)
-
-    def __rpow__(self, other: float) -> "Signal":
-        return apply("pow", other, self)
+    __add__ = _operator("add")
+    __sub__ = _operator("sub")
+    __mul__ = _operator("mul")
+    __truediv__ = _operator("div")
+    __pow__ = _operator("pow")
+    __mod__ = _operator("mod")
+    __and__ = _operator("and")
+    __or__ = _operator("or")
+    __lt__ = _operator("lt")
+    __le__ = _operator("le")
+    __gt__ = _operator("gt")
+    __ge__ = _operator("ge")
+    __radd__ = _reflected_operator("add")
+    __rsub__ = _reflected_operator("sub")
+    __rmul__ = _reflected_operator("mul")
+    __rtruediv__ = _reflected_operator("div")
+    __rpow__ = _reflected_operator("pow")
 
     def __neg__(self) -> "Signal":
         return apply("neg", self)
@@ -195,7 +175,7 @@ class Bus:
     @property
     def period(self) -> float:
         """Shortest sample time of its signals."""
-        return fastest_sample_time(member.period for member in self.members.values())
+        return period_of(self.members.values())
 
     def member(self, name: str) -> "SignalOrBus | None":
         """Return the signal or bus of a name, None if there is none."""
@@ -256,17 +236,8 @@ def map_members(rule: Callable[..., Signal], mismatch: str, *wired: SignalOrBus,
 
 
 def period_of(signals: Iterable[SignalOrBus]) -> float:
-    """Return the sample time of a result computed from these signals."""
-    return fastest_sample_time(signal.period for signal in signals)
-
-
-def fastest_sample_time(periods: Iterable[float]) -> float:
-    """Return the sample time of a result computed from signals with these sample times.
-
-    >>> fastest_sample_time([0.1, float("inf"), 0.5]), fastest_sample_time([])
-    (0.1, inf)
-    """
-    return min(periods, default=CONSTANT)
+    """Return the sample time of a result computed from these signals, the shortest of theirs."""
+    return min((signal.period for signal in signals), default=CONSTANT)
 
 
 def common_shape(*shapes: tuple[int, ...]) -> tuple[int, ...] | None:

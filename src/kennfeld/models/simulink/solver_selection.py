@@ -9,7 +9,6 @@ from kennfeld.models.simulink import blocks
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.lowering.continuous_states import SOLVERS
-from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
 from kennfeld.models.simulink.lowering.scheduling import (
     CONTINUOUS_BLOCK_TYPES,
     ModelClock,
@@ -110,7 +109,7 @@ def _periods(flat_blocks: Sequence[FlatBlock], expressions: ParameterExpressions
     numbers: list[float] = []
     for flat in flat_blocks:
         try:
-            rate = explicit_sample_time(flat, expressions, BLOCK_TYPES.get(flat.type))
+            rate = explicit_sample_time(flat, expressions)
             numbers += [rate.period, rate.offset] if rate is not None else []
             numbers += blocks.sources.pulse_times(flat, expressions)
         except EvaluationError:

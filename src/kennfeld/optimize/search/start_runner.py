@@ -155,7 +155,6 @@ class _StartState:
         self.smoothness: dict[str, dict[str, float]] = {}
 
     def run(self) -> StartOutcome:
-        """Run the remaining steps."""
         self.cost_before = self.runner.cost(self.point.origin)
         last = len(self.runner.steps)
         end = self._run_step()
@@ -167,7 +166,6 @@ class _StartState:
         return self.finish(end.status, f"{stage}{end.message}")
 
     def finish(self, status: Status, message: str) -> StartOutcome:
-        """End the start at the current values."""
         after = self.runner.cost(self.values)
         row = StartResult(self.point.start, status, message, self.cost_before, after, self.iterations, self.evaluations)
         if status != "stopped" and np.isfinite(after):

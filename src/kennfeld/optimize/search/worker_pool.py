@@ -85,7 +85,6 @@ class _Pool:
 
     @property
     def busy(self) -> list[_Worker]:
-        """The workers that run a start."""
         return [worker for worker in self.workers if worker.point is not None]
 
     def run(self) -> list[StartOutcome]:

@@ -66,6 +66,11 @@ class LinearRows:
         """Return |A| |p|, the size of the terms of each row."""
         return np.asarray(np.einsum("ij,ij->i", np.abs(self.coefficients), np.abs(values)[self.columns]))
 
+    def touching(self, values: Float, tolerance: float) -> Bool:
+        """Mark the rows at one of their sides or beyond; the tolerance is relative to the `size` of a row."""
+        product, slack = self.times(values), tolerance * self.size(values)
+        return np.asarray((product <= self.lower + slack) | (product >= self.upper - slack))
+
     def matrix(self, which: Int, values: int) -> Float:
         """Return some rows of A as a full matrix, Float[rows, values]."""
         full = np.zeros((which.size, values))

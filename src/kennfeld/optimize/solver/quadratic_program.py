@@ -163,7 +163,6 @@ class _DualProblem:
         return columns, coefficients
 
     def step(self) -> Float:
-        """Return the step for the limits considered."""
         if not self.excess.size:
             return self.free_step
         multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)

@@ -73,7 +73,7 @@ class TrustAssessment:
 
     def _trust(self) -> Trust:
         problem, compiled = self.problem, self.compiled
-        full, parameters = self._unpack(self.values)
+        full, parameters = compiled.full(self.values), compiled.parameters(self.values)
         outputs = self.outputs()
         touched = None if outputs is None else outputs.near_active(self.values)
         limits = linear_limits(problem, compiled.values)
@@ -113,14 +113,8 @@ class TrustAssessment:
             columns={name: int(columns[0]) for name, columns in split.columns.items()},
         )
 
-    def _unpack(self, values: Float) -> tuple[Float, ParameterSet]:
-        """Return the free values followed by the fixed ones, and the parameters with them."""
-        full = self.compiled.start.copy()
-        full[: values.size] = values
-        return full, self.compiled.values.unpack(full, self.problem.parameters)
-
     def _residual_groups(self, values: Float) -> list[Group]:
-        problem, (_, parameters) = self.problem, self._unpack(values)
+        problem, parameters = self.problem, self.compiled.parameters(values)
         errors = [self.scorer.errors(bound, parameters) for bound in problem.training]
         return groups(problem.criteria, problem.training, errors, self.compiled.weighting)
 

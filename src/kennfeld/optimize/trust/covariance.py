@@ -278,8 +278,7 @@ class _Measured:
 
     def __init__(self, compiled: CompiledProblem, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
-        self._full = compiled.start.copy()
-        self._full[: values.size] = values
+        self._full = compiled.full(values)
         objective = LeastSquaresObjective(compiled)
         self._faint = objective.faint(values)
         self.rows: Float | None = None

@@ -205,8 +205,9 @@ class Describer:
                 self.place(name, np.unravel_index(i, part.shape)) for i in chosen if np.sign(part.flat[i]) == sign
             ]
             if places:
-                at = f" at {join_items([p for p in places if p])}" if any(places) else ""
-                clauses.append((verb, f"{name}{' around' if some else at}{at.removeprefix(' at') if some else ''}"))
+                preposition = "around" if some else "at"
+                at = f" {preposition} {join_items(places)}" if any(places) else ""  # a scalar has no place
+                clauses.append((verb, f"{name}{at}"))
         return clauses
 
     def _breakpoint(self, name: str, number: int) -> str:
@@ -243,7 +244,7 @@ class Describer:
         parameter = self._parameters[name]
         if isinstance(parameter, RBF):
             return parameter.value_name(int(next(iter(at))))
-        values = [f"{axis.breakpoints[i]:.6g}" for axis, i in zip(self._parameters[name].index_axes, at, strict=True)]
+        values = [f"{axis.breakpoints[i]:.6g}" for axis, i in zip(parameter.index_axes, at, strict=True)]
         if len(values) == 1:
             return values[0]
         coordinates = ", ".join(f"{axis} {value}" for axis, value in zip(self._axes[name], values, strict=True))

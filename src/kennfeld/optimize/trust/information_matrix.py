@@ -43,9 +43,7 @@ def mark_fixed(limits: LinearLimits, values: Float, gradient: Float, rows: Float
 def active_rows(limits: LinearLimits, values: Float) -> Float:
     """Return the rows a of the linear limits that hold with equality, a'p = b; shape (rows, values)."""
     rows = limits.rows
-    product, slack = rows.times(values), TOUCHING * rows.size(values)
-    touching = rows.equal | (product <= rows.lower + slack) | (product >= rows.upper - slack)
-    return rows.matrix(np.flatnonzero(touching), values.size)
+    return rows.matrix(np.flatnonzero(rows.equal | rows.touching(values, TOUCHING)), values.size)
 
 
 @dataclass(frozen=True)

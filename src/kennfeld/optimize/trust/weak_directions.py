@@ -14,12 +14,12 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph import Graph
-from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.graph.interpolation import regrid
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.matrices import Matrix, part
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Axis, Parameter
+from kennfeld.parameters import Parameter
 
 Kind = Literal["scale", "offset", "stretch", "shift", "follow"]
 FLAT = 1e-9  # relative spread of values up to which a table counts as constant
@@ -70,7 +70,9 @@ def table_changes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Boo
         changes += _own_changes(parameters[name], held[name], fed.get(name, []))
         for other in tables:
             if other != name and places.get(name) and places.get(name) == places.get(other):
-                change = _resample(parameters[other], parameters[name].index_axes)
+                table = parameters[other]
+                values, axes = np.nan_to_num(table.values), parameters[name].index_axes
+                change = regrid(values, table.index_axes, axes, table.extrapolation)
                 if np.ptp(change) > FLAT * np.abs(change).max():
                     changes.append(TableChange("follow", name, change, other=other))
     return changes
@@ -108,15 +110,6 @@ def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) ->
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
                 changes.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
     return changes
-
-
-def _resample(table: Parameter, axes: Sequence[Axis]) -> Float:
-    """Interpolate the values of a table at the grid points of other axes."""
-    values = np.nan_to_num(table.values)
-    for i, (own, wanted) in enumerate(zip(table.index_axes, axes, strict=True)):
-        weights, _ = cell_weights(position(wanted.breakpoints, own.breakpoints, table.extrapolation), len(own))
-        values = np.moveaxis(np.tensordot(weights, values, axes=(1, i)), 0, i)
-    return values
 
 
 @dataclass(frozen=True)

@@ -196,7 +196,6 @@ class _ShiftSearch:
         self.begin = problem.parameters if off is None else self.compiled.parameters(off.values)
 
     def run(self) -> list[float]:
-        """Return the lags of all channels."""
         lags = [0.0] * len(self.sought)
         for _ in range(ROUNDS):
             before = list(lags)

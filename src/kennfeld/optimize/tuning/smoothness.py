@@ -323,7 +323,7 @@ class SmoothnessSelection:
         if isinstance(penalty, Restrained):
             fixed.append(penalty.steps)
             pull = {"pull": penalty.weights, "toward": penalty.toward}
-        rows = _active_rows(limits, values)
+        rows = limits.rows.matrix(np.flatnonzero(limits.rows.touching(values, ACTIVE_TOLERANCE)), values.size)
         fit = Linearised(values, misfit, gradient, matrix, free, rows, self.samples, tuple(parts), **pull)
         blocks = [block.unit for block, good in zip(self.automatic, live, strict=True) if good]
         return Prediction(fit, blocks, fixed)
@@ -358,13 +358,6 @@ def _blocks(compiled: CompiledProblem) -> Iterator[_Block]:
             roughness = Roughness.of(problem.parameters, compiled.values, {name: unit})
             if len(roughness.columns) and (automatic or factor > 0):
                 yield _Block(name, axis, roughness, None if automatic else factor)
-
-
-def _active_rows(limits: LinearLimits, values: Float) -> Float:
-    """Return the active linear rows, shape (rows, values)."""
-    rows = limits.rows
-    product, slack = rows.times(values), ACTIVE_TOLERANCE * rows.size(values)
-    return rows.matrix(np.flatnonzero((product <= rows.lower + slack) | (product >= rows.upper - slack)), values.size)
 
 
 def count_scored(compiled: CompiledProblem) -> float:

@@ -9,6 +9,7 @@ from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 
@@ -27,12 +28,9 @@ def write(name: str, folder: str | Path) -> Path:
         raise InputError.of(Location("demo"), f"unknown demo {name}", remedy)
     target = Path(folder)
     settings = Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8")
-    try:
+    with convert_errors(target, "the demo cannot be written", "Name another folder with --dir."):
         _claim(target, settings.partition("\n")[0])
         _complete(target, name, settings)
-    except OSError as error:
-        message = f"the demo cannot be written: {error.strerror or error}"
-        raise InputError.of(Location(str(target)), message, "Name another folder with --dir.") from None
     return target / PROJECT
 
 
@@ -79,16 +77,13 @@ def _claim(folder: Path, first_line: str) -> None:
 def _complete(folder: Path, name: str, settings: str) -> None:
     """Write missing files, each completely or not at all; the project file, which identifies the demo, comes first."""
     contents = {PROJECT: lambda: settings} | _module(name).FILES
-    for file, content in contents.items():
-        if not (folder / file).exists():
-            _put(folder / file, content())
-
-
-def _put(path: Path, content: str | Dataset | ParameterSet) -> None:
-    if isinstance(content, ParameterSet):
-        write_parameters(content, path)
-    else:
-        write_whole(path, content if isinstance(content, str) else _csv(content))
+    for file, make in contents.items():
+        path = folder / file
+        content = None if path.exists() else make()
+        if isinstance(content, ParameterSet):
+            write_parameters(content, path)
+        elif content is not None:
+            write_whole(path, content if isinstance(content, str) else _csv(content))
 
 
 def _csv(data: Dataset) -> str:

@@ -96,7 +96,7 @@ def classify_numbers(args: SymbolicArguments) -> s.SymbolicValue:
 @function("isequal", least=2, most=2)
 def equal(args: SymbolicArguments) -> s.SymbolicValue:
     """Return whether two values have the same form and elements."""
-    conditions = list(_equality_conditions(args.builder, *args.values))
+    conditions = _equality_conditions(args.builder, *args.values)
     return s.as_logical(np.array([[reduce_nodes(args.builder, "and", conditions)]], dtype=np.int64))
 
 

@@ -5,7 +5,8 @@ by MATLAB, and so is the result. Other numbers are integers of any length.
 """
 
 import math
-from functools import reduce
+from collections.abc import Callable
+from functools import partial, reduce
 from typing import Final
 
 import numpy as np
@@ -114,9 +115,8 @@ def shift_bits(args: SymbolicArguments) -> s.SymbolicValue:
     fixed = args.context.numbers(steps, f"the shift of {args.name}")
     if fixed is None or np.any(fixed > _BITS):  # numbers without a type count as those of 64 bits
         shifted = apply("select", apply("ge", shifted, 2.0**64), apply("mod", shifted, 2.0**64), shifted)
-    if (fixed is None or np.any(fixed > 0)) and args.context.numbers(
-        args.array(0), f"an argument of {args.name}"
-    ) is None:
+    may_grow = fixed is None or np.any(fixed > 0)
+    if may_grow and args.context.numbers(args.array(0), f"an argument of {args.name}") is None:
         message = "keeps the bits that an integer type would drop, because the type of its argument is unknown"
         args.context.remark(f"{args.name} {message}. {_TYPED}")
     return s.integers(shifted, word)
@@ -150,9 +150,9 @@ def set_bit(args: SymbolicArguments) -> s.SymbolicValue:
     weight = apply("pow", 2.0, apply("sub", place, 1.0))
     old = apply("mod", apply("floor", apply("div", x, weight)), 2.0)
     result = apply("add", x, apply("mul", weight, apply("sub", new, old)))
-    if word is None or word.bits > EXACT:
-        return s.integers(result, word)
-    return s.integers(wrap_to_type(args.builder, result, word), word)
+    if word is not None and word.bits <= EXACT:
+        result = wrap_to_type(args.builder, result, word)
+    return s.integers(result, word)
 
 
 @function(*_CASTS, most=5)
@@ -213,41 +213,33 @@ def _wrap_to_half_turn(apply: Elementwise, x: Nodes, half: float) -> Nodes:
     return apply("select", apply("gt", apply("abs", x), half), result, x)
 
 
-def _composed(name: str, apply: Elementwise, x: Nodes) -> Nodes:
-    """Compose a function of one argument from operations of the graph."""
-    match name:
-        case "log2":
-            return apply("div", apply("log", x), math.log(2.0))
-        case "log1p":
-            return apply("log", apply("add", x, 1.0))
-        case "expm1":
-            return _expm1(apply, x)
-        case "sec" | "csc" | "cot":
-            return apply("div", 1.0, apply({"sec": "cos", "csc": "sin", "cot": "tan"}[name], x))
-        case "sind" | "cosd" | "tand":
-            return apply(name[:3], apply("mul", x, _DEGREES))
-        case "asind" | "acosd" | "atand":
-            return apply("div", apply(name[:4], x), _DEGREES)
-        case "deg2rad":
-            return apply("mul", x, _DEGREES)
-        case "rad2deg":
-            return apply("div", x, _DEGREES)
-        case "wrapToPi" | "wrapTo180":
-            return _wrap_to_half_turn(apply, x, math.pi if name == "wrapToPi" else 180.0)
-        case "wrapTo2Pi" | "wrapTo360":
-            return _wrap_to_turn(apply, x, 2 * math.pi if name == "wrapTo2Pi" else 360.0)
-    return x
-
-
-_COMPOSED: Final = (
-    "log2", "log1p", "expm1", "sec", "csc", "cot", "sind", "cosd", "tand", "asind", "acosd", "atand", "deg2rad",
-    "rad2deg", "wrapToPi", "wrapTo180", "wrapTo2Pi", "wrapTo360", "uplus",
-)  # fmt: skip
+# functions of one argument composed from operations of the graph
+_COMPOSED: Final[dict[str, Callable[[Elementwise, Nodes], Nodes]]] = {
+    "log2": lambda apply, x: apply("div", apply("log", x), math.log(2.0)),
+    "log1p": lambda apply, x: apply("log", apply("add", x, 1.0)),
+    "expm1": _expm1,
+    "sec": lambda apply, x: apply("div", 1.0, apply("cos", x)),
+    "csc": lambda apply, x: apply("div", 1.0, apply("sin", x)),
+    "cot": lambda apply, x: apply("div", 1.0, apply("tan", x)),
+    "sind": lambda apply, x: apply("sin", apply("mul", x, _DEGREES)),
+    "cosd": lambda apply, x: apply("cos", apply("mul", x, _DEGREES)),
+    "tand": lambda apply, x: apply("tan", apply("mul", x, _DEGREES)),
+    "asind": lambda apply, x: apply("div", apply("asin", x), _DEGREES),
+    "acosd": lambda apply, x: apply("div", apply("acos", x), _DEGREES),
+    "atand": lambda apply, x: apply("div", apply("atan", x), _DEGREES),
+    "deg2rad": lambda apply, x: apply("mul", x, _DEGREES),
+    "rad2deg": lambda apply, x: apply("div", x, _DEGREES),
+    "wrapToPi": partial(_wrap_to_half_turn, half=math.pi),
+    "wrapTo180": partial(_wrap_to_half_turn, half=180.0),
+    "wrapTo2Pi": partial(_wrap_to_turn, turn=2 * math.pi),
+    "wrapTo360": partial(_wrap_to_turn, turn=360.0),
+    "uplus": lambda apply, x: x,
+}
 
 
 @function(*_COMPOSED)
 def composed_function(args: SymbolicArguments) -> s.SymbolicValue:
-    return _composed(args.name, args.apply, args.array(0))
+    return _COMPOSED[args.name](args.apply, args.array(0))
 
 
 _ONE: Final[dict[str, Rule]] = {**ONE, **INVERSE_HYPERBOLIC}

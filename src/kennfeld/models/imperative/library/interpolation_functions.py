@@ -7,7 +7,7 @@ import numpy as np
 
 from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function
 from kennfeld.models.imperative.library.reduction_functions import combine, sum_along
-from kennfeld.models.imperative.node_arrays import Nodes, Numbers
+from kennfeld.models.imperative.node_arrays import Nodes, Numbers, format_sizes
 from kennfeld.models.imperative.symbolic_values import SymbolicValue, constants
 
 _METHODS = {"linear": "linear", "*linear": "linear", "nearest": "nearest", "previous": "previous", "next": "next"}
@@ -97,7 +97,7 @@ def interpolate_map(args: SymbolicArguments) -> SymbolicValue:
             return _beyond(args, _beyond(args, result, x, xs, beyond), y, ys, beyond)
     values = args.array(2)
     if values.shape != (ys.size, xs.size):
-        raise args.refuse(f"a table of {'x'.join(map(str, values.shape))} for {ys.size} by {xs.size} breakpoints")
+        raise args.refuse(f"a table of {format_sizes(values)} for {ys.size} by {xs.size} breakpoints")
     rows = [_interpolate(args, xs, [value.reshape(1, 1) for value in row], x, method) for row in values]
     result = _beyond(args, _interpolate(args, ys, rows, y, method), x, xs, beyond)
     return _beyond(args, result, y, ys, beyond)

@@ -47,16 +47,13 @@ def query(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, .
 def filled_array(args: SymbolicArguments) -> s.SymbolicValue | tuple[s.SymbolicValue, ...]:
     """Create an array of equal elements, or the identity matrix."""
     values = _constants(args, 0, "a size")
-    sizes = np.concatenate([np.zeros(0), *(v.numbers(value).ravel() for value in values if _is_double(value))])
+    numbers = [v.numbers(value).ravel() for value in values if v.class_name(value) == "double"]
+    sizes = np.concatenate([np.zeros(0), *numbers])
     if not np.isfinite(sizes).all():
         raise EvaluationError(f"{args.name}: a size must be an integer, got {sizes[~np.isfinite(sizes)][0]:g}")
     with np.errstate(over="ignore"):
         args.context.room(float(np.prod(np.maximum(sizes, 0.0)) ** (2 if sizes.size == 1 else 1)))
     return _results(args, values)
-
-
-def _is_double(value: v.Value) -> bool:
-    return v.class_name(value) == "double"
 
 
 @function(*_ARRANGED, least=1, most=MANY)

@@ -16,7 +16,7 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_context import SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.library.function_registry import SymbolicArguments, function, is_vector
-from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, matrix_product
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, format_sizes, matrix_product
 from kennfeld.models.imperative.symbolic_values import EMPTY, SymbolicValue, as_logical, constants
 
 _SUMS = {"sum": ("add", 0.0), "prod": ("mul", 1.0), "any": ("or", 0.0), "all": ("and", 1.0)}
@@ -213,11 +213,6 @@ def checked_matrix_product(builder: GraphBuilder, left: Nodes, right: Nodes) -> 
     if left.ndim != 2 or right.ndim != 2 or left.shape[1] != right.shape[0]:
         raise EvaluationError(f"matrices of {format_sizes(left, right)} cannot be multiplied")
     return matrix_product(builder, left, right)
-
-
-def format_sizes(*arrays: Nodes) -> str:
-    """Return the sizes of arrays for a message."""
-    return " and ".join("x".join(map(str, array.shape)) for array in arrays)
 
 
 def matrix_divide(builder: GraphBuilder, operator: str, left: Nodes, right: Nodes) -> Nodes:

@@ -10,14 +10,7 @@ from kennfeld.models.imperative import integer_types
 from kennfeld.models.imperative.integer_types import IntegerType
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
-from kennfeld.models.simulink.signals import (
-    Signal,
-    SignalOrBus,
-    apply,
-    broadcast,
-    period_of,
-    select,
-)
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, broadcast, period_of, select
 
 _MAX_EXACT_INTEGER = 2**53  # doubles represent all integers up to here
 _MAX_SIGNAL_BITS = 32  # if both operands are signals
@@ -35,7 +28,10 @@ def bitwise_operator(block: BlockContext) -> SignalOrBus:
     kind = block.option("logicop", "AND", "OR", "NAND", "NOR", "XOR", "NOT")
     if not block.input_count:
         raise UnsupportedError("it has no input")
-    word = _common_type(block, needed=kind in ("NOT", "NAND", "NOR"))
+    types = [integer_type_of(block.source(at)) for at in range(block.input_count)]
+    word = next(filter(None, types), None)  # of the first input that specifies one
+    if kind in ("NOT", "NAND", "NOR"):
+        word = _require_integer_type(word)
     inputs = [stored_integer(block, at, word) for at in range(block.input_count)]
     if kind == "NOT":
         return _complement(block, inputs[0], word)
@@ -45,13 +41,6 @@ def bitwise_operator(block: BlockContext) -> SignalOrBus:
     else:
         result = _fold(block, op, inputs if len(inputs) > 1 else inputs[0].elements)
     return result if kind == op else _complement(block, result, word)
-
-
-def _common_type(block: BlockContext, needed: bool) -> IntegerType | None:
-    """Return the integer type that all inputs must have, that of the first input that specifies one."""
-    types = (integer_type_of(block.source(at)) for at in range(block.input_count))
-    word = next(filter(None, types), None)
-    return _require_integer_type(word) if needed else word
 
 
 def stored_integer(block: BlockContext, index: int, otherwise: IntegerType | None = None) -> Signal:

@@ -8,15 +8,7 @@ import numpy as np
 from kennfeld.formatting import size_text
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
-from kennfeld.models.simulink.signals import (
-    Signal,
-    SignalOrBus,
-    SignalRule,
-    apply,
-    clip,
-    interpolate_line,
-    select,
-)
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, SignalRule, apply, clip, interpolate_line, select
 
 _MAX_ORDER = 100  # of a zero-pole transfer function
 _MAX_STATES = 1000  # of a variable delay, which needs a state for each step

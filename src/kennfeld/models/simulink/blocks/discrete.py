@@ -119,7 +119,7 @@ def _direct_form(block: BlockContext, b: list[int], a: list[int], inits: Signal,
     terms = [gain * state for gain, state in zip(gains, states, strict=True)]
     if block.builder.value(ahead.flat[0]) != 0:
         terms.insert(0, ahead * enter())
-    return block.reduce("add", terms) if terms else block.constant(0.0)
+    return block.reduce("add", terms)
 
 
 def _initial_states(block: BlockContext, inits: Signal, order: int, lead: int) -> list[Signal]:

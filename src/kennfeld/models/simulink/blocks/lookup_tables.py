@@ -167,7 +167,7 @@ def lookup_nd(block: BlockContext) -> SignalOrBus:
     if block.option("BreakpointsSpecification", "Explicit values", "Even spacing") == "Even spacing":
         starts = [block.numeric_field(f"{name}FirstPoint", "1") for name in names]
         spacings = [block.numeric_field(f"{name}Spacing", "1") for name in names]
-        sizes = shape_of(block, "Table", count)
+        sizes = table_shape(block, count)
         axes = [Axis(x + dx * np.arange(n)) for x, dx, n in zip(starts, spacings, sizes, strict=False)]
     else:
         axes = _axes(block, "Table", names)
@@ -213,9 +213,9 @@ def _coordinates(block: BlockContext, count: int) -> list[Signal]:
     return u.elements
 
 
-def shape_of(block: BlockContext, name: str, count: int) -> tuple[int, ...]:
-    """Return the size of a table along each dimension."""
-    numbers = block.numeric_array(name)
+def table_shape(block: BlockContext, count: int) -> tuple[int, ...]:
+    """Return the size of the table along each of its dimensions."""
+    numbers = block.numeric_array("Table")
     return (numbers.size,) if count == 1 else numbers.shape
 
 
@@ -343,7 +343,7 @@ def direct_lookup(block: BlockContext) -> SignalOrBus:
     if block.is_on("TableIsInput"):
         raise UnsupportedError("its table is an input, which is not supported", "Use a Selector block instead.")
     count = block.integer_field("NumberOfTableDimensions", 1, 4)
-    shape = shape_of(block, "Table", count)
+    shape = table_shape(block, count)
     places = [apply("floor", signal) for signal in block.inputs]
     if wanted == "Column":
         places.insert(0, block.constant(*map(float, range(shape[0]))))

@@ -8,17 +8,9 @@ import numpy as np
 from kennfeld.formatting import size_text
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, without_rest
 from kennfeld.models.imperative.node_arrays import Nodes, elementwise, matrix_product, reduce_nodes
-from kennfeld.models.simulink.blocks.matrix_operations import as_matrix, inverse_of
+from kennfeld.models.simulink.blocks.matrix_operations import inverse_of
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, evaluating
-from kennfeld.models.simulink.signals import (
-    Signal,
-    SignalOrBus,
-    apply,
-    as_vector,
-    broadcast,
-    period_of,
-    select,
-)
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, as_vector, broadcast, period_of, select
 
 _TURNS = {"radian": None, "degree": 360.0, "revolution": 1.0}
 _INDEX = re.compile(r"\bu\s*\[\s*([^\]]*)\]")
@@ -33,8 +25,8 @@ def gain(block: BlockContext) -> SignalOrBus:
         return block.parameter("Gain") * u
     k = block.matrix("Gain")
     if u.size == 1 < k.shape[1] and "u*K" not in kind:
-        block.suggest_dimensions(0, (k.shape[1],))
-    column = u.nodes.reshape(-1, 1) if u.nodes.ndim == 1 else u.nodes
+        block.suggest_dimensions((k.shape[1],))
+    column = u.matrix
     left, right = (column, k) if "u*K" in kind else (k, column)
     if "u*K" in kind and u.nodes.ndim == 1:
         left = u.nodes.reshape(1, -1) if k.shape[0] == u.size else column
@@ -78,7 +70,7 @@ def _reduce_elements(block: BlockContext, op: str) -> Signal:
     if u.nodes.ndim == 2 and block.field_text("CollapseMode") != "All dimensions":
         axis = block.integer_field("CollapseDim", 1, 2) - 1
         lines = u.nodes if axis == 1 else u.nodes.T
-        nodes = np.array([reduce_nodes(block.builder, op, [int(n) for n in line]) for line in lines], dtype=np.int64)
+        nodes = np.array([reduce_nodes(block.builder, op, line) for line in lines], dtype=np.int64)
         return block.signal(nodes.reshape((1, -1) if axis == 0 else (-1, 1)), u.period)
     return block.signal([reduce_nodes(block.builder, op, u.flat)], u.period)
 
@@ -106,7 +98,7 @@ def _matrices(block: BlockContext, signs: str) -> Signal:
     """Multiply the inputs as matrices, inverting those with a slash; vectors are columns."""
     nodes: Nodes | None = None
     for at, sign in enumerate(signs):
-        other = as_matrix(block.input(at))
+        other = block.input(at).matrix
         other = inverse_of(block, other) if sign == "/" else other
         nodes = other if nodes is None else _product(block, nodes, other)
     assert nodes is not None

@@ -8,12 +8,7 @@ from kennfeld.formatting import size_text
 from kennfeld.models.imperative.node_arrays import Nodes, reduce_nodes
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.models.simulink.lowering.parameter_fields import dimension_settings, selected_indices
-from kennfeld.models.simulink.signals import (
-    Signal,
-    SignalOrBus,
-    apply,
-    period_of,
-)
+from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, period_of
 
 _MAX_COMPARISONS = 100_000
 _MAX_INVERSE_ROWS = 3
@@ -33,14 +28,16 @@ def assignment(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError(f"it assigns along {dimensions} dimensions, but its input has {nodes.ndim}")
     options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or ["Index vector (dialog)"] * dimensions
     index_fields = dimension_settings(block, "Indices", "IndexParamArray")
-    port, axes = 2, list[list[tuple[int, int]] | Signal]()
+    port, axes = 2, list[list[int] | Signal]()
     for axis, option in enumerate(options[:dimensions]):
         if option.endswith("(port)"):
-            axes.append(_variable_indices(block, block.input(port), option, values, nodes, axis, len(axes)))
+            axes.append(_variable_indices(block, block.input(port), option, values, nodes, axis))
             port += 1
         else:
             text = index_fields[axis] if axis < len(index_fields) else ""
-            axes.append(_constant_indices(block, option, text, nodes, axis, values))
+            count = _extent(values, axis, nodes.ndim) if option.startswith("Starting") else None
+            option = "Select all" if option == "Assign all" else option
+            axes.append(selected_indices(block, option, text, nodes.shape[axis], axis, count))
     assigned = _assigned(block, nodes, values, axes)
     if dimensions == 1:
         assigned = assigned.reshape(into.shape, order="F")
@@ -53,17 +50,8 @@ def _extent(values: Signal, axis: int, dimensions: int) -> int:
     return values.nodes.shape[axis] if values.nodes.ndim == 2 else values.size
 
 
-def _constant_indices(
-    block: BlockContext, option: str, text: str, nodes: Nodes, axis: int, values: Signal
-) -> list[tuple[int, int]] | Signal:
-    """Return constant indices along a dimension, paired with those of the values; both from 0."""
-    option = "Select all" if option == "Assign all" else option
-    count = _extent(values, axis, nodes.ndim) if option.startswith("Starting") else None
-    return list(enumerate(selected_indices(block, option, text, nodes.shape[axis], axis, count)))
-
-
 def _variable_indices(
-    block: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int, before: int
+    block: BlockContext, index: Signal, option: str, values: Signal, nodes: Nodes, axis: int
 ) -> Signal:
     """Return the indices from a signal, from 0; a starting index covers as many elements as there are values."""
     first = 0.0 if block.field_text("IndexMode").startswith("Zero") else 1.0
@@ -75,9 +63,7 @@ def _variable_indices(
     return places
 
 
-def _assigned(
-    block: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[list[tuple[int, int]] | Signal]
-) -> Nodes:
+def _assigned(block: BlockContext, nodes: Nodes, values: Signal, axes: Sequence[list[int] | Signal]) -> Nodes:
     counts = tuple(axis.size if isinstance(axis, Signal) else len(axis) for axis in axes)
     new_nodes, assigned = _spread_values(values, counts), nodes.copy()
     for source in np.ndindex(*counts):
@@ -96,20 +82,17 @@ def _spread_values(values: Signal, counts: tuple[int, ...]) -> Nodes:
 
 
 def _targets(
-    block: BlockContext, shape: tuple[int, ...], axes: Sequence[list[tuple[int, int]] | Signal], source: tuple[int, ...]
+    block: BlockContext, shape: tuple[int, ...], axes: Sequence[list[int] | Signal], source: tuple[int, ...]
 ) -> list[tuple[tuple[int, ...], int | None]]:
     """Return the elements that one value may be assigned to, each with its condition (None if unconditional)."""
     targets: list[tuple[tuple[int, ...], int | None]] = [((), None)]
-    for axis, at in enumerate(source):
-        places = axes[axis]
-        along: list[tuple[int, int | None]]
+    for at, size, places in zip(source, shape, axes, strict=False):
+        along: list[tuple[int, int | None]] = []
         if isinstance(places, Signal):
-            along = [
-                (k, block.builder.call("eq", places.flat[at], block.builder.const(float(k))))
-                for k in range(shape[axis])
-            ]
+            call, index = block.builder.call, places.flat[at]
+            along += [(k, call("eq", index, block.builder.const(float(k)))) for k in range(size)]
         else:
-            along = [(places[at][1], None)]
+            along.append((places[at], None))
         targets = [
             ((*head, k), block.compiler.gates.conjunction(was, now)) for head, was in targets for k, now in along
         ]
@@ -128,7 +111,7 @@ def permute(block: BlockContext) -> SignalOrBus:
     if order != [2.0, 1.0]:
         text = block.field_text("Order")[:40]
         raise UnsupportedError(f"its Order {text} is not supported: arrays have at most two dimensions")
-    return block.signal(as_matrix(x).T, x.period)
+    return block.signal(x.matrix.T, x.period)
 
 
 @block("Convert 1-D to 2-D", linked=True, M="1", N="1")
@@ -143,12 +126,7 @@ def as_two_dimensional(block: BlockContext) -> SignalOrBus:
 @block("Transpose", linked=True)
 def transpose(block: BlockContext) -> SignalOrBus:
     """Transpose the input; a vector becomes a row."""
-    return block.signal(as_matrix(block.input()).T, block.input().period)
-
-
-def as_matrix(x: Signal) -> Nodes:
-    """Return a signal as a matrix, a vector as a column."""
-    return x.nodes.reshape(-1, 1) if x.nodes.ndim == 1 else x.nodes
+    return block.signal(block.input().matrix.T, block.input().period)
 
 
 @block("Cross Product", "3x3 Cross Product", linked=True)
@@ -166,14 +144,14 @@ def cross_product(block: BlockContext) -> SignalOrBus:
 def determinant(block: BlockContext) -> SignalOrBus:
     """Return the determinant of a matrix."""
     x = block.input()
-    return block.signal([determinant_of(block, _square(as_matrix(x)))], x.period)
+    return block.signal([determinant_of(block, _square(x.matrix))], x.period)
 
 
 @block("Invert  3x3 Matrix", "Invert 3x3 Matrix", linked=True)
 def inverse(block: BlockContext) -> SignalOrBus:
     """Return the inverse of a matrix."""
     x = block.input()
-    return block.signal(inverse_of(block, as_matrix(x)), x.period)
+    return block.signal(inverse_of(block, x.matrix), x.period)
 
 
 def _square(matrix: Nodes) -> Nodes:
@@ -188,10 +166,9 @@ def determinant_of(block: BlockContext, matrix: Nodes) -> int:
     """Expand the determinant of a small matrix along its first row."""
     if matrix.shape == (1, 1):
         return int(matrix[0, 0])
-    products = (
-        block.builder.call("mul", int(node), _cofactor(block, matrix, 0, at)) for at, node in enumerate(matrix[0])
-    )
-    return reduce_nodes(block.builder, "add", list(products))
+    call, first_row = block.builder.call, map(int, matrix[0])
+    products = (call("mul", node, _cofactor(block, matrix, 0, at)) for at, node in enumerate(first_row))
+    return reduce_nodes(block.builder, "add", products)
 
 
 def _cofactor(block: BlockContext, matrix: Nodes, row: int, column: int) -> int:

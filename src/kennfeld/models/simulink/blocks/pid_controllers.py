@@ -147,8 +147,7 @@ class _PidController:
         reset, signals = self._reset(), list[Signal]()
 
         def step() -> Signal:
-            moved = block.sample_step() * block.hold_in_minor_steps(self._integrand())
-            return share * moved
+            return share * (block.sample_step() * block.hold_in_minor_steps(self._integrand()))
 
         def then(_: Signal) -> Signal:
             return signals[0] if method == "Backward Euler" else limited(signals[0] + step())
@@ -162,10 +161,8 @@ class _PidController:
         """Return the part of the integral added in this step, which must not depend on the output of this step."""
         block = self.block
         if block.is_on("TrackingMode") or (block.is_on("LimitOutput") and block.field_text("AntiWindupMode") != "none"):
-            raise UnsupportedError(
-                f"its integral ({block.field_text('IntegratorMethod')}) and its feedback form an algebraic loop",
-                "Use Forward Euler for the integrator.",
-            )
+            message = f"its integral ({block.field_text('IntegratorMethod')}) and its feedback form an algebraic loop"
+            raise UnsupportedError(message, "Use Forward Euler for the integrator.")
         return step()
 
     def _integrand(self) -> Signal:
@@ -173,24 +170,20 @@ class _PidController:
         block = self.block
         inner = self._times("I", self.error)
         if "TR" in self.ports:
-            behind = block.input(self.ports["TR"]) - self.results[1]
-            inner = inner + self._times("Kt", behind)
+            inner = inner + self._times("Kt", block.input(self.ports["TR"]) - self.results[1])
         if not block.is_on("LimitOutput") or block.field_text("AntiWindupMode") == "none":
             return inner
         if block.field_text("AntiWindupMode") == "back-calculation":
-            cut = self.results[1] - self.results[0]
-            return inner + self._times("Kb", cut)
+            return inner + self._times("Kb", self.results[1] - self.results[0])
         return self._clamp(inner)
 
     def _clamp(self, inner: Signal) -> Signal:
         """Return 0 if the output is beyond a limit and the integral would move it further out."""
         beyond = self.results[0] - self.results[1]
-        inner_up, beyond_up = inner > 0.0, beyond > 0.0
-        outwards = apply("eq", inner_up, beyond_up)
+        outwards = apply("eq", inner > 0.0, beyond > 0.0)
         if self.is_ideal:
             outwards = apply("eq", outwards, self._gain("P") > 0.0)
-        stops = apply("ne", beyond, 0.0) & outwards
-        return select(stops, 0.0, inner)
+        return select(apply("ne", beyond, 0.0) & outwards, 0.0, inner)
 
     def _derivative(self, scaled: Signal) -> Signal:
         """Return the filtered derivative: y = N (u - x), x' = y."""
@@ -215,8 +208,7 @@ class _PidController:
         block = self.block
         if "D0" in self.ports or "reset" in self.ports or block.numeric_array("InitialConditionForFilter").any():
             raise UnsupportedError("its derivative has an initial value or a reset that is not supported")
-        step = share * block.sample_step()
-        one_more = 1.0 + n * step
+        one_more = 1.0 + n * (share * block.sample_step())
         signals: list[Signal] = []
         x = block.discrete_state(block.constant(0.0), lambda x: x + block.sample_step() * signals[0])
         signals.append(_slope(n, block.hold_in_minor_steps(u), x) / one_more)

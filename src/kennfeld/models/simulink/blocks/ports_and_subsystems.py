@@ -7,7 +7,6 @@ import numpy as np
 
 from kennfeld.models.imperative.node_arrays import reduce_nodes
 from kennfeld.models.simulink.blocks.continuous import reset_signal
-from kennfeld.models.simulink.blocks.matrix_operations import as_matrix
 from kennfeld.models.simulink.flattening.flat_model import SINK_TYPES, SignalSource, resets_on_enable
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, evaluating, no_feedthrough
 from kennfeld.models.simulink.lowering.parameter_fields import case_values
@@ -126,7 +125,7 @@ def reset_condition(block: BlockContext, active: Signal, triggered: Signal | Non
     if "reset" in block.flat.control_ports:
         port = block.flat.control_ports["reset"]
         events.append(reset_signal(block, _control_input(block, "reset"), port.value("ResetTriggerType") or "level"))
-    return block.reduce("or", events) if events else block.constant(0.0)
+    return block.reduce("or", events)
 
 
 def _enabled_again(block: BlockContext, active: Signal, triggered: Signal | None) -> Signal:
@@ -186,19 +185,19 @@ def merge(block: BlockContext) -> SignalOrBus:
     init = _initial_merge_value(block, sources)
     running = [_runs(block, source) for source in sources]
     arriving = [block.compiler.value(source) for source in sources]
-    mismatch = "it merges buses with different signals"
-    return map_members(lambda *signals: _last_running(block, init, running, signals), mismatch, *arriving, ordered=True)
+
+    def last_running(*signals: Signal) -> Signal:
+        first = broadcast(init, *signals)[0]
+        return block.unconditional_feedback(first, lambda before: _last_selected(before, running, signals))
+
+    return map_members(last_running, "it merges buses with different signals", *arriving, ordered=True)
 
 
-def _last_running(block: BlockContext, init: Signal, running: list[Signal], signals: Sequence[Signal]) -> Signal:
-    """Return the last of the signals whose subsystem runs, else the previous value."""
-
-    def choose(y: Signal) -> Signal:
-        for runs, signal in zip(running, signals, strict=True):
-            y = select(runs, signal, y)
-        return y
-
-    return block.unconditional_feedback(broadcast(init, *signals)[0], choose)
+def _last_selected(y: Signal, conditions: Sequence[Signal], signals: Sequence[Signal]) -> Signal:
+    """Return the last of the signals whose condition holds, `y` if none does."""
+    for holds, signal in zip(conditions, signals, strict=True):
+        y = select(holds, signal, y)
+    return y
 
 
 def _initial_merge_value(block: BlockContext, sources: Sequence[SignalSource]) -> Signal:
@@ -324,21 +323,15 @@ def iteration_output(block: BlockContext) -> SignalOrBus:
         return block.input_or_bus(0)
     passes = [block.input(at) for at in range(1, block.input_count, 2)]
     outputs = [block.input_or_bus(at) for at in range(0, block.input_count, 2)]
-    return map_members(
-        lambda *signals: _last_pass(block, signals, passes), "its iterations have different buses", *outputs
-    )
 
+    def last_pass(*signals: Signal) -> Signal:
+        if block.builder.value(passes[0].flat[0]) == 1:
+            return _last_selected(signals[0], passes, signals)
+        init = block.initial_output() or block.constant(0.0)
+        first = block.signal(fit_to_shape(init.nodes, signals[0].shape))
+        return block.unconditional_feedback(first, lambda before: _last_selected(before, passes, signals))
 
-def _last_pass(block: BlockContext, signals: Sequence[Signal], passes: list[Signal]) -> Signal:
-    def choose(y: Signal) -> Signal:
-        for active, signal in zip(passes, signals, strict=True):
-            y = select(active, signal, y)
-        return y
-
-    if block.builder.value(passes[0].flat[0]) == 1:
-        return choose(signals[0])
-    init = block.initial_output() or block.constant(0.0)
-    return block.unconditional_feedback(block.signal(fit_to_shape(init.nodes, signals[0].shape)), choose)
+    return map_members(last_pass, "its iterations have different buses", *outputs)
 
 
 @block("ForEach", needs=no_feedthrough, IndexMode="Zero-based")
@@ -397,5 +390,5 @@ def for_each_concatenation(block: BlockContext) -> SignalOrBus:
     parts = block.inputs
     if len({signal.shape for signal in parts}) > 1 or dimension not in (1, 2):
         raise UnsupportedError(f"its elements cannot be concatenated along dimension {dimension}")
-    arrays = [as_matrix(signal) if dimension == 2 else signal.nodes for signal in parts]
+    arrays = [signal.matrix if dimension == 2 else signal.nodes for signal in parts]
     return block.signal(np.concatenate(arrays, axis=dimension - 1), period_of(parts))

@@ -9,7 +9,7 @@ from kennfeld.models.simulink.blocks.lookup_tables import (
     index_axes,
     lookup_field,
     method_of,
-    shape_of,
+    table_shape,
 )
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block
 from kennfeld.models.simulink.lowering.parameter_fields import parameter_field
@@ -88,7 +88,7 @@ def interpolation(block: BlockContext) -> SignalOrBus:
     plain = not chosen and method.between == "linear" and not block.is_on("RequireIndexFractionAsBus")
     if plain and len(before) == count:
         return _look_up_at_prelookups(block, before, method)
-    shape = shape_of(block, "Table", count)
+    shape = table_shape(block, count)
     places, port = [], 0
     for _ in range(count - chosen):
         index, fraction, port = _cell_at(block, port)

@@ -9,7 +9,6 @@ import numpy as np
 from kennfeld.formatting import size_text
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.blocks.bit_operations import fit_to_type, stored_integer
-from kennfeld.models.simulink.blocks.matrix_operations import as_matrix
 from kennfeld.models.simulink.flattening.connections import bus_member_names
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
@@ -95,7 +94,7 @@ def demux(block: BlockContext) -> tuple[SignalOrBus, ...]:
             return tuple(members)
         wired = as_one_vector(block, wired)
     if wired.size == 1 < _outputs(block) and block.numeric_array("Outputs").size == 1:
-        block.suggest_dimensions(0, (_outputs(block),))
+        block.suggest_dimensions((_outputs(block),))
     ends = np.cumsum(_widths(block, wired.size))
     return tuple(block.signal(part, wired.period) for part in np.split(np.array(wired.flat), ends[:-1]))
 
@@ -172,15 +171,8 @@ def bus_assignment(block: BlockContext) -> SignalOrBus:
     bus = block.bus()
     for at, path in enumerate(block.field_text("AssignedSignals").split(","), 1):
         _member_of(bus, path.strip())
-        bus = _assigned(bus, path.strip().split("."), block.input_or_bus(at))
+        bus = _set_member(bus, path.strip().split("."), block.input_or_bus(at))
     return bus
-
-
-def _assigned(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOrBus:
-    inner = wired.member(path[0]) if path and isinstance(wired, Bus) else None
-    if inner is None or not isinstance(wired, Bus):
-        return new
-    return replace(wired, members={**wired.members, path[0]: _assigned(inner, path[1:], new)})
 
 
 @block("BusElement", "BusElements")
@@ -200,12 +192,12 @@ def bus_element(block: BlockContext) -> SignalOrBus:
 
 
 def _set_member(wired: SignalOrBus, path: list[str], new: SignalOrBus) -> SignalOrBus:
-    """Return a bus with a signal added at a path, creating the buses on the way."""
+    """Return a bus with a signal added or replaced at a path, creating the buses on the way."""
     if not path:
         return new
-    members = dict(wired.members) if isinstance(wired, Bus) else {}
-    members[path[0]] = _set_member(members.get(path[0], Bus()), path[1:], new)
-    return Bus(members)
+    bus = wired if isinstance(wired, Bus) else Bus()
+    inner = _set_member(bus.member(path[0]) or Bus(), path[1:], new)
+    return replace(bus, members={**bus.members, path[0]: inner})
 
 
 @block("Concatenate", Mode="Vector", ConcatenateDimension="1")
@@ -216,7 +208,7 @@ def concatenate(block: BlockContext) -> SignalOrBus:
     if block.option("Mode", "Vector", "Multidimensional array") == "Vector":
         return block.signal(_concatenate_vectors(inputs), period)
     axis = block.integer_field("ConcatenateDimension", 1, 2) - 1
-    parts = [as_matrix(signal) for signal in inputs]
+    parts = [signal.matrix for signal in inputs]
     try:
         return block.signal(np.concatenate(parts, axis=axis), period)
     except ValueError:
@@ -276,8 +268,7 @@ def selector(block: BlockContext) -> SignalOrBus:
 
 
 def _old_options(block: BlockContext, dimensions: int) -> list[str]:
-    source = block.field_text("IndexIsStartValue", "off")
-    if block.field_text("ElementSrc", "Internal") != "Internal" or source == "on":
+    if block.field_text("ElementSrc", "Internal") != "Internal" or block.field_text("IndexIsStartValue", "off") == "on":
         raise UnsupportedError("its indices come from an input in a way that is not supported")
     return ["Index vector (dialog)"] * dimensions
 
@@ -350,8 +341,7 @@ def multiport_switch(block: BlockContext) -> SignalOrBus:
         numbers = [[float(first + at)] for at in range(len(data))]
     selected = data[-1]
     for at in reversed(range(len(data) - 1)):
-        here = block.reduce("or", [apply("eq", index, number) for number in numbers[at]])
-        selected = select_signal(here, data[at], selected)
+        selected = select_signal(block.is_among(index, numbers[at]), data[at], selected)
     return selected
 
 
@@ -382,8 +372,7 @@ def _memory(block: BlockContext) -> BlockContext:
 @block("DataStoreRead", needs=no_feedthrough, DataStoreName="A", SampleTime="-1")
 def data_store_read(block: BlockContext) -> SignalOrBus:
     """Return the content of a data store after the writers that run before this block."""
-    memory = _memory(block)
-    content = data_store_memory(memory)
+    content = data_store_memory(_memory(block))
     assert isinstance(content, Signal)
     return block.compiler.contents.content_after(content, block.compiler.stores.writers_before(block.flat))
 

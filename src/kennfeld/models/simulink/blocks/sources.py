@@ -73,8 +73,7 @@ def sine(block: BlockContext) -> SignalOrBus:
     else:
         t = block.time if block.field_text("TimeSource") == "Use simulation time" else block.input()
         angle = block.parameter("Frequency") * t + block.parameter("Phase")
-    wave = block.parameter("Amplitude") * apply("sin", angle)
-    return wave + block.parameter("Bias")
+    return block.parameter("Amplitude") * apply("sin", angle) + block.parameter("Bias")
 
 
 def _angle_of_hit(block: BlockContext) -> Signal:

@@ -59,7 +59,10 @@ def _resolve_variable(
     if isinstance(value, str):
         return value
     if isinstance(value, Mapping):
-        fields = {key: _defer_field(expressions, scope, variable, [*path, key]) for key in value}
+        fields = {}
+        for key, part in value.items():  # a calibration file may override a field by its full name
+            field = scope.part([*path, key]) or Variable(part, source=variable.source, fixed=variable.fixed)
+            fields[key] = _part(expressions, scope, field, [*path, key])
         return s.EnumerationStruct(fields) if variable.fixed and len(path) == 1 else s.SymbolicStruct(fields)
     if isinstance(value, tuple):
         parts = (Variable(part, source=variable.source, fixed=variable.fixed) for part in value)
@@ -72,15 +75,6 @@ def _resolve_variable(
         return nodes
 
     return s.DeferredValue(array, name) if np.size(value) > 1 and not variable.fixed else array()
-
-
-def _defer_field(
-    expressions: ParameterExpressions, scope: Scope, variable: Variable, path: list[str]
-) -> s.DeferredValue:
-    """Resolve a field of a struct, which a calibration file may override by its full name."""
-    assert isinstance(variable.value, Mapping)
-    inside = Variable(variable.value[path[-1]], source=variable.source, fixed=variable.fixed)
-    return _part(expressions, scope, scope.part(path) or inside, path)
 
 
 def _part(expressions: ParameterExpressions, scope: Scope, part: Variable, path: list[str]) -> s.DeferredValue:

@@ -47,10 +47,6 @@ FIELD_FUNCTIONS: Final[Mapping[str, LibraryFunction]] = {
 _TEXT_FUNCTIONS: Final = ("eval", "str2num", "str2double")
 
 
-def _refuse_function(name: str) -> ProgramError:
-    return ProgramError(f"the function {name} requires numbers")
-
-
 class ParameterExpressions:
     """Evaluator of block fields on graph nodes."""
 
@@ -138,10 +134,24 @@ class ParameterExpressions:
         live: bool = True,
         names: Mapping[str, Nodes] | None = None,
         library: Mapping[str, LibraryFunction] = FIELD_FUNCTIONS,
-        refuse: Callable[[str], ProgramError] = _refuse_function,
+        refuse: Callable[[str], ProgramError] = lambda name: ProgramError(f"the function {name} requires numbers"),
         single_elements: bool = True,
     ) -> StatementInterpreter:
         """Return an interpreter of code that sees the names of a scope; `refuse` makes errors of other functions."""
+
+        def call_unknown(evaluate: Evaluate, name: str, arguments: Sequence[m.Expression]) -> s.SymbolicValue | None:
+            if not arguments:
+                raise EvaluationError(f"{name} is undefined", name)
+            if name == "get_param":
+                return self._query_model(evaluate, arguments)
+            values = [evaluate(argument) for argument in arguments]  # reports undefined variables by name
+            if name not in _TEXT_FUNCTIONS:
+                raise refuse(name)
+            if len(values) != 1 or not isinstance(values[0], str):
+                raise EvaluationError(f"{name} is only supported with one text argument")
+            value = self.evaluate(values[0], scope, live)
+            return value if isinstance(value, np.ndarray) else _constant_value(self.builder, value)
+
         context = EvaluationContext(
             self.builder,
             workspace=lambda name: self._symbolic(name, scope, live),
@@ -149,7 +159,7 @@ class ParameterExpressions:
             single_elements=single_elements,
             number=partial(parameter_value_at, self),
             library=library,
-            unknown=partial(self._call_unknown, scope, live, refuse),
+            unknown=call_unknown,
         )
         return StatementInterpreter(context, names)
 
@@ -160,28 +170,6 @@ class ParameterExpressions:
             return value
         variable = scope.find(name)
         return _constant_value(self.builder, value, isinstance(variable, Variable) and variable.fixed)
-
-    def _call_unknown(
-        self,
-        scope: Scope,
-        live: bool,
-        refuse: Callable[[str], ProgramError],
-        evaluate: Evaluate,
-        name: str,
-        arguments: Sequence[m.Expression],
-    ) -> s.SymbolicValue | None:
-        """Return a text property of the model (get_param), or evaluate a text; refuse any other function."""
-        if not arguments:
-            raise EvaluationError(f"{name} is undefined", name)
-        if name == "get_param":
-            return self._query_model(evaluate, arguments)
-        values = [evaluate(argument) for argument in arguments]  # so that an undefined variable is reported by name
-        if name not in _TEXT_FUNCTIONS:
-            raise refuse(name)
-        if len(values) != 1 or not isinstance(values[0], str):
-            raise EvaluationError(f"{name} is only supported with one text argument")
-        value = self.evaluate(values[0], scope, live)
-        return value if isinstance(value, np.ndarray) else _constant_value(self.builder, value)
 
     def _query_model(self, evaluate: Evaluate, arguments: Sequence[m.Expression]) -> str:
         holder, *keys = arguments

@@ -205,7 +205,6 @@ class ConnectionResolver:
                 flat.hidden = level.element > 1 or max(level.passes, default=1) > 1
 
     def _connect_controls(self, level: SystemInstance) -> None:
-        """Connect the control ports of the conditional subsystems of a system."""
         for sid, below in level.below.items():
             control = below.control
             if control is not None and control.block is below.holder:

@@ -6,6 +6,7 @@ Function imported alone is wrapped in a system with ports.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
@@ -59,25 +60,19 @@ def flatten(
     return FlatModel(placed.flat_blocks, outports, placed.variant_choices, placed.built)
 
 
+@dataclass
 class _Flattener:
     """Places the blocks of a system and of the systems below it."""
 
-    def __init__(
-        self,
-        placed: FlatteningState,
-        cuts: Mapping[str, str],
-        opaque: frozenset[str],
-        models: Mapping[str, Scope],
-        known: Mapping[str, bool],
-        counts: Mapping[str, int],
-    ) -> None:
-        self.placed = placed
-        self.cuts = cuts
-        self.opaque = opaque
-        self.models = models
-        self.known = known
-        self.counts = counts
-        self.repetition = IterationUnroller(placed, self._place)
+    placed: FlatteningState
+    cuts: Mapping[str, str]
+    opaque: frozenset[str]
+    models: Mapping[str, Scope]
+    known: Mapping[str, bool]
+    counts: Mapping[str, int]
+
+    def __post_init__(self) -> None:
+        self.repetition = IterationUnroller(self.placed, self._place)
 
     def level(
         self, level: SystemInstance, parent: SystemInstance | None = None, holder: ModelBlock | None = None
@@ -123,18 +118,13 @@ class _Flattener:
         except EvaluationError as error:
             self.placed.place(level, block, block.type, f"a variant block: {error}").undefined = error.undefined
             return
-        if block.type != "SubSystem":
-            self._place_variant_port(level, block, at)
+        if block.type != "SubSystem":  # connect the active port; readers of the others are refused
+            if at is not None:
+                ends = (1, at + 1) if block.type == "VariantSource" else (at + 1, 1)
+                level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
+            self.placed.place(level, block, "InactiveVariant")
         path = join_path(*level.path, block.name)
         self.placed.variant_choices.append(f"{path}: {describe_choice(labels, at, scope)}")
-
-    def _place_variant_port(self, level: SystemInstance, block: ModelBlock, at: int | None) -> None:
-        """Connect the active port of a variant source or sink; readers of the others are refused."""
-        number = 1 if at is None else at + 1
-        ends = (1, number) if block.type == "VariantSource" else (number, 1)
-        if at is not None:
-            level.passing[Endpoint(block.sid, "out", ends[0])] = Endpoint(block.sid, "in", ends[1])
-        self.placed.place(level, block, "InactiveVariant")
 
     def _place_bus_element(self, level: SystemInstance, block: ModelBlock) -> None:
         """Place a bus element port: a block for each input element, one block for an output bus."""

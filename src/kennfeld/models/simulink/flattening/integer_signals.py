@@ -12,22 +12,15 @@ _CAST = re.compile(r"\b(u?int(?:8|16|32|64))\s*\(")
 _MAX_TRACED_BLOCKS = 200
 # inputs whose type the output has unless the file specifies another one, by block type
 _LIKE_INPUT = {
-    "ArithShift": (0,),
-    "Bit Clear": (0,),
-    "Bit Set": (0,),
-    "Bitwise Operator": (0,),
-    "Delay": (0,),
-    "ConditionalOutput": (0,),
-    "Memory": (0,),
-    "Outport": (0,),
-    "RateTransition": (0,),
-    "Selector": (0,),
-    "SignalConversion": (0,),
-    "SignalSpecification": (0,),
+    **dict.fromkeys(
+        (
+            "ArithShift", "Bit Clear", "Bit Set", "Bitwise Operator", "ConditionalOutput", "Delay", "Memory", "Outport",
+            "RateTransition", "Selector", "SignalConversion", "SignalSpecification", "UnitDelay", "ZeroOrderHold",
+        ),
+        (0,),
+    ),
     "Switch": (0, 2),
-    "UnitDelay": (0,),
-    "ZeroOrderHold": (0,),
-}
+}  # fmt: skip
 _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
 # types that specify an integer type without converting: their values are integers already
 _ONLY_STATING: Final = frozenset({*_LIKE_INPUT, "Constant", "Inport", "DataStoreMemory", "DataStoreRead", "Merge"})

@@ -148,7 +148,13 @@ class IterationUnroller:
         before: list[FlatBlock] = []
         for number in range(1, plan.count + 1):
             start = len(self.placed.flat_blocks)
-            inner = self._place_iteration(level, face, plan, number, levels, passing)
+            inner = _iteration(level, face, plan, number)
+            if plan.decides:
+                passing.append(self._place_decision(inner, plan, levels))
+                inner.control = passing[-1]
+            self.placed.levels.append(inner)
+            for block in inner.system.blocks:
+                self._inside(inner, block)
             levels.append(inner)
             blocks = self.placed.flat_blocks[start:]
             if plan.each:  # the first element represents the others
@@ -162,31 +168,6 @@ class IterationUnroller:
             before = blocks
         for outport in face.system.of("Outport"):
             self._place_output(face, outport, plan, levels, passing)
-
-    def _place_iteration(
-        self,
-        level: SystemInstance,
-        face: SystemInstance,
-        plan: IterationPlan,
-        number: int,
-        levels: list[SystemInstance],
-        passing: list[FlatBlock],
-    ) -> SystemInstance:
-        assert face.holder is not None
-        scope = element_scope(plan.block, face.holder, face.scope, number) if plan.each else face.scope
-        inner = SystemInstance(face.system, face.path, scope, face.control)
-        inner.within(level, face.holder)
-        inner.repeated = plan
-        inner.element = number if plan.each else level.element
-        inner.passes = level.passes if plan.each else (*level.passes, number)
-        inner.places = (*inner.places, (f"{face.holder.sid}:{number}", number))
-        if plan.decides:
-            passing.append(self._place_decision(inner, plan, levels))
-            inner.control = passing[-1]
-        self.placed.levels.append(inner)
-        for block in inner.system.blocks:
-            self._inside(inner, block)
-        return inner
 
     def _place_decision(self, inner: SystemInstance, plan: IterationPlan, levels: list[SystemInstance]) -> FlatBlock:
         """Place the block that decides if an iteration runs: the condition of the previous one, for the first the
@@ -223,6 +204,19 @@ class IterationUnroller:
         if face.control is not None and face.control.block is face.holder:
             block = self.placed.place(face, outport, "ConditionalOutput")
             block.inputs = [SignalSource(flat, 0)]
+
+
+def _iteration(level: SystemInstance, face: SystemInstance, plan: IterationPlan, number: int) -> SystemInstance:
+    """Return the instance of a subsystem in one of its iterations."""
+    assert face.holder is not None
+    scope = element_scope(plan.block, face.holder, face.scope, number) if plan.each else face.scope
+    inner = SystemInstance(face.system, face.path, scope, face.control)
+    inner.within(level, face.holder)
+    inner.repeated = plan
+    inner.element = number if plan.each else level.element
+    inner.passes = level.passes if plan.each else (*level.passes, number)
+    inner.places = (*inner.places, (f"{face.holder.sid}:{number}", number))
+    return inner
 
 
 def _link_iterations(before: list[FlatBlock], blocks: list[FlatBlock]) -> None:

@@ -164,10 +164,10 @@ class BlockContext:
             remedy = "Set its input processing to elements as channels, or bind it."
             raise UnsupportedError(f"its input is a frame of {signal.shape[0]} samples, which is not supported", remedy)
 
-    def bus(self, index: int = 0) -> SignalOrBus:
-        """Return the bus at an input; that of a model input provides any signal by name."""
-        source = self.source(index)
-        arriving = self.input_or_bus(index)
+    def bus(self) -> SignalOrBus:
+        """Return the bus at the first input; that of a model input provides any signal by name."""
+        source = self.source()
+        arriving = self.input_or_bus(0)
         if isinstance(arriving, Bus) or source is None or source.flat.type not in ("Inport", "From"):
             return arriving
         return self.compiler.inputs.open_bus(source.flat)
@@ -194,8 +194,8 @@ class BlockContext:
         return Signal(array if shape is None else array.reshape(shape, order="F"), period, builder=self.builder)
 
     def reduce(self, op: str, args: Sequence[Signal]) -> Signal:
-        """Reduce signals by a binary operation, from first to last."""
-        return functools.reduce(lambda result, arg: apply(op, result, arg), args)
+        """Combine signals by an operation from first to last; 0 if there are none."""
+        return functools.reduce(functools.partial(apply, op), args) if args else self.constant(0.0)
 
     def truncate(self, x: Signal) -> Signal:
         """Round a signal toward zero."""
@@ -203,8 +203,7 @@ class BlockContext:
 
     def is_among(self, x: Signal, values: Iterable[float]) -> Signal:
         """Return 1 if a signal equals one of several values, else 0."""
-        equal = [apply("eq", x, value) for value in values]
-        return self.reduce("or", equal) if equal else self.constant(0.0)
+        return self.reduce("or", [apply("eq", x, value) for value in values])
 
     @property
     def time(self) -> Signal:
@@ -284,9 +283,9 @@ class BlockContext:
         number = STATE_PORT if ported else self.memories
         return self.compiler.continuous.integrate(self.flat, number, init, slope, reset, limits)
 
-    def suggest_dimensions(self, index: int, shape: tuple[int, ...]) -> None:
-        """Suggest the shape of an input whose memory or inport does not determine it."""
-        source = self.source(index)
+    def suggest_dimensions(self, shape: tuple[int, ...]) -> None:
+        """Suggest the shape of the first input, whose memory or inport does not determine it."""
+        source = self.source()
         if source is not None:
             self.compiler.shapes.wish(source.flat, shape)
 

@@ -5,13 +5,10 @@ loop and broken by a placeholder signal.
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 
 from kennfeld.graph.builder import BoundedGraphBuilder
-from kennfeld.models.simulink.flattening.flat_model import (
-    DataStoreOrder,
-    FlatBlock,
-    resets_with_subsystem,
-)
+from kennfeld.models.simulink.flattening.flat_model import DataStoreOrder, FlatBlock, resets_with_subsystem
 from kennfeld.models.simulink.lowering.diagnostics import BlockFailures, placeholder_outputs
 from kennfeld.models.simulink.lowering.pass_state import PendingCompletions
 from kennfeld.models.simulink.lowering.state_ports import is_known_at_step_start
@@ -21,36 +18,30 @@ from kennfeld.models.simulink.signals import SignalOrBus
 _CONTROLLED = ("ConditionalOutput", "ConditionalSubsystem", "IterationCondition", "DataStoreWrite")
 
 
+@dataclass
 class BlockDependencies:
     """Dependencies of blocks; `values` are the outputs so far.
 
     `feedthrough` returns the inputs of a block that affect its outputs in the same step, `remembers` if it has states.
     """
 
-    def __init__(
-        self,
-        feedthrough: Callable[[FlatBlock], Iterable[int]],
-        remembers: Callable[[FlatBlock], bool],
-        stores: DataStoreOrder,
-        failures: BlockFailures,
-    ) -> None:
-        self.values: dict[FlatBlock, tuple[SignalOrBus, ...]] = {}
-        self._feedthrough = feedthrough
-        self._remembers = remembers
-        self._stores = stores
-        self._failures = failures
+    feedthrough: Callable[[FlatBlock], Iterable[int]]
+    remembers: Callable[[FlatBlock], bool]
+    stores: DataStoreOrder
+    failures: BlockFailures
+    values: dict[FlatBlock, tuple[SignalOrBus, ...]] = field(default_factory=dict)
 
     def all_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
         """Return the blocks that a block depends on in this step or a later one."""
         blocks = [source.flat for source in flat.inputs if source is not None]
-        blocks += self._stores.writers.get(flat, ())
+        blocks += self.stores.writers.get(flat, ())
         return [*blocks, flat.control] if flat.control is not None else blocks
 
     def step_dependencies(self, flat: FlatBlock) -> list[FlatBlock]:
         """Return the blocks that the outputs of a block depend on in the same step."""
         blocks: list[FlatBlock] | None = None
-        with self._failures.note_errors(flat):
-            sources = [flat.inputs[index] for index in self._feedthrough(flat) if index < len(flat.inputs)]
+        with self.failures.note_errors(flat):
+            sources = [flat.inputs[index] for index in self.feedthrough(flat) if index < len(flat.inputs)]
             blocks = [source.flat for source in sources if source is not None and not is_known_at_step_start(source)]
         if blocks is None:
             return []
@@ -59,30 +50,24 @@ class BlockDependencies:
         if flat.previous_pass is not None:
             # needed before the next iteration can read its state
             blocks.append(flat.previous_pass)
-            if flat.previous_pass in self.values and self._remembers(flat.previous_pass):
+            if flat.previous_pass in self.values and self.remembers(flat.previous_pass):
                 blocks += self.all_dependencies(flat.previous_pass)
-        return [*blocks, *(self._stores.writers_before(flat) if flat.data_store is not None else ())]
+        return [*blocks, *(self.stores.writers_before(flat) if flat.data_store is not None else ())]
 
 
+@dataclass
 class BuildOrder:
     """Lowers blocks by `build` in dependency order; `values` are the outputs so far, `loops` the algebraic loops."""
 
-    def __init__(
-        self,
-        builder: BoundedGraphBuilder,
-        needs: BlockDependencies,
-        agenda: PendingCompletions,
-        failures: BlockFailures,
-        build: Callable[[FlatBlock], tuple[SignalOrBus, ...]],
-    ) -> None:
-        self.builder = builder
-        self.needs = needs
-        self.agenda = agenda
-        self.failures = failures
-        self.values = needs.values
-        self.loops: list[tuple[FlatBlock, ...]] = []
-        self._build = build
-        self._begun: dict[FlatBlock, None] = {}  # blocks waiting for others, outermost first
+    builder: BoundedGraphBuilder
+    needs: BlockDependencies
+    agenda: PendingCompletions
+    build: Callable[[FlatBlock], tuple[SignalOrBus, ...]]
+    loops: list[tuple[FlatBlock, ...]] = field(default_factory=list)
+    _begun: dict[FlatBlock, None] = field(default_factory=dict)  # blocks waiting for others, outermost first
+
+    def __post_init__(self) -> None:
+        self.values = self.needs.values
 
     def demand(self, blocks: Iterable[FlatBlock]) -> None:
         """Lower blocks and everything they depend on, states included."""
@@ -94,7 +79,7 @@ class BuildOrder:
             for needed in self.needs.all_dependencies(flat):
                 self.visit(needed)
             self.builder.place = flat.path
-            with self.failures.note_errors(flat):
+            with self.needs.failures.note_errors(flat):
                 complete()
 
     def visit(self, root: FlatBlock) -> None:
@@ -115,7 +100,7 @@ class BuildOrder:
             self._begun[flat] = None
             missing = [needed for needed in self.needs.step_dependencies(flat) if needed not in self.values]
             if not missing:
-                self.values[flat] = self._build(flat)
+                self.values[flat] = self.build(flat)
                 continue
             looped = next((needed for needed in missing if needed in self._begun), None)
             if looped is not None:

@@ -109,8 +109,7 @@ def _close(builder: GraphBuilder, state: ContinuousState, new: int) -> None:
 def _replace_nodes(builder: GraphBuilder, roots: Sequence[int], place: Mapping[int, int]) -> list[int]:
     """Return the nodes of roots with some nodes replaced."""
     replaced = dict(place)
-    needed = _dependencies(builder, roots, replaced)
-    for at in sorted(needed):
+    for at in sorted(_dependencies(builder, roots, replaced)):
         op, args, payload = builder.nodes[at]
         if op == "major" or all(replaced.get(a, a) == a for a in args):
             replaced[at] = at
@@ -165,7 +164,15 @@ class ContinuousStates:
             seen = replace(seen, nodes=again.nodes)
 
         def complete() -> None:
-            self._register(flat, states, first, seen, self._slopes(flat, key, seen, slope), limits)
+            slopes = self._slopes(flat, key, seen, slope)
+            bounds: list[tuple[int | None, int | None]] = [(None, None)] * seen.size
+            if limits is not None:
+                low, high = (fit_to_shape(limit.nodes, seen.shape).ravel() for limit in limits)
+                bounds = [(int(lower), int(upper)) for lower, upper in zip(low, high, strict=True)]
+            active = self.memories.gates.run_condition(flat)
+            parts = zip(states, first.ravel(), seen.nodes.ravel(), slopes.ravel(), bounds, strict=True)
+            for state, init, now, rate, bound in parts:
+                self._states.append(ContinuousState(state, int(init), int(now), int(rate), bound, active))
 
         self.memories.agenda.add(flat, complete)
         return seen
@@ -191,24 +198,6 @@ class ContinuousStates:
             self.memories.request_shape(flat, key, rates.shape, seen.shape)
             rates = replace(seen, nodes=np.full(seen.shape, rates.nodes.ravel()[0], dtype=np.int64))
         return fit_to_shape(rates.nodes, seen.shape)
-
-    def _register(
-        self,
-        flat: FlatBlock,
-        states: Sequence[int],
-        first: Nodes,
-        seen: Signal,
-        slopes: Nodes,
-        limits: tuple[Signal, Signal] | None,
-    ) -> None:
-        bounds: list[tuple[int | None, int | None]] = [(None, None)] * seen.size
-        if limits is not None:
-            low, high = (fit_to_shape(limit.nodes, seen.shape).ravel() for limit in limits)
-            bounds = [(int(lower), int(upper)) for lower, upper in zip(low, high, strict=True)]
-        active = self.memories.gates.run_condition(flat)
-        parts = zip(states, first.ravel(), seen.nodes.ravel(), slopes.ravel(), bounds, strict=True)
-        for state, init, now, slope, bound in parts:
-            self._states.append(ContinuousState(state, int(init), int(now), int(slope), bound, active))
 
     def resolve_initial_values(self) -> None:
         """Make initial values at state ports independent of the states themselves."""

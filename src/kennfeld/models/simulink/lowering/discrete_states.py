@@ -23,8 +23,8 @@ from kennfeld.models.simulink.signals import (
     Signal,
     SignalOrBus,
     SignalRule,
-    fastest_sample_time,
     fit_to_shape,
+    period_of,
 )
 
 
@@ -114,7 +114,7 @@ class DiscreteStates:
         with self.failures.note_errors(flat):
             if self.is_sound(flat):
                 new = self.timing.hold_in_minor_steps(then(seen))
-        inherited = fastest_sample_time([wired.period for wired in self._arriving(flat)])
+        inherited = period_of(self._arriving(flat))
         self.guesses.period(flat, CONTINUOUS if inherited == CONSTANT else inherited)
         new = self._fit(flat, key, new, seen)
         written = self.gates.write_condition(flat, self.timing.period(flat))

@@ -62,7 +62,7 @@ class LoweringPass(ABC):
         self.continuous = ContinuousStates(self.memories)
         self.contents = DataStores(self.memories, self.stores, self.signal)
         self.needs = BlockDependencies(self.feedthrough, self.remembers, self.stores, self.failures)
-        self.visits = BuildOrder(self.builder, self.needs, agenda, self.failures, self.build)
+        self.visits = BuildOrder(self.builder, self.needs, agenda, self.build)
         self.counts: dict[str, int] = {}  # iterations that inputs require, by subsystem path
         self.warnings: dict[str, None] = {}
         self.files = FunctionFiles(())

@@ -14,7 +14,7 @@ from kennfeld.models.simulink.expressions.parameter_expressions import Parameter
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource, resets_with_subsystem
 from kennfeld.models.simulink.lowering.diagnostics import BlockFailures
 from kennfeld.models.simulink.lowering.pass_state import InferredAttributes
-from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES, BlockType
+from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
 from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Bus, ExternalBus, Signal, SignalOrBus, scalar
 
 CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # block types with continuous states
@@ -32,10 +32,9 @@ class SampleTime(NamedTuple):
     offset: float = 0.0
 
 
-def explicit_sample_time(
-    flat: FlatBlock, expressions: ParameterExpressions, kind: BlockType | None
-) -> SampleTime | None:
+def explicit_sample_time(flat: FlatBlock, expressions: ParameterExpressions) -> SampleTime | None:
     """Return the sample time that a block specifies, None if inherited; raises `EvaluationError`."""
+    kind = BLOCK_TYPES.get(flat.type)
     key = kind.sample_of(flat.block) if kind is not None else "SampleTime"
     text = _of_chart(flat) or flat.block.value(key) or (kind.defaults.get(key) if kind is not None else None)
     if flat.type == "DiscretePulseGenerator" or text is None or not text.strip() or text.strip() == "-1":
@@ -118,7 +117,7 @@ class SampleTimes:
     def specified_sample_time(self, flat: FlatBlock) -> SampleTime | None:
         """Return the sample time that a block specifies, None if inherited."""
         try:
-            return explicit_sample_time(flat, self.expressions, BLOCK_TYPES.get(flat.type))
+            return explicit_sample_time(flat, self.expressions)
         except EvaluationError as error:
             self.failures.note(flat, f"its sample time has no value: {error}", "", error.undefined)
             return None
@@ -172,8 +171,7 @@ class SampleTimes:
         if hit is None:
             return replace(wired, period=rate.period)
         if flat.passes:
-            message = "it has its own sample time in an iterated subsystem, which is not supported"
-            self.failures.note(flat, message)
+            self.failures.note(flat, "it has its own sample time in an iterated subsystem, which is not supported")
         nodes = np.array([self._hold_node(hit, node) for node in wired.flat], dtype=np.int64)
         return replace(wired, nodes=nodes.reshape(wired.shape, order="F"), period=rate.period)
 

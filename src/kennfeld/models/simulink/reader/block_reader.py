@@ -6,7 +6,7 @@ variables, values and so on (before).
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from kennfeld.models.simulink.reader.model_tree import (
     Endpoint,
@@ -21,7 +21,7 @@ from kennfeld.models.simulink.reader.model_tree import (
     join_path,
     split_arguments,
 )
-from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, normalize_name
+from kennfeld.models.simulink.reader.section_tree import COMPLETE_COPY, ReadDiagnostics, SectionNode, normalize_name
 
 _BAR = re.compile(r"(?<!\\)\|")  # separator of values unless escaped by a backslash
 _VARIABLE = re.compile(r"\s*(\w+)\s*=\s*([@&])(\d+)\s*\Z")
@@ -112,6 +112,7 @@ def _style(text: str) -> tuple[str, tuple[str, ...]]:
     return kind.strip(), tuple(_split(choices)) if choices else ()
 
 
+@dataclass
 class BlockReader:
     """Builds systems from sections.
 
@@ -119,19 +120,13 @@ class BlockReader:
     block defaults by type.
     """
 
-    def __init__(
-        self,
-        diagnostics: ReadDiagnostics,
-        load: Callable[[str], SectionNode | None],
-        charts: Mapping[str, StoredChart],
-        defaults: Mapping[str, Mapping[str, str]],
-    ) -> None:
-        self.diagnostics = diagnostics
-        self.load = load
-        self.charts = charts
-        self.defaults = defaults
-        self.enumerations: dict[str, None] = {}
-        self._used: set[str] = set()  # each belongs to one block; sharing could multiply content without bound
+    diagnostics: ReadDiagnostics
+    load: Callable[[str], SectionNode | None]
+    charts: Mapping[str, StoredChart]
+    defaults: Mapping[str, Mapping[str, str]]
+    enumerations: dict[str, None] = field(default_factory=dict)
+    # parts of the file already read: each belongs to one block; sharing could multiply content without bound
+    _used: set[str] = field(default_factory=set)
 
     def system(self, section: SectionNode, path: tuple[str, ...] = ()) -> System:
         """Return the system of a section with everything below it."""
@@ -152,7 +147,7 @@ class BlockReader:
         section = self.load(name)
         if section is None:
             message = f"has its content in {name[:80]}, which is missing or damaged"
-            self.diagnostics.error(place, message, "Use a complete copy of the file.")
+            self.diagnostics.error(place, message, COMPLETE_COPY)
             return System()
         if "Ref" in section.keys:
             raise self.diagnostics.refuse(place, f"has its content in {name[:80]}, which contains no system")

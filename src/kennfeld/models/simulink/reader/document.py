@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from kennfeld.errors import InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.models.simulink.reader.block_reader import BlockReader, read_mask
 from kennfeld.models.simulink.reader.chart_reader import read_charts
 from kennfeld.models.simulink.reader.model_package import (
@@ -194,13 +195,11 @@ def document(raw: bytes, path: Path) -> ModelDocument:
 
 
 def _bytes(path: Path) -> bytes:
-    try:
+    with convert_errors(path, "cannot be read"):
         if path.stat().st_size > _MAX_BYTES:
             message = f"is larger than {_MAX_BYTES / 1e6:.0f} MB, the limit for a model file"
             raise InputError.of(Location(str(path)), message, "Check that this is the model file.")
         return path.read_bytes()
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
 
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:

@@ -154,10 +154,9 @@ class _LinkCopier:
             known = nearest(names[-1], (block.name for block in library.root.every()))
             self._problem(path, f"links to {source[:120]}, which {library.path.name} does not contain", known)
             return alone
-        linked = self._instance(block, target, path, library)
+        linked = self._instance(block, target, path)
         if target.reference is not None or target.system is not None:
-            chain = (*place.chain, source)
-            there = _Place(library, path, target.path, chain, place.depth + 1)
+            there = _Place(library, path, target.path, (*place.chain, source), place.depth + 1)
             linked = self._below(linked, target, there)
         return linked
 
@@ -170,7 +169,7 @@ class _LinkCopier:
             return replace(linked, system=self.system(target.system, there))
         return linked
 
-    def _instance(self, block: ModelBlock, target: ModelBlock, path: str, library: ModelDocument) -> ModelBlock:
+    def _instance(self, block: ModelBlock, target: ModelBlock, path: str) -> ModelBlock:
         """Return the library block in place of the link, with the fields of the link."""
         assert block.reference is not None
         fields = block.reference.parameters

@@ -22,8 +22,8 @@ MAX_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has 
 
 _MAX_FINDINGS = 50  # of each kind; a garbled file has thousands
 
+COMPLETE_COPY = "Use a complete copy of the file."
 _DAMAGED = "The file may be truncated or damaged: use a complete copy."
-_COMPLETE = "Use a complete copy of the file."
 
 _LINE = re.compile(r"([^\s{}\"]++)\s*+(.*)\Z", re.DOTALL)
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*)"?', re.DOTALL)
@@ -242,13 +242,13 @@ class _BraceParser:
             if line != "}":
                 self._line(line)
             elif not self.open:
-                raise self._refused("has an unmatched }", _COMPLETE)
+                raise self._refused("has an unmatched }", COMPLETE_COPY)
             else:
                 self.open.pop()
         if self.open:
             first = self.open[-1]
             message = f"is truncated: {first.kind[:60]} of line {first.line} is never closed"
-            self.diagnostics.error("", message, _COMPLETE, len(self.lines))
+            self.diagnostics.error("", message, COMPLETE_COPY, len(self.lines))
 
     def _line(self, line: str) -> None:
         match = _LINE.match(line)
@@ -311,7 +311,7 @@ class _BraceParser:
         return " ".join(pieces)
 
     def _wrong(self, line: str) -> FileRejectedError:
-        return self._refused(f"is neither a key with its value nor a section: {line[:60]}", _COMPLETE)
+        return self._refused(f"is neither a key with its value nor a section: {line[:60]}", COMPLETE_COPY)
 
     def _refused(self, message: str, remedy: str = "") -> FileRejectedError:
         return self.diagnostics.refuse("", message, remedy, self.at)

@@ -133,8 +133,7 @@ class _ActionParser:
         if self.next_is("++", "--"):
             return self._update(first, self.take().text[0], m.Number(1.0))
         if self.next_is(*_CHANGES):
-            operator = _CHANGES[self.take().text]
-            return self._update(first, operator, self.expression())
+            return self._update(first, _CHANGES[self.take().text], self.expression())
         self._reject_bitwise()
         return m.Evaluate(first)
 

@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import numpy as np
 
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
-from kennfeld.models.imperative.node_arrays import Nodes
+from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 from kennfeld.models.imperative.symbolic_values import constants
-from kennfeld.models.simulink.flattening.flat_model import FlatBlock
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock, enclosing_conditions
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
-from kennfeld.models.simulink.lowering.scheduling import SampleTime
 from kennfeld.models.simulink.reader.block_ports import port_number
 from kennfeld.models.simulink.reader.model_tree import StoredChart
-from kennfeld.models.simulink.signals import CONSTANT, CONTINUOUS, Signal, SignalOrBus, apply, as_vector, scalar
+from kennfeld.models.simulink.signals import CONSTANT, Signal, SignalOrBus, apply, as_vector, scalar
 from kennfeld.models.simulink.stateflow.chart_execution import ChartExecution
 from kennfeld.models.simulink.stateflow.chart_model import ChartEvent, ChartModel, ChartVariable
 from kennfeld.models.simulink.stateflow.guarded_variables import Guard, GuardLogic, SizeChangedError
@@ -48,15 +47,15 @@ def compile_chart(block: BlockContext) -> tuple[SignalOrBus, ...]:
 
 def early_inputs(block: BlockContext) -> Iterable[int]:
     """Return the inputs that a chart needs before it runs: all but the outputs of subsystems that it calls."""
-    return FunctionCallSubsystems(block).early
+    late = FunctionCallSubsystems(block).late
+    return [at for at in range(block.input_count) if at not in late]
 
 
 def _check(chart: StoredChart) -> None:
     """Reject settings that change the execution of a chart."""
     if chart.update == "CONTINUOUS":
         raise UnsupportedError("continuous-time charts are not supported", DEFAULT_REMEDY)
-    machine = chart.settings.get("stateMachineType", "")
-    if "MOORE" in machine.upper():
+    if "MOORE" in chart.settings.get("stateMachineType", "").upper():
         raise UnsupportedError("Moore charts are not supported", DEFAULT_REMEDY)
     if chart.settings.get("enableNonTerminalStates", "0") != "0":
         raise UnsupportedError("super step semantics are not supported", DEFAULT_REMEDY)
@@ -69,10 +68,9 @@ def _check(chart: StoredChart) -> None:
         if data.scope not in _KNOWN or data.message:
             kind = "a message" if data.message else data.scope.removesuffix("_DATA").lower().replace("_", " ")
             raise UnsupportedError(f"data {data.name} has an unsupported scope ({kind})", DEFAULT_REMEDY)
-        if (data.first not in ("", "0") and chart.language == "C") or data.first not in ("", "0", "1"):
-            raise UnsupportedError(
-                f"data {data.name} has the unsupported first index {data.first[:20]}", DEFAULT_REMEDY
-            )
+        if data.first not in (("", "0") if chart.language == "C" else ("", "0", "1")):
+            message = f"data {data.name} has the unsupported first index {data.first[:20]}"
+            raise UnsupportedError(message, DEFAULT_REMEDY)
         if data.update == "SF_CONTINUOUS_TIME_DATA":
             raise UnsupportedError(f"data {data.name} is continuous-time, which is not supported", DEFAULT_REMEDY)
 
@@ -92,17 +90,10 @@ class _Chart:
         self.scope = block.flat.scope.within(block.flat.block)
         self.sized: set[str] = set()
         self.ports = {kind: chart_port_names(block.flat, kind) for kind in ("Inport", "Outport")}
-        self.hit = self._hit()
+        timing = block.compiler.timing
+        self.hit = timing.hit(timing.sample_time(block.flat))  # None if every step is a sample hit of the chart
         self._after: Signal | None = None  # the memories after the step
         self._late: dict[int, Nodes] = {}  # values at the end of the previous step
-
-    def _hit(self) -> int | None:
-        """Return the node that is 1 at a sample hit of the chart; None if it always is."""
-        period = self.block.period()
-        rate = self.block.compiler.timing.specified_sample_time(self.block.flat) or SampleTime(period)
-        if rate.period in (CONTINUOUS, CONSTANT):
-            return None
-        return self.block.compiler.clock.hit(self.builder, rate)
 
     # variables
 
@@ -126,19 +117,18 @@ class _Chart:
             if data.written.scope in (*_MEMORIES, *_TRANSIENT, "CONSTANT_DATA") and not self._belongs_to_code(data):
                 values[data.key] = self._start(data)
         if not self.chart.execute_at_initialization:
-            return {**values, **self._watched_values({**values, **self._inputs()})}
-        begun = self._machine(
-            {**values, **self._inputs(before=True), **self._watched_values({**values, **self._inputs()})}
-        )
+            return self._with_watched(values)
+        begun = self._machine({**self._with_watched(values), **self._inputs(before=True)})
         begun.time = self.builder.const(0.0)
         begun.called = _called_too_early
         self._activate_parallel(begun)
         begun.begin(self.logic.always)
-        result = {key: begun.variables.values[key] for key in values}
-        return {**result, **self._watched_values({**result, **self._inputs()})}
+        return self._with_watched({key: begun.variables.values[key] for key in values})
 
-    def _watched_values(self, values: Mapping[str, Nodes]) -> dict[str, Nodes]:
-        return {f"{when} {key}": values[key] for key in self.timers.watched for when in ("now", "before")}
+    def _with_watched(self, values: Mapping[str, Nodes]) -> dict[str, Nodes]:
+        """Return memories together with copies of the variables whose changes are queried."""
+        known = {**values, **self._inputs()}
+        return {**values, **{f"{when} {key}": known[key] for key in self.timers.watched for when in ("now", "before")}}
 
     def _zero_memories(self) -> dict[str, Nodes]:
         """Return the memories of states, timers and events, all 0."""
@@ -202,8 +192,8 @@ class _Chart:
                 inputs[data.key] = self._late.get(at, self.calls.start(at))
                 continue
             signal = self.block.hold_in_minor_steps(self.block.input(at))
-            nodes = signal.nodes.reshape(-1, 1) if signal.nodes.ndim == 1 else signal.nodes
             unknown = before and signal.period != CONSTANT
+            nodes = signal.matrix
             inputs[data.key] = np.full(nodes.shape, self.builder.const(0.0)) if unknown else nodes
         return inputs
 
@@ -236,16 +226,8 @@ class _Chart:
 
     def _machine(self, values: Mapping[str, Nodes]) -> ChartExecution:
         clock = (int(self.block.time.nodes[0]), int(self.block.sample_step().nodes[0]))
-        return ChartExecution(
-            self.diagram,
-            self.timers,
-            self.block.compiler.expressions,
-            self.scope,
-            values,
-            frozenset(self.sized),
-            clock,
-            lambda event, guard: None,
-        )
+        expressions, sized = self.block.compiler.expressions, frozenset(self.sized)
+        return ChartExecution(self.diagram, self.timers, expressions, self.scope, values, sized, clock)
 
     def _run(self, machine: ChartExecution) -> None:
         machine.called = lambda event, guard: self.calls.note_call(
@@ -261,11 +243,8 @@ class _Chart:
         events = self.diagram.inputs
         if not events:
             return [("", self.logic.always)]
-        signal = (
-            self.block.input(self.block.input_count - 1)
-            if "trigger" in self.block.flat.control_ports
-            else self.block.constant()
-        )
+        is_triggered = "trigger" in self.block.flat.control_ports
+        signal = self.block.input(self.block.input_count - 1) if is_triggered else self.block.constant()
         if signal.size != len(events):
             raise UnsupportedError(f"the trigger has {signal.size} elements, but there are {len(events)} events")
         wakings = []
@@ -313,9 +292,7 @@ class _Chart:
         now = machine.variables.values[key]
         if self.hit is None or key not in before:
             return now
-        pairs = zip(now.ravel(), before[key].ravel(), strict=True)
-        value = [self.builder.call("select", self.hit, int(new), int(old)) for new, old in pairs]
-        return np.array(value, dtype=np.int64).reshape(now.shape)
+        return elementwise(self.builder, "select", np.array([self.hit]), now, before[key])
 
 
 def _called_too_early(event: ChartEvent, guard: Guard) -> None:
@@ -336,11 +313,6 @@ class FunctionCallSubsystems:
         self._controls = dict(self._called_subsystems())
         callers = {at: self._callers(at) for at in range(len(block.flat.inputs)) if self._controls}
         self.late = {at: names for at, names in callers.items() if names}
-
-    @property
-    def early(self) -> tuple[int, ...]:
-        """The inputs that do not come from called subsystems."""
-        return tuple(at for at in range(len(self.block.flat.inputs)) if at not in self.late)
 
     def _called_subsystems(self) -> Iterator[tuple[FlatBlock, str]]:
         """Yield the subsystems that this chart calls, each with the name of the event."""
@@ -417,12 +389,7 @@ class FunctionCallSubsystems:
 
     def _caller(self, atom: FlatBlock) -> str:
         """Return the event that calls the subsystem of a block; empty if this chart does not call it."""
-        here = atom.control
-        while here is not None:
-            if here in self._controls:
-                return self._controls[here]
-            here = here.control
-        return ""
+        return next((self._controls[here] for here in enclosing_conditions(atom) if here in self._controls), "")
 
     def check(self, machine: ChartExecution) -> None:
         """Reject outputs that change after a call and are read by the called subsystem."""
@@ -450,5 +417,4 @@ def chart_port_names(atom: FlatBlock, kind: str) -> list[str]:
     system = atom.block.system
     if system is None:
         raise UnsupportedError("the file does not contain its ports")
-    ports = sorted(system.of(kind), key=port_number)
-    return [port.name.removesuffix("()") for port in ports]
+    return [port.name.removesuffix("()") for port in sorted(system.of(kind), key=port_number)]

@@ -8,13 +8,7 @@ from kennfeld.models.simulink.expressions.parameter_expressions import Parameter
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.stateflow.chart_expressions import ChartExpressions
 from kennfeld.models.simulink.stateflow.chart_machine import ChartMachine, ChartPart
-from kennfeld.models.simulink.stateflow.chart_model import (
-    ChartEvent,
-    ChartModel,
-    StateAction,
-    StateNode,
-    TransitionEdge,
-)
+from kennfeld.models.simulink.stateflow.chart_model import ChartModel, StateAction, StateNode, TransitionEdge
 from kennfeld.models.simulink.stateflow.guarded_statements import ChartFunctionCalls, GuardedStatements
 from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
 from kennfeld.models.simulink.stateflow.temporal_logic import ChartTimers, TemporalLogic
@@ -44,9 +38,8 @@ class ChartExecution(ChartMachine):
         values: Mapping[str, Nodes],
         sized: frozenset[str],
         clock: tuple[int, int],
-        called: Callable[[ChartEvent, Guard], None],
     ) -> None:
-        super().__init__(diagram, expressions.builder, values, sized, clock, called)
+        super().__init__(diagram, expressions.builder, values, sized, clock)
         self.timers = timers
         chart_expressions = ChartExpressions(self, expressions, scope)
         self.values = chart_expressions

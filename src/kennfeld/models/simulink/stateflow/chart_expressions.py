@@ -120,7 +120,7 @@ class ChartExpressions(ChartPart):
         nodes = self.nodes(tree, context, guard)
         if nodes.size == 0:
             raise UnsupportedError(f"{context.place}: the condition is empty")
-        return reduce_nodes(self.builder, "and", [int(node) for node in nodes.ravel()])
+        return reduce_nodes(self.builder, "and", nodes.ravel())
 
     def evaluate_arguments(self, arguments: m.Expressions, context: ActionContext, guard: Guard) -> list[Nodes | None]:
         """Return the values of arguments; None for text, which can only be displayed."""
@@ -242,16 +242,12 @@ class ChartExpressions(ChartPart):
         if key is None or len(wanted) != (name != "hasChanged"):
             raise UnsupportedError(f"{context.place}: this use of {name} is not supported")
         after, before = (self._seen(f"{when} {key}", indices, context, guard) for when in ("now", "before"))
-        changed = reduce_nodes(
-            self.builder, "or", [int(node) for node in elementwise(self.builder, "ne", after, before).ravel()]
-        )
+        changed = reduce_nodes(self.builder, "or", elementwise(self.builder, "ne", after, before).ravel())
         if not wanted:
             return changed
         value = self.nodes(wanted[0], context, guard)
         equal = elementwise(self.builder, "eq", before if name == "hasChangedFrom" else after, value)
-        return self.builder.call(
-            "and", changed, reduce_nodes(self.builder, "and", [int(node) for node in equal.ravel()])
-        )
+        return self.builder.call("and", changed, reduce_nodes(self.builder, "and", equal.ravel()))
 
     def _seen(self, key: str, indices: m.Expressions, context: ActionContext, guard: Guard) -> Nodes:
         return self.element(key, indices, context, guard) if indices else self.variables.get(key, guard)

@@ -110,12 +110,11 @@ class ChartMachine:
         values: Mapping[str, Nodes],
         sized: frozenset[str],
         clock: tuple[int, int],
-        called: Callable[[ChartEvent, Guard], None],
     ) -> None:
         self.diagram, self.builder, self.logic = diagram, builder, GuardLogic(builder)
         self.variables = GuardedVariables(self.logic, values, sized)
         self.time, self.dt = clock
-        self.called = called
+        self.called: Callable[[ChartEvent, Guard], None] = lambda event, guard: None
         self.reach = {junction: _reachable(junction) for junction in diagram.junctions}
         self._done = self._depth = 0
 

@@ -152,27 +152,22 @@ class ChartModel:
     def __init__(self, chart: StoredChart) -> None:
         self.chart = chart
         self.language = ActionLanguage(chart.language, chart.bits)
-        parallel = chart.decomposition == "SET_CHART"
-        self.root = StateNode("", chart.name, parallel=parallel)
+        self.root = StateNode("", chart.name, parallel=chart.decomposition == "SET_CHART")
         self.states: dict[str, StateNode] = {"": self.root}
         self.functions: dict[tuple[str, str], ChartFunction] = {}
         self.data: dict[tuple[str, str], ChartVariable] = {}
         self.events: dict[tuple[str, str], ChartEvent] = {}
         self._drawn = {state.id: state for state in chart.states}
-        self._states()
+        for drawn in chart.states:
+            if drawn.type != "GROUP_STATE" and not drawn.note:
+                self._state(drawn)
+        for state in self.states.values():
+            self._number(state)
         self._junctions = {item.id: self._junction(item.id, item.type, item.parent) for item in chart.junctions}
         self._add_transitions()
         self._names()
 
     # states
-
-    def _states(self) -> None:
-        for drawn in self.chart.states:
-            if drawn.type == "GROUP_STATE" or drawn.note:
-                continue
-            self._state(drawn)
-        for state in self.states.values():
-            self._number(state)
 
     def _state(self, drawn: StoredState) -> StateNode | None:
         if drawn.id in self.states:

@@ -4,7 +4,6 @@ Both sides of a decision are built, loops are unrolled, and each function call h
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -21,16 +20,10 @@ from kennfeld.models.simulink.stateflow.chart_machine import ChartMachine, Chart
 from kennfeld.models.simulink.stateflow.chart_model import ChartFunction
 from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
 
+_Jumps: TypeAlias = dict[str, list[Guard | None]]  # the guards of `break` and `continue` in a loop
 Condition: TypeAlias = Callable[[ActionContext, Guard], int]  # returns the node of a condition under a guard
 
 _OUTPUT_FUNCTIONS = frozenset({"disp", "display", "printf", "fprintf", "sprintf", "warning", "error", "assert"})
-
-
-@dataclass
-class _Jumps:
-    """The guards of `break` and `continue` in a loop."""
-
-    guards: dict[str, list[Guard | None]] = field(default_factory=lambda: {"break": [], "continue": []})
 
 
 class GuardedStatements(ChartPart):
@@ -74,7 +67,9 @@ class GuardedStatements(ChartPart):
                 conditions = [(partial(self.values.scalar, branch.condition), branch.body) for branch in branches]
                 return self._decide(conditions, otherwise, context, guard)
             case m.Switch(subject, cases, otherwise):
-                return self._switch(subject, cases, otherwise, context, guard)
+                chosen = self.values.nodes(subject, context, guard)
+                conditions = [(partial(self._matches, chosen, case.condition), case.body) for case in cases]
+                return self._decide(conditions, otherwise, context, guard)
             case m.For(m.Name(name), values, body):
                 return self._for(name, values, body, context, guard)
             case m.While(condition, body):
@@ -113,8 +108,7 @@ class GuardedStatements(ChartPart):
             return self.machine.functions.call(function, values, context, guard)
         results = self.values.call_library(name, arguments, wanted, context, guard)
         if not results:
-            message = f"unknown function {name} with several results"
-            raise UnsupportedError(f"{context.place}: {message}")
+            raise UnsupportedError(f"{context.place}: unknown function {name} with several results")
         return results, guard
 
     def _store(self, target: m.Expression | None, new: Nodes, context: ActionContext, guard: Guard) -> None:
@@ -152,18 +146,6 @@ class GuardedStatements(ChartPart):
         raise UnsupportedError(f"{context.place}: {message} is not an event or a function of the chart")
 
     # decisions
-
-    def _switch(
-        self,
-        subject: m.Expression,
-        cases: tuple[m.Branch, ...],
-        otherwise: m.Statements,
-        context: ActionContext,
-        guard: Guard,
-    ) -> Guard | None:
-        chosen = self.values.nodes(subject, context, guard)
-        conditions = [(partial(self._matches, chosen, case.condition), case.body) for case in cases]
-        return self._decide(conditions, otherwise, context, guard)
 
     def _matches(self, subject: Nodes, case: m.Expression, context: ActionContext, guard: Guard) -> int:
         """Return the node that is 1 if a case, or one of several in braces, matches."""
@@ -205,7 +187,7 @@ class GuardedStatements(ChartPart):
         self, name: str, values: m.Expression, body: m.Statements, context: ActionContext, guard: Guard
     ) -> Guard | None:
         remaining: Guard | None = guard
-        jumps = _Jumps()
+        jumps: _Jumps = {"break": [], "continue": []}
         self._loops.append(jumps)
         for column in self.values.nodes(values, context, guard).T:
             if remaining is None:
@@ -213,11 +195,12 @@ class GuardedStatements(ChartPart):
             self._store(m.Name(name), np.asarray(column).reshape(-1, 1), context, remaining)
             remaining = self._turn(body, context, remaining, jumps)
         self._loops.pop()
-        return self.logic.any_of([remaining, *jumps.guards["break"]])
+        return self.logic.any_of([remaining, *jumps["break"]])
 
     def _while(self, condition: m.Expression, body: m.Statements, context: ActionContext, guard: Guard) -> Guard | None:
         remaining: Guard | None = guard
-        jumps, over = _Jumps(), list[Guard | None]()
+        over: list[Guard | None] = []
+        jumps: _Jumps = {"break": [], "continue": []}
         self._loops.append(jumps)
         while remaining is not None:
             self.machine.work()
@@ -225,18 +208,18 @@ class GuardedStatements(ChartPart):
             over.append(self.logic.narrow(remaining, holds, holds=False))
             remaining = self._turn(body, context, self.logic.narrow(remaining, holds), jumps)
         self._loops.pop()
-        return self.logic.any_of([*over, *jumps.guards["break"]])
+        return self.logic.any_of([*over, *jumps["break"]])
 
     def _turn(self, body: m.Statements, context: ActionContext, guard: Guard | None, jumps: _Jumps) -> Guard | None:
         end = self.run(body, context, guard)
-        continued, jumps.guards["continue"] = jumps.guards["continue"], []
+        continued, jumps["continue"] = jumps["continue"], []
         return self.logic.any_of([end, *continued])
 
     def _jump(self, kind: str, context: ActionContext, guard: Guard) -> None:
         if kind == "return" and self._returns:
             self._returns[-1].append(guard)
-        elif self._loops and kind in self._loops[-1].guards:
-            self._loops[-1].guards[kind].append(guard)
+        elif self._loops and kind in self._loops[-1]:
+            self._loops[-1][kind].append(guard)
         else:
             raise UnsupportedError(f"{context.place}: {kind} outside of a loop or function")
 
@@ -270,8 +253,7 @@ class ChartFunctionCalls(ChartPart):
         """Run a function; return the frame of its variables, and the guard after it."""
         self._frames += 1
         frame = f"{function.name}#{self._frames}"
-        here = replace(context, scope=function.state, frame=frame, place=f"function {function.name}")
-        here = replace(here, alive=lambda inner: inner)
+        here = ActionContext(function.state, context.owner, context.event, frame, place=f"function {function.name}")
         self._bind(function, frame, arguments)
         if function.script:
             return frame, self._run_code(function, here, guard)
@@ -287,8 +269,7 @@ class ChartFunctionCalls(ChartPart):
         for data in self.diagram.data.values():
             is_local = self.diagram.holder(data.written.parent) is function.state
             if is_local and data.written.scope in ("FUNCTION_OUTPUT_DATA", "TEMPORARY_DATA"):
-                start = self.variables.values[data.key]
-                self.variables.values[f"{frame}.{data.written.name}"] = start
+                self.variables.values[f"{frame}.{data.written.name}"] = self.variables.values[data.key]
 
     def _run_code(self, function: ChartFunction, context: ActionContext, guard: Guard) -> Guard | None:
         try:
@@ -298,13 +279,12 @@ class ChartFunctionCalls(ChartPart):
         definition = next((candidate for candidate in script.functions if candidate.name == function.name), None)
         if definition is None:
             raise UnsupportedError(f"the code of function {function.name} defines no function of this name")
-        for name, own_name in zip(definition.parameters, function.parameters, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{own_name}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{name}"] = value
+        self._copy_variables(context.frame, function.parameters, definition.parameters)
         after = self.machine.statements.function(definition.body, context, guard)
-        for name, own_name in zip(definition.results, function.results, strict=False):
-            value = self.variables.values.get(f"{context.frame}.{name}")
-            if value is not None:
-                self.variables.values[f"{context.frame}.{own_name}"] = value
+        self._copy_variables(context.frame, definition.results, function.results)
         return after
+
+    def _copy_variables(self, frame: str, names: Sequence[str], copies: Sequence[str]) -> None:
+        for name, copy in zip(names, copies, strict=False):
+            if (value := self.variables.values.get(f"{frame}.{name}")) is not None:
+                self.variables.values[f"{frame}.{copy}"] = value

@@ -18,20 +18,15 @@ _CHANGE = re.compile(r"(?m)(^|[;,\n])([ \t]*)([A-Za-z]\w*(?:\.\w+)*(?:\([^()\n]*
 _OR = re.compile(r"\|\||\|")
 
 _KINDS = {
-    "entry": "entry",
-    "en": "entry",
-    "during": "during",
-    "du": "during",
-    "dur": "during",
-    "exit": "exit",
-    "ex": "exit",
+    **dict.fromkeys(("entry", "en"), "entry"),
+    **dict.fromkeys(("during", "dur", "du"), "during"),
+    **dict.fromkeys(("exit", "ex"), "exit"),
     "bind": "bind",
 }
-_WORD = (
-    r"(?:entry|en|during|dur|du|exit|ex|bind|on[ \t]+(?:[^\s:;{}()]|\([^():;]*(?:\([^():;]*\)[^():;]*)*\))[^:;{}\n]*?)"
-)
+_KEYWORDS = "|".join(_KINDS)
+_WORD = rf"(?:{_KEYWORDS}|on[ \t]+(?:[^\s:;{{}}()]|\([^():;]*(?:\([^():;]*\)[^():;]*)*\))[^:;{{}}\n]*?)"
 _HEAD = re.compile(rf"(?:^|(?<=[;\n\s,]))({_WORD}(?:\s*,\s*{_WORD})*)\s*:(?!=)", re.MULTILINE)
-_ONE = re.compile(r"\s*,\s*(?=(?:entry|en|during|dur|du|exit|ex|bind|on)\b)")
+_ONE = re.compile(rf"\s*,\s*(?=(?:{_KEYWORDS}|on)\b)")
 _NAME = re.compile(r"\s*([A-Za-z_]\w*|\?)[ \t]*")
 _COMMENTS = {"C": re.compile(r"/\*.*?\*/|//[^\n]*|(?<!%)%(?!%)[^\n]*|\.\.\.[^\n]*\n", re.DOTALL)}
 _COMMENTS["MATLAB"] = re.compile(

@@ -237,7 +237,6 @@ class JunctionSearch:
         return remaining
 
     def _count_pass(self, junction: JunctionNode) -> None:
-        """Count the passes through a junction."""
         self.machine.work()
         self._turns[junction] = self._turns.get(junction, 0) + 1
         if self._turns[junction] > _MAX_PASSES:

@@ -17,15 +17,18 @@ import numpy as np
 
 from kennfeld.arrays import readonly
 from kennfeld.errors import InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.matlab.mat_nodes import MatFileError
+from kennfeld.matlab.values import INTEGERS
 from kennfeld.models.simulink.reader.document import solver_from
 from kennfeld.models.simulink.reader.model_package import is_zip, zip_package
 from kennfeld.models.simulink.reader.model_tree import StoredSolver
-from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode
+from kennfeld.models.simulink.reader.section_tree import COMPLETE_COPY, ReadDiagnostics, SectionNode
 from kennfeld.models.simulink.variables.m_files import enumerals
 from kennfeld.models.simulink.variables.stored_variables import (
     StoredVariable,
     StoredVariables,
+    UnusableValueError,
     Value,
     mxarray_value,
     stored_variable,
@@ -39,9 +42,7 @@ _NUMBER = re.compile(  # with its class suffix, `60000U` or `2.5F`
 _BETWEEN = re.compile(r"[\s,;\[\]]*")  # separators of the numbers in a matrix
 _HEAD = 65536
 
-_NUMBERS = {"double", "single", "logical", "boolean", "bool"} | {
-    f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)
-}
+_NUMBERS = {"double", "single", "logical", "boolean", "bool", *INTEGERS}
 _TEXTS = {"char", "string"}
 _NOT_DATA = ("Simulink.ConfigSet", "Simulink.ConfigSetRef", "Simulink.VariantConfigurationData")
 _TRUTH = {"true": "1", "false": "0"}
@@ -55,25 +56,18 @@ _TYPE_CLASSES = frozenset(
 )
 
 
-def is_text_dictionary(raw: bytes) -> bool:
-    """Return True if bytes look like a text data dictionary."""
-    return _PARTS.encode() in raw[:_HEAD]
-
-
 def text_chunks(raw: bytes, diagnostics: ReadDiagnostics) -> list[SectionNode]:
     """Return the chunks of a text dictionary; errors are recorded."""
     try:
         parts = json.loads(raw)[_PARTS]
         contents = [parts[name][_CONTENT] for name in sorted(parts) if name.startswith(_PART)]
         if not contents:
-            diagnostics.error(
-                "", "is not a data dictionary: part data/chunk0 is missing", "Use a complete copy of the file."
-            )
+            diagnostics.error("", "is not a data dictionary: part data/chunk0 is missing", COMPLETE_COPY)
         return [_chunk(content) for content in contents]
     except RecursionError:
-        diagnostics.error("", "is nested too deeply", "Use a complete copy of the file.")
+        diagnostics.error("", "is nested too deeply", COMPLETE_COPY)
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        diagnostics.error("", f"is not a data dictionary: {str(error)[:80]}", "Use a complete copy of the file.")
+        diagnostics.error("", f"is not a data dictionary: {str(error)[:80]}", COMPLETE_COPY)
     return []
 
 
@@ -195,10 +189,6 @@ class Dictionary:
         )
 
 
-class _Unreadable(Exception):  # noqa: N818 - says of one entry why it is left aside
-    pass
-
-
 def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
     """Read the variables of a `.sldd` file.
 
@@ -241,11 +231,9 @@ def _read_referenced(file: Path, name: str) -> Dictionary:
 def _read_file(path: Path) -> Dictionary:
     """Return the dictionary of one file; raise `InputError` if it is not one."""
     diagnostics = ReadDiagnostics(path.name)
-    try:
+    with convert_errors(path, "cannot be read"):
         raw = path.read_bytes()
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"cannot be read: {error.strerror or error}") from None
-    if not is_zip(raw) and not is_text_dictionary(raw):
+    if not is_zip(raw) and _PARTS.encode() not in raw[:_HEAD]:
         raise InputError.of(Location(path.name), "is not a data dictionary", _EXTENSION_REMEDY)
     roots = _packed(raw, diagnostics) if is_zip(raw) else text_chunks(raw, diagnostics)
     diagnostics.raise_if_errors()
@@ -293,7 +281,7 @@ def _dictionary(path: Path, roots: list[SectionNode]) -> Dictionary:
 def _add(name: str, section: SectionNode, entries: dict[str, StoredVariable], unreadable: dict[str, str]) -> None:
     try:
         value = _value(section)
-    except _Unreadable as why:
+    except UnusableValueError as why:
         unreadable[name] = str(why)
         return
     if isinstance(value, StoredVariable):
@@ -310,7 +298,7 @@ def _properties(section: SectionNode) -> dict[str, SectionNode]:
 def _value(section: SectionNode, depth: int = 0) -> Value:
     kind = section.keys.get("Class", "")
     if depth > _MAX_DEPTH:
-        raise _Unreadable(f"it is more than {_MAX_DEPTH} levels deep")
+        raise UnusableValueError(f"it is more than {_MAX_DEPTH} levels deep")
     if section.keys.get("Encoding"):
         return _encoded(section)
     if kind in _NUMBERS:
@@ -327,11 +315,11 @@ def _value(section: SectionNode, depth: int = 0) -> Value:
     if inner:
         return _several(inner, section)
     if section.first("P") is not None:
-        return stored_variable("", kind, _struct(section, depth)) if kind else _struct(section, depth)
+        return stored_variable(kind, _struct(section, depth)) if kind else _struct(section, depth)
     if "." in kind:
         # an enumeration stores the name of its member, an object with only defaults stores nothing
-        return section.text.strip() or stored_variable("", kind, {})
-    raise _Unreadable(f"its class {kind[:60] or 'none'} is unknown")
+        return section.text.strip() or stored_variable(kind, {})
+    raise UnusableValueError(f"its class {kind[:60] or 'none'} is unknown")
 
 
 def _struct(section: SectionNode, depth: int) -> dict[str, Value]:
@@ -346,13 +334,13 @@ def _several(values: tuple[Value, ...], section: SectionNode) -> Value:
 def _numbers(section: SectionNode) -> Value:
     """Return an array stored by columns."""
     if section.keys.get("IsComplex") in ("1", "true") or "i" in section.text.replace("Inf", "").replace("inf", ""):
-        raise _Unreadable("it is complex")
+        raise UnusableValueError("it is complex")
     written = section.text.split()
     try:
         values = np.array([float(_TRUTH.get(number, number)) for number in written])
         shape = tuple(int(n) for n in section.keys["Dimension"].split("*")) if "Dimension" in section.keys else None
     except ValueError:
-        raise _Unreadable(f"its numbers cannot be read: {section.text.strip()[:40]}") from None
+        raise UnusableValueError(f"its numbers cannot be read: {section.text.strip()[:40]}") from None
     shape = shape or ((1, 1) if values.size == 1 else (min(values.size, 1), values.size))
     if (
         len(shape) > 30
@@ -360,7 +348,7 @@ def _numbers(section: SectionNode) -> Value:
         or max(shape) > _MAX_DIMENSION
         or values.size != int(np.prod(shape, dtype=float))
     ):
-        raise _Unreadable(f"it has {values.size} numbers for a size of {section.keys.get('Dimension', '')[:40]}")
+        raise UnusableValueError(f"it has {values.size} numbers for a size of {section.keys.get('Dimension', '')[:40]}")
     return readonly(values.reshape(shape, order="F"))
 
 
@@ -369,6 +357,6 @@ def _encoded(section: SectionNode) -> Value:
     try:
         return mxarray_value(binascii.unhexlify("".join(section.text.split())))
     except (binascii.Error, ValueError):
-        raise _Unreadable("its bytes cannot be decoded") from None
+        raise UnusableValueError("its bytes cannot be decoded") from None
     except MatFileError as error:
-        raise _Unreadable(f"its bytes cannot be decoded: {error}") from None
+        raise UnusableValueError(f"its bytes cannot be decoded: {error}") from None

@@ -7,19 +7,19 @@ values named `Class.Member`. Expressions that need numbers are evaluated by the 
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from kennfeld.errors import Finding, InputError, Location, Severity
-from kennfeld.formatting import nearest
+from kennfeld.file_errors import convert_errors
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.functions import NUMERIC_FUNCTIONS
 from kennfeld.matlab.parser import parse_leniently, parse_script
-from kennfeld.matlab.script_files import Files
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
 from kennfeld.matlab.traversal import names_read
@@ -262,19 +262,13 @@ def _struct(value: MatlabStruct) -> ParameterValue:
 def run_parameter_script(variables: VariableTable, path: Path) -> None:
     """Run a parameter script and add its variables to `variables`; raise `InputError` if it cannot be read."""
     text = read_file(path).decode("utf-8", "replace")
-    if is_class(text):
-        _enumeration(variables, text, path)
-    else:
+    if not is_class(text):
         run_text(variables, text, path.name, path.parent)
-
-
-def _enumeration(variables: VariableTable, text: str, path: Path) -> None:
-    enumeration = enumeration_of(text)
-    if enumeration is None:
-        raise InputError.of(
-            Location(path.name), "is a class, but not an enumeration of integers", "Use scripts and enumerations."
-        )
-    variables[enumeration[0]] = variable_of(enumeration[1], path.name)
+    elif (enumeration := enumeration_of(text)) is not None:
+        variables[enumeration[0]] = variable_of(enumeration[1], path.name)
+    else:
+        message = "is a class, but not an enumeration of integers"
+        raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")
 
 
 def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> None:
@@ -284,7 +278,7 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
     `folder` only.
     """
     values = {key: variable.value for key, variable in variables.items()}
-    outcome = run_script(text, name, values, _file_loader(folder))
+    outcome = run_script(text, name, values, partial(_load_file, folder))
     for finding in outcome.findings:  # a script skips plots, and what follows an error
         severity: Severity = "warning" if finding.severity == "warning" else "remark"
         variables.findings.append(replace(finding, severity=severity))
@@ -305,21 +299,12 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
             del variables[key]
 
 
-def _file_loader(folder: Path) -> Files:
-    def found(name: str) -> bytes | None:
-        path = folder / name
-        return read_file(path) if _SCRIPT_NAME.match(name) and path.is_file() else None
-
-    return found
+def _load_file(folder: Path, name: str) -> bytes | None:
+    path = folder / name
+    return read_file(path) if _SCRIPT_NAME.match(name) and path.is_file() else None
 
 
 def read_file(path: Path) -> bytes:
     """Return the content of a file; raise `InputError` if it cannot be read."""
-    try:
+    with convert_errors(path, "the file cannot be read", missing="file not found", advice="Check the path."):
         return path.read_bytes()
-    except FileNotFoundError:
-        siblings = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
-        remedy = nearest(path.name, siblings) or "Check the path."
-        raise InputError.of(Location(str(path)), "file not found", remedy) from None
-    except OSError as error:
-        raise InputError.of(Location(str(path)), f"the file cannot be read: {error.strerror or error}") from None

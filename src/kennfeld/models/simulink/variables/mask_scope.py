@@ -186,16 +186,12 @@ def to_parameter_value(value: Any) -> ParameterValue | None:
     try:
         array = None if value is None or np.iscomplexobj(value) else np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        return _several(value)
+        if not isinstance(value, tuple | list):
+            return None
+        elements = [to_parameter_value(element) for element in value]
+        known = tuple(element for element in elements if element is not None)
+        return known if len(known) == len(elements) else None
     return np.atleast_1d(array) if array is not None else None
-
-
-def _several(value: Any) -> ParameterValue | None:
-    if not isinstance(value, (tuple, list)):
-        return None
-    parts = [to_parameter_value(part) for part in value]
-    known = tuple(part for part in parts if part is not None)
-    return known if len(known) == len(parts) else None
 
 
 def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:

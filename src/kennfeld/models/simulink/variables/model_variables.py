@@ -59,9 +59,8 @@ def collect_variables(document: ModelDocument, sources: Iterable[ParameterSource
         if isinstance(source, ParameterSet):
             parameter_sets.append(source)
         elif isinstance(source, Mapping):
-            variables.update(
-                {name: Variable(value, source=USER_SOURCE) for name, value in _values_by_name(source).items()}
-            )
+            for name, value in _values_by_name(source).items():
+                variables[name] = Variable(value, source=USER_SOURCE)
         else:
             parameter_sets += _add_file(variables, Path(source))
     by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
@@ -89,8 +88,8 @@ def _add_adjacent_files(variables: VariableTable, document: ModelDocument) -> No
     """Add enumerations and data dictionaries next to a model; only names without folders are followed."""
     folder = document.path.parent
     for name in document.enumerations:
-        enumeration = enumeration_file(folder, name)
-        variables.update({name: enumeration} if enumeration is not None else {})
+        if (enumeration := enumeration_file(folder, name)) is not None:
+            variables[name] = enumeration
     for name in document.dictionaries:
         if Path(name).name == name:
             try:
@@ -108,12 +107,8 @@ def _values_by_name(values_by_name: Mapping[str, object]) -> dict[str, Parameter
     wrong = [name for name, value in values.items() if value is None]
     if wrong:
         remedy = "Use numbers, texts, lists or dictionaries of them, or Parameters in a ParameterSet."
-        raise InputError(
-            [
-                Finding(Location("parameters"), f"{name}={values_by_name[name]!r:.60} is not a supported value", remedy)
-                for name in wrong
-            ]
-        )
+        messages = [f"{name}={values_by_name[name]!r:.60} is not a supported value" for name in wrong]
+        raise InputError(Finding(Location("parameters"), message, remedy) for message in messages)
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -146,17 +141,15 @@ def _workspace(variables: VariableTable, document: ModelDocument) -> None:
     if kind == "m-code":
         before = dict(variables)
         run_text(variables, document.workspace.text, "model workspace", document.path.parent)
-        variables.update(
-            {name: before[name] for name in before.keys() - variables.keys()}
-        )  # the user may give what is missing
+        for name in before.keys() - variables.keys():  # the user may give what is missing
+            variables[name] = before[name]
     elif kind == "file":
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
             _add_file(variables, path)
         else:
-            variables.findings.append(
-                Finding(Location(document.name), f"its workspace is in {path.name}, which was not found")
-            )
+            message = f"its workspace is in {path.name}, which was not found"
+            variables.findings.append(Finding(Location(document.name), message))
     else:
         _add(variables, workspace_variables(document.workspace), "model workspace")
 
@@ -183,11 +176,10 @@ def _variable(entry: StoredVariable, source: str) -> Variable | None:
 
 def _value(stored: Stored) -> ParameterValue | None:
     if isinstance(stored, StoredVariable):
-        if stored.breakpoints:
-            parts = {f"Breakpoints{i + 1}": _value(variable) for i, variable in enumerate(stored.breakpoints)}
-            parts = {"Table": _value(stored.value), **parts}
-            return {name: part for name, part in parts.items() if part is not None}
-        return _value(stored.value)
+        if not stored.breakpoints:
+            return _value(stored.value)
+        axes = {f"Breakpoints{number}": variable for number, variable in enumerate(stored.breakpoints, 1)}
+        stored = {"Table": stored.value, **axes}
     if isinstance(stored, Mapping):
         parts = {name: _value(part) for name, part in stored.items()}
         return {name: part for name, part in parts.items() if part is not None}

@@ -55,19 +55,23 @@ class StoredVariables:
     unreadable: Mapping[str, str] = field(default_factory=dict)
 
 
-def stored_variable(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
+class UnusableValueError(Exception):
+    """A value cannot be used; the text gives the reason."""
+
+
+def stored_variable(kind: str, properties: Mapping[str, Value]) -> StoredVariable:
     """Return an object by its properties: those used for calibration by name, the rest as they are."""
     table, axes = properties.get("Table"), properties.get("Breakpoints")
     if table is not None:
         breakpoints = tuple(
-            _plain(_text(axis, "FieldName") or f"{name}.{number}", "breakpoints", axis)
+            _plain(_text(axis, "FieldName") or f".{number}", "breakpoints", axis)
             for number, axis in enumerate(map(_part, _several(axes)), 1)
         )
-        return replace(_plain(name, kind, _part(table)), breakpoints=breakpoints, properties=properties)
+        return replace(_plain("", kind, _part(table)), breakpoints=breakpoints, properties=properties)
     inner = _several(axes)
     if inner and "Value" not in properties:
         properties = {**properties, **_part(inner[0])}
-    return _plain(name, kind, properties)
+    return _plain("", kind, properties)
 
 
 def _plain(name: str, kind: str, properties: Mapping[str, Value]) -> StoredVariable:
@@ -123,7 +127,7 @@ def mxarray_value(raw: bytes) -> Value:
     """Return the value of a single `.mxarray` array; raises `MatFileError` if there is none."""
     try:
         return _NodeDecoder().value(read_array(raw, _MAX_BYTES), "")
-    except _UnreadError as why:
+    except UnusableValueError as why:
         raise n.MatFileError(str(why)) from None
 
 
@@ -146,7 +150,7 @@ def _data(loaded: n.MatFileContent, message: str) -> StoredVariables:
     for name, node in loaded.variables.items():
         try:
             entries[name] = _entry(name, node, reader.value(node, name))
-        except _UnreadError as why:
+        except UnusableValueError as why:
             reader.unreadable[name] = str(why)
     if loaded.lost:
         whole = message if not entries else f"{message} whole"
@@ -165,10 +169,6 @@ def _entry(name: str, node: n.Node, value: Value) -> StoredVariable:
     return StoredVariable(name, value, kind or word)
 
 
-class _UnreadError(Exception):
-    """A value cannot be used; the text gives the reason."""
-
-
 @dataclass
 class _NodeDecoder:
     """Converts nodes to values; `unreadable` lists what was skipped within them."""
@@ -176,7 +176,7 @@ class _NodeDecoder:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def value(self, node: n.Node, path: str) -> Value:
-        """Return the value of a node; raise `_UnreadError` if it is unsupported."""
+        """Return the value of a node; raise `UnusableValueError` if it is unsupported."""
         match node:
             case n.MatNumbers():
                 with np.errstate(invalid="ignore"):  # some single-precision NaNs warn
@@ -184,15 +184,15 @@ class _NodeDecoder:
             case n.MatText():
                 return node.rows or node.text
             case n.MatStruct():
-                return stored_variable("", node.kind, self._properties(node)) if node.kind else self._fields(node, path)
+                return stored_variable(node.kind, self._properties(node)) if node.kind else self._fields(node, path)
             case n.MatStructArray():
                 return tuple(self.value(element, f"{path}({at})") for at, element in enumerate(node.elements, 1))
             case n.MatCells():
                 return tuple(self.value(element, f"{path}{{{at}}}") for at, element in enumerate(node.cells, 1))
             case n.MatUnreadable():
                 if node.kind in _WHY or node.kind == "damaged value":
-                    raise _UnreadError(node.why or _WHY[node.kind])
-                raise _UnreadError(f"{node.kind}: {node.why or 'it can only be read by MATLAB'}")
+                    raise UnusableValueError(node.why or _WHY[node.kind])
+                raise UnusableValueError(f"{node.kind}: {node.why or 'it can only be read by MATLAB'}")
 
     def _fields(self, node: n.MatStruct, path: str) -> Mapping[str, Value]:
         """Return the fields of a struct; unreadable ones are recorded and skipped."""
@@ -200,7 +200,7 @@ class _NodeDecoder:
         for name, inner in node.fields.items():
             try:
                 fields[name] = self.value(inner, f"{path}.{name}")
-            except _UnreadError as why:
+            except UnusableValueError as why:
                 self.unreadable[f"{path}.{name}"] = str(why)
         return fields
 
@@ -210,7 +210,7 @@ class _NodeDecoder:
         for name, inner in node.fields.items():
             try:
                 properties[name] = _NodeDecoder().value(inner, name)
-            except _UnreadError:
+            except UnusableValueError:
                 if name in _NEEDED:
                     raise
         return properties

@@ -1,0 +1,101 @@
+"""The keys of the project file as a page shows them, and the names that their values choose from."""
+
+from collections.abc import Collection, Iterable, Iterator
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from kennfeld.app.answer import Answer, Given
+from kennfeld.app.questions.overview import RECORDINGS, SCREENS
+from kennfeld.app.questions.recordings import channel_names, recording_names
+from kennfeld.app.session.session import Session
+from kennfeld.calfiles import describe, endings
+from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.errors import InputError
+from kennfeld.project.key_descriptions import describe_sections
+from kennfeld.project.schema import SIMULINK
+
+MAX_FILES = 2000  # of the folder that are listed
+_FILES = {
+    "function file": (".kf", *SIMULINK),
+    "surrogate file": (".json",),
+    "recording": RECORDINGS,
+    "calibration file": tuple(ending for ending in endings() if ending not in IMAGE_ENDINGS),
+    "image": IMAGE_ENDINGS,
+    "A2L file": (".a2l",),
+}
+
+
+def schema(session: Session, given: Given) -> Answer:
+    """Return the sections of the project file with their screens and keys: form, default, unit and help."""
+    return Answer({"sections": _sections()})
+
+
+@cache
+def _sections() -> list[dict[str, Any]]:
+    return [{**section, "screen": SCREENS.get(section["name"], "parameters")} for section in describe_sections()]
+
+
+def names(session: Session, given: Given) -> Answer:
+    """Return the names that values of keys choose from, by what the values are: "channel", "node", "image" ..."""
+    function, settings = session.function, session.settings
+    graph = None if function is None else function.graph
+    nodes, inputs = (list(graph.names), list(graph.inputs)) if graph is not None else ([], [])
+    channels = [*channel_names(session), *_keys(settings, "calculated")]
+    parameters = [*(graph.parameters if graph is not None else ()), *_keys(settings, "parameters")]
+    return Answer(
+        {
+            "names": {
+                "channel": _unique(channels),
+                "node": nodes,
+                "input": _unique([*inputs, *nodes]),
+                "parameter": _unique(parameters),
+                "group axis": _keys(settings, "axes"),
+                "variant": _variants(session),
+                **_files(session.path.parent, set(recording_names(session))),
+            }
+        }
+    )
+
+
+def _unique(words: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(words))
+
+
+def _keys(settings: dict[str, Any], section: str) -> list[str]:
+    table = settings.get(section)
+    return list(table) if isinstance(table, dict) else []
+
+
+def _files(folder: Path, recordings: Collection[str]) -> dict[str, list[str]]:
+    """Return the files of a folder by what they can be; `recordings` of the project are nothing else."""
+    present = sorted(path.name for path in folder.iterdir() if path.is_file())[:MAX_FILES]
+    return {
+        kind: [
+            name for name in present if name.lower().endswith(ends) and (kind == "recording" or name not in recordings)
+        ]
+        for kind, ends in _FILES.items()
+    }
+
+
+def _variants(session: Session) -> list[str]:
+    """Return the variants of the labels in the initial files."""
+    calibration = session.settings.get("calibration")
+    initial = calibration.get("initial", []) if isinstance(calibration, dict) else []
+    items = initial if isinstance(initial, list) else [initial]
+    return _unique(variant for item in items for variant in _variants_of_file(session.path.parent, item) if variant)
+
+
+def _variants_of_file(folder: Path, item: Any) -> Iterator[str]:
+    name, a2l = (item.get("hex"), item.get("a2l")) if isinstance(item, dict) else (item, None)
+    try:
+        path = folder / str(name)
+        yield from _described_variants(path, folder / str(a2l) if a2l else None, path.stat().st_mtime_ns)
+    except (InputError, OSError):
+        return  # reported as a problem of the project
+
+
+@lru_cache(maxsize=64)
+def _described_variants(path: Path, a2l: Path | None, modified: int) -> tuple[str, ...]:
+    """Return the variants of the labels of a file; `modified` tells if it has changed."""
+    return tuple(_unique(variant for each in describe(path, a2l).parameters for variant in each.variants))

@@ -1,0 +1,37 @@
+"""Errors of the system about files, in the words of findings."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from kennfeld.errors import InputError, Location
+from kennfeld.formatting import nearest
+
+
+def nearest_file(path: Path) -> str:
+    """Return a question that offers the most similar name in the folder of a missing file, or an empty string."""
+    return nearest(path.name, (other.name for other in path.parent.iterdir())) if path.parent.is_dir() else ""
+
+
+@contextmanager
+def convert_errors(
+    path: Path | str, message: str, remedy: str = "", *, missing: str = "", advice: str = ""
+) -> Iterator[None]:
+    """Convert an `OSError` within the block to an `InputError`.
+
+    Args:
+        path: the file or folder.
+        message: what is impossible, such as "cannot be read"; the reason of the system follows.
+        remedy: the remedy.
+        missing: the message if the file does not exist, by default `message`.
+        advice: the remedy with `missing` if no other file has a similar name.
+
+    Raises:
+        InputError: the system cannot read or write the file.
+    """
+    try:
+        yield
+    except OSError as error:
+        if missing and isinstance(error, FileNotFoundError):
+            raise InputError.of(Location(str(path)), missing, nearest_file(Path(path)) or advice) from None
+        raise InputError.of(Location(str(path)), f"{message}: {error.strerror or error}", remedy) from None

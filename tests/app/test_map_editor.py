@@ -1,0 +1,141 @@
+"""The editor of a map in a browser: table, value field, surface and slices show and change the same values."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import READY, browser_page, started
+
+from kennfeld.project import Project
+
+# the middle of the dot: the pixels of its colour that lie in the midst of such
+DOT = """
+canvas => {
+  const { width, height } = canvas;
+  const data = canvas.getContext('2d').getImageData(0, 0, width, height).data;
+  const green = (x, y) => [35, 131, 74].every((part, k) => data[4 * (y * width + x) + k] === part);
+  const inside = [];
+  for (let y = 3; y < height - 3; y++) {
+    for (let x = 3; x < width - 3; x++) {
+      if ([[0, 0], [-2, 0], [2, 0], [0, -2], [0, 2]].every(([a, b]) => green(x + a, y + b))) inside.push([x, y]);
+    }
+  }
+  const mean = k => inside.reduce((sum, each) => sum + each[k], 0) / inside.length;
+  return [mean(0) / devicePixelRatio, mean(1) / devicePixelRatio];
+}
+"""
+# the cells that change while a key is handled and answered
+CHANGED_CELLS = """
+() => {
+  window.changed = new Set();
+  const observer = new MutationObserver(records => {
+    for (const { target } of records) {
+      const element = target instanceof Element ? target : target.parentElement;
+      const cell = element.closest('td[data-cell]');
+      if (cell) window.changed.add(cell.dataset.cell);
+    }
+  });
+  const every = { subtree: true, childList: true, attributes: true, characterData: true };
+  observer.observe(document.querySelector('table.grid'), every);
+}
+"""
+
+
+@pytest.fixture
+def editor(exhaust: Path, tmp_path: Path) -> Iterator[Any]:
+    """Open MapSettled of the exhaust demo."""
+    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=parameters]")
+        page.click("[data-parameter=MapSettled]")
+        page.wait_for_selector("[data-cell='11,11']")
+        yield page
+
+
+def number(text: str) -> float:
+    return float(text.replace("\u2212", "-"))
+
+
+def cell(page: Any, i: int, j: int) -> float:
+    return number(page.inner_text(f"[data-cell='{i},{j}']"))
+
+
+def drag_dot(page: Any, canvas: str, up: int) -> None:
+    """Drag the dot of a picture upwards."""
+    element = page.locator(canvas).first
+    box = element.bounding_box()
+    x, y = element.evaluate(DOT)
+    page.mouse.move(box["x"] + x, box["y"] + y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + x, box["y"] + y - up, steps=3)
+    page.mouse.up()
+    page.wait_for_selector(READY)
+
+
+def test_the_value_field_sets_all_selected_values(editor: Any) -> None:
+    editor.click("[data-cell='2,3']")
+    editor.click("[data-cell='3,4']", modifiers=["Shift"])
+    field = editor.locator(".selbar input")
+    field.fill("512,5")
+    field.press("Enter")
+    for i, j in ((2, 3), (2, 4), (3, 3), (3, 4)):
+        editor.wait_for_selector(f"[data-cell='{i},{j}']:has-text('512.5')")
+    assert editor.inner_text(".readout b") == "512.5 degC"
+    field.fill("*2")
+    field.press("Enter")
+    editor.wait_for_selector("[data-cell='2,3']:has-text('1025')")
+    editor.click("#undo")
+    editor.wait_for_selector("[data-cell='2,3']:has-text('512.5')")
+    assert field.input_value() == "512.5"
+    field.fill("high")
+    field.press("Enter")
+    assert field.input_value() == "512.5"
+
+
+@pytest.mark.parametrize("canvas", [".surf canvas", ".slic canvas"], ids=["surface", "slice"])
+def test_a_dragged_dot_changes_the_active_value_alone(editor: Any, canvas: str) -> None:
+    editor.click("[data-cell='5,6']")
+    before = cell(editor, 5, 6)
+    drag_dot(editor, canvas, 20)
+    after = cell(editor, 5, 6)
+    assert after > before
+    assert number(editor.inner_text(".readout b").split()[0]) == pytest.approx(after, abs=0.06)
+    assert cell(editor, 5, 5) == before  # the start is flat
+    assert cell(editor, 4, 6) == before
+    editor.click("#undo")  # one drag is one step
+    editor.wait_for_function(
+        "number => document.querySelector('[data-cell=\"5,6\"]').innerText === number", arg=f"{before:g}"
+    )
+
+
+def test_an_edit_redraws_the_cells_that_look_different_and_no_other(editor: Any) -> None:
+    for at, value in (("0,0", "900.5"), ("11,11", "100.5")):  # the range of the colours, and the decimals
+        editor.click(f"[data-cell='{at}']")
+        editor.keyboard.type(value)
+        editor.keyboard.press("Enter")
+    editor.click("[data-cell='5,6']")
+    editor.wait_for_selector(READY)
+    editor.evaluate(CHANGED_CELLS)
+    editor.keyboard.press("+")
+    editor.wait_for_function("() => window.changed.size > 0")
+    editor.wait_for_selector(READY)
+    assert editor.evaluate("[...window.changed]") == ["5,6"]
+
+
+def test_what_a_point_rests_on_is_shown_for_a_curve_too(editor: Any, exhaust: Path) -> None:
+    points = Project.read(exhaust).problem().parameters["CurveTimeConstant"].axes[0].breakpoints
+    editor.click("[data-parameter=CurveTimeConstant]")
+    editor.wait_for_selector(f"[data-cell='{len(points) - 1},0']")
+    editor.click("[data-cell='3,0']")
+    editor.wait_for_selector(f".evid dd:has-text('{points[3]:g}')")
+    editor.wait_for_selector(".timeline canvas")
+    samples = number(editor.inner_text(".evid dd:has-text('stretches')").split()[0].replace("\u2009", ""))
+    assert samples > 0
+    picture = np.array(
+        editor.locator(".evid .n1 canvas").evaluate(
+            "canvas => [...canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data]"
+        )
+    )
+    lit = (picture.reshape(-1, 4)[:, :3] == (217, 119, 6)).all(axis=1)  # the colour of linked evidence
+    assert lit.sum() > 20

@@ -1,0 +1,156 @@
+"""Settings in a headless browser: every key has a field that finds it, explains it, sets it and resets it."""
+
+from pathlib import Path
+from typing import Any
+
+from browser import READY, browser_page, started
+
+from kennfeld.project.key_descriptions import describe_sections
+
+
+def jump(page: Any, key: str) -> None:
+    """Go to a key with the command palette."""
+    page.keyboard.press("Control+k")
+    page.keyboard.type(key)
+    page.keyboard.press("Enter")
+    page.wait_for_selector(f"[data-setting='{key}']:focus-within")
+
+
+def enter(page: Any, label: str, text: str) -> None:
+    page.fill(f"[aria-label='{label}']", text)
+    page.keyboard.press("Enter")
+
+
+def test_the_palette_finds_the_field_of_every_key(torque: Path, tmp_path: Path) -> None:
+    before, missing = torque.read_bytes(), []
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        for section in describe_sections():
+            for key in section["form"].get("keys", ()):
+                name = f"{section['name']}.{key['name']}"
+                if section["name"] == "axes":
+                    continue  # the project has none, see below
+                if section["name"] == "parameters" and key["name"] in ("z", "w"):
+                    continue  # the open table is a map
+                jump(page, name)
+                row = page.locator(f"[data-setting='{name}']:focus-within")
+                help_line = row.locator(".help")
+                if help_line.count() and key["help"] not in help_line.inner_text():
+                    missing.append(name)
+        assert missing == []
+        assert page.is_disabled("#save")
+    assert torque.read_bytes() == before
+
+
+def test_a_value_set_and_reset_in_the_page_leaves_the_file_byte_for_byte(torque: Path, tmp_path: Path) -> None:
+    before = torque.read_bytes()
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        jump(page, "optimizer.spread")
+        page.keyboard.type("0,25")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#unsaved.dirty")
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+        assert b"spread = 0.25" in torque.read_bytes()
+        page.click("[aria-label='Remove optimizer.spread, back to the default']")
+        page.wait_for_selector("#unsaved.dirty")
+        jump(page, "parameters.smoothness")
+        enter(page, "parameters.smoothness", "5")
+        page.wait_for_selector(".mono:has-text('smoothness = 5')")
+        page.keyboard.press("Control+z")  # nothing is typed: the last command, not the text of the field
+        page.wait_for_selector(".mono:has-text('smoothness = 100')")
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+    assert torque.read_bytes() == before
+
+
+def test_a_message_stands_at_its_field(torque: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        jump(page, "dataset.where")
+        page.keyboard.type("Sped > 1000")
+        page.keyboard.press("Enter")
+        remark = page.wait_for_selector("[data-entry='1'] + .settings > .remark.bad")
+        assert remark.inner_text() == "has no channel Sped, the condition `where`. Did you mean Speed?"
+        enter(page, "dataset.where", "Speed >")
+        remark = page.wait_for_selector("[data-setting='dataset.where'] .remark.bad")
+        assert "kennfeld.toml" not in remark.inner_text()
+        page.click("[aria-label='Remove dataset.where, back to the default']")
+        page.wait_for_selector("[data-setting='dataset.where'] .remark", state="detached")
+
+
+def test_a_criterion_is_added_selected_and_removed(torque: Path, tmp_path: Path) -> None:
+    before = torque.read_text()
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        first = page.inner_text("#rmse-training")
+        page.click("[data-screen=optimization]")
+        page.click("[data-add=criterion]")
+        enter(page, "criterion.node", "trqOpt")
+        assert page.is_disabled("#save")  # it has no target yet
+        enter(page, "criterion.target channel", "Torque")
+        page.wait_for_selector("[data-section=criterion] [data-entry='3']")
+        page.select_option("[aria-label='Criterion of the RMSE of the training data']", "trqOpt")
+        page.wait_for_function("first => document.querySelector('#rmse-training').innerText !== first", arg=first)
+        page.click("[aria-label='Remove criterion 3']")
+        page.wait_for_selector("[data-entry='3']", state="detached")
+        page.wait_for_function("first => document.querySelector('#rmse-training').innerText === first", arg=first)
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+    assert torque.read_text() == before
+
+
+def test_shared_axes_locks_and_pins_of_a_table(torque: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        jump(page, "parameters.lock")
+        page.select_option("[aria-label='Kind of parameters.lock']", "ranges")
+        page.click("[aria-label='Add to parameters.lock']")
+        enter(page, "parameters.lock 1 x, lower", "700")
+        page.wait_for_selector("[data-setting='parameters.lock'].set")
+        enter(page, "parameters.lock 1 x, upper", "1000")
+        page.wait_for_selector("td.lock")
+        jump(page, "parameters.pin")
+        page.click("[aria-label='Add to parameters.pin']")
+        enter(page, "parameters.pin 1 value", "90")
+        enter(page, "parameters.pin 1 at", "2200 64")
+        page.wait_for_selector(".prop:has-text('Pinned')")
+        page.click(".settings-panel >> text=Shared axes")
+        enter(page, "Name of a new axis", "AxisSpeed")
+        page.wait_for_selector("[data-section=axes] [data-entry=AxisSpeed]")
+        enter(page, "axes.input", "Speed")
+        enter(page, "axes.breakpoints", "700; 2000,5; 6000")
+        page.wait_for_selector("[data-setting='axes.breakpoints'].set")
+        page.wait_for_selector(READY)
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+    text = torque.read_text()
+    assert "lock = [{ x = [700, 1000] }]" in text
+    assert "pin = [{ value = 90, at = [2200, 64] }]" in text
+    assert "breakpoints = [700, 2000.5, 6000]" in text
+
+
+def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        jump(page, "parameters.bounds")
+        page.select_option("[aria-label='Kind of parameters.bounds']", "by value")
+        enter(page, "parameters.bounds, as TOML", "[0, 'high']")
+        page.wait_for_selector(
+            "[data-setting='parameters.bounds'] [role=alert]:has-text('upper bound: must be a number')"
+        )
+        assert page.is_disabled("#save")
+        enter(page, "parameters.bounds, as TOML", "[0, 500]")
+        page.wait_for_selector("#unsaved.dirty")
+        page.wait_for_selector("[data-setting='parameters.bounds'] [role=alert]", state="detached")
+
+
+def test_steps_are_moved_and_unknown_keys_removed(torque: Path, tmp_path: Path) -> None:
+    text = torque.read_text()
+    torque.write_text(text + '\n[[step]]\nname = "fine"\ncolour = 3\n\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n')
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=optimization]")
+        page.click("[data-section=step] [data-entry='1'] .fold")
+        page.wait_for_selector("[data-setting='step.colour'] .remark:has-text('unknown key')")
+        page.click("[aria-label='Remove step.colour, back to the default']")
+        page.wait_for_selector("[data-setting='step.colour']", state="detached")
+        page.click("[aria-label='Move step 2 up']")
+        page.wait_for_selector("[data-section=step] [data-entry='1']:has-text('coarse')")
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+    assert torque.read_text() == text + '\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n\n[[step]]\nname = "fine"\n'
