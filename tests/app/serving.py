@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import os
 import re
 import struct
 import subprocess
@@ -102,9 +103,18 @@ class Page:
 
 
 @contextmanager
-def served(path: Path) -> Iterator[Served]:
-    """Serve a project."""
-    process = subprocess.Popen([sys.executable, "-c", START.format(path=str(path))], stdout=subprocess.PIPE, text=True)
+def served(path: Path, home: Path | None = None, prelude: str = "pass") -> Iterator[Served]:
+    """Serve a project.
+
+    Args:
+        path: the project file.
+        home: folder of the user; one of its own keeps what one server leaves for the next.
+        prelude: a statement that the process of the server runs first.
+    """
+    folder = str(home or path.parent)
+    environment = {**os.environ, "HOME": folder, "USERPROFILE": folder}
+    command = [sys.executable, "-c", f"{prelude}; {START.format(path=str(path))}"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stdout is not None
         match = re.fullmatch(r"Kennfeld runs at http://127\.0\.0\.1:(\d+)/\?token=(\S+)\n", process.stdout.readline())

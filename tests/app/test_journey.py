@@ -111,7 +111,7 @@ def test_unsaved_edits_survive_the_end_of_the_server(torque: Path, tmp_path: Pat
         page.wait_for_selector("[data-cell='1,1']:has-text('99')")
 
 
-SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "start")
+SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "files", "start")
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])

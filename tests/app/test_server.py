@@ -1,6 +1,8 @@
 """The server: who may talk to it, what it survives, and several pages on one project."""
 
+import io
 import json
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -171,6 +173,18 @@ def test_a_file_name_with_markup_stays_text(server: Served) -> None:
     assert status == 200
     assert "<" not in json.loads(body)["file"]
     assert answer["content-type"] == "application/json"
+
+
+def test_the_folder_is_downloaded_without_recovery_files(server: Served) -> None:
+    with server.page() as page:
+        page.ask("set-values", name="MapOptTorque", cells=[0], values=[1.0], title="Typed")
+        status, headers, body = server.request("GET", "/project.zip", {"Cookie": server.cookie})
+        page.ask("undo")
+    assert (status, headers["content-type"]) == (200, "application/zip")
+    names = zipfile.ZipFile(io.BytesIO(body)).namelist()
+    assert "torque/kennfeld.toml" in names
+    assert not [name for name in names if ".kennfeld/" in name]
+    assert server.request("GET", "/project.zip")[0] == 403
 
 
 def test_a_port_that_is_taken_is_refused_in_one_line(server: Served, tmp_path: Path) -> None:

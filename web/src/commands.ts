@@ -3,26 +3,29 @@
 import { signal } from "@preact/signals";
 import { accept } from "./comparison";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
-import { isRunning, move, open, request, screen, state, toggleTheme, type Screen } from "./store";
+import { outcome, resume, run, running, view } from "./runs";
+import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export interface Command { title: string; hint?: string; keys: string[]; run: () => void; enabled?: () => boolean }
 
 export const overlay = signal<"" | "palette" | "keys">("");
 
-const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6]];
-
-const running = (): boolean => isRunning(state.value.job);
+const screens: [Screen, string, number][] = [["data", "Data", 1], ["function", "Function", 2], ["parameters", "Parameters", 3], ["optimization", "Optimization", 4], ["results", "Results", 5], ["plots", "Plots", 6], ["files", "Files", 7]];
 
 export const COMMANDS: Command[] = [
   ...screens.map(([name, title, key]): Command => ({ title: `Go to ${title}`, keys: ["Alt", String(key)], run: () => { screen.value = name; } })),
   { title: "Projects", keys: [], run: () => { screen.value = "start"; } },
-  { title: "Run the calibration", keys: ["F5"], run: () => void request("run"), enabled: () => !running() },
+  { title: "Run the calibration", keys: ["F5"], run, enabled: () => !running() },
   { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
   { title: "Undo", keys: ["Ctrl", "Z"], run: () => void move("undo"), enabled: () => state.value.undo !== "" },
   { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },
   { title: "Save", keys: ["Ctrl", "S"], run: () => void request("save"), enabled: () => state.value.unsaved.length > 0 },
   { title: "Export", keys: ["Ctrl", "E"], run: () => { screen.value = "results"; } },
   { title: "Accept the last run", keys: [], run: () => accept(), enabled: () => state.value.runs.length > 0 },
+  { title: "Resume an interrupted run", keys: [], run: resume, enabled: () => !running() && outcome.value.resumable !== "" },
+  { title: "Cross-validate", keys: [], run: () => { screen.value = "optimization"; view.value = "cross-validation"; }, enabled: () => state.value.project !== null },
+  { title: "Compare, merge or convert calibration files", keys: [], run: () => { screen.value = "files"; } },
+  { title: "Download the folder as ZIP", keys: [], run: () => { location.assign("/project.zip"); }, enabled: () => state.value.project !== null },
   { title: "Settings of this screen", keys: ["Ctrl", ","], run: togglePanel, enabled: () => state.value.project !== null && screen.value in panel },
   { title: "Light or dark", keys: [], run: toggleTheme },
   { title: "Keys", keys: ["?"], run: () => { overlay.value = "keys"; } },

@@ -2,20 +2,25 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "./connection";
-import { setKeys, valueAt, type Toml } from "./settings";
+import type { Change as KeyChange } from "./settings";
 import { request, screen, settled, state, type Axis } from "./store";
 
 export interface Change { name: string; kind: string; unit: string; description: string; largest: number; mean: number; relative: number; atBound: number; axes: Axis[]; first: number[]; second: number[]; biggest: number[]; bound: number[] }
 export interface ComparedScore { use: string; unit: string; criterion: string; first: number | null; second: number | null; largest: number | null }
-export interface Direction { sentence: string; remedy: string; exact: boolean; deviation: number | null; parameters: string[] }
-export interface Pin { parameter: string; at: number[]; value: number }
-export interface Trust { directions: Direction[]; sentence: string; advice: string; remark: string; pins: Pin[] }
+export interface Remedy { kind: string; title: string; changes: KeyChange[]; applied: boolean }
+export interface PinnedRow { name: string; unit: string; before: number | null; after: number | null }
+export interface Direction { sentence: string; remedy: string; remedies: Remedy[]; exact: boolean; deviation: number | null; parameters: string[] }
+export interface Trust { directions: Direction[]; sentence: string; advice: string; remark: string; remedies: Remedy[]; holdings: string[]; noise: { criterion: string; value: number | null }[]; freedom: number | null; values: number }
+
+const NOTHING: Trust = { directions: [], sentence: "", advice: "", remark: "", remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
 
 export const first = signal("start");
 export const second = signal("now");
 export const changes = signal<Change[]>([]);
 export const scores = signal<ComparedScore[]>([]);
-export const trust = signal<Trust>({ directions: [], sentence: "", advice: "", remark: "", pins: [] });
+/** The remedy whose effect is shown, by its title. */
+export const tried = signal("");
+export const trust = signal<Trust>(NOTHING);
 export const chosen = signal("");
 export const rejected = signal<Record<string, Set<number>>>({}); // cells that keep their start, by parameter
 
@@ -27,7 +32,7 @@ const load = newest(async (_: string) => {
     changes.value = compared.head.changes as Change[];
     scores.value = compared.head.scores as ComparedScore[];
   }
-  if (known !== null) trust.value = known.head as unknown as Trust;
+  if (known !== null) trust.value = { ...NOTHING, ...(known.head as unknown as Trust) };
 });
 
 effect(() => {
@@ -36,24 +41,47 @@ effect(() => {
   load(`${revision} ${runs.length} ${first.value} ${second.value}`);
 });
 
+export const ranking = signal<"max" | "mean">("max");
+
+/** Tables with the biggest change first. */
+export const ranked = computed(() => (ranking.value === "max" ? changes.value : changes.value.toSorted((a, b) => b.mean / (b.largest || 1) * b.relative - a.mean / (a.largest || 1) * a.relative)));
+
+export const keptCount = computed(() => Object.values(rejected.value).reduce((sum, cells) => sum + cells.size, 0));
+export const valueCount = computed(() => changes.value.reduce((sum, each) => sum + each.first.length, 0));
+
+/** Keep the start of every value, or of none. */
+export function keepAll(keep: boolean): void {
+  rejected.value = keep ? Object.fromEntries(changes.value.map((each) => [each.name, new Set(each.first.map((_, k) => k))])) : {};
+}
+
+/** RMSE on training data if the choice were accepted; null if all is accepted. */
+export const choiceScore = signal<{ rmse: number | null; unit: string } | null>(null);
+
+const loadChoice = newest(async (given: Record<string, unknown>) => {
+  const reply = await request("choice", given);
+  const own = (reply?.head.scores as { use: string; rmse: number | null }[] | undefined)?.find((each) => each.use === "training");
+  choiceScore.value = own === undefined ? null : { rmse: own.rmse, unit: String(reply?.head.unit ?? "") };
+});
+
+effect(() => {
+  const run = settled.value.runs.at(-1)?.number;
+  if (screen.value === "results" && run !== undefined && keptCount.value > 0) loadChoice({ run, cells: cellsOf() });
+  else choiceScore.value = null;
+});
+
 /** Take the values of the last run, but for those that keep their start. */
 export function accept(): void {
   const run = state.value.runs.at(-1)!.number;
+  void request("accept", { run, cells: cellsOf(), title: `Accepted run ${run}` });
+}
+
+/** The accepted values by table; null is all of them. */
+function cellsOf(): Record<string, number[] | null> {
   const cells: Record<string, number[] | null> = {};
   for (const each of changes.value) {
     const kept = rejected.value[each.name];
     if (!kept?.size) cells[each.name] = null;
     else if (kept.size < each.first.length) cells[each.name] = each.first.map((_, k) => k).filter((k) => !kept.has(k));
   }
-  void request("accept", { run, cells, title: `Accepted run ${run}` });
-}
-
-/** Pin the values that determine everything that the data leave open. */
-export function pinValues(pins: Pin[]): void {
-  const changes = new Map<string, Toml[]>();
-  for (const { parameter, at, value } of pins) {
-    const known = changes.get(parameter) ?? [...((valueAt(["parameters", parameter, "pin"]) as Toml[] | undefined) ?? [])];
-    changes.set(parameter, [...known, { at, value: Number(value.toPrecision(8)) }]);
-  }
-  void setKeys([...changes].map(([name, list]) => [["parameters", name, "pin"], list]), `Pinned ${pins.length} value${pins.length > 1 ? "s" : ""}`);
+  return cells;
 }

@@ -1,5 +1,7 @@
 // The socket: questions with answers, and news that the server pushes. A lost connection is picked up again.
 
+import { letInAgain } from "./restart";
+
 export interface Reply {
   head: Record<string, unknown>;
   arrays: Record<string, Float32Array>;
@@ -46,12 +48,16 @@ function open(pause: number): void {
     online(true);
   };
   next.onmessage = (event: MessageEvent<ArrayBuffer>) => receive(unpack(event.data));
+  let opened = false;
+  next.addEventListener("open", () => { opened = true; });
   next.onclose = () => {
     socket = null;
     for (const { reject } of waiting.values()) reject(new Error("The connection to Kennfeld was lost."));
     waiting.clear();
     online(false);
-    setTimeout(() => open(Math.min(pause * 2, 4000)), pause);
+    const again = (): void => void setTimeout(() => open(Math.min(pause * 2, 2000)), pause);
+    if (opened) again();
+    else void letInAgain().then((accepted) => (accepted ? open(250) : again()), again);
   };
 }
 

@@ -5,6 +5,7 @@ import type { ComponentChildren } from "preact";
 import { overlay } from "./commands";
 import { MISSING, count, significant, signed } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
+import { run } from "./runs";
 import { valueAt } from "./settings";
 import { connected, failure, isRunning, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
 
@@ -37,7 +38,7 @@ export function Header() {
           <div id="job-state" class={running ? "running" : job.state}>{job.state}</div>
           <span>{jobText(job, runs.length)}</span>
         </div>
-        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={() => request("run")}><Icon name="run" />Run</button>
+        <button class="btn primary" id="run" title="Run (F5)" disabled={running || !project} onClick={run}><Icon name="run" />Run</button>
         <button class="btn stop" id="stop" title="Stop and keep the best (Shift+F5)" disabled={!running} onClick={() => request("stop")}><Icon name="stop" />Stop</button>
       </div>
       <div class="set" style={{ gap: 0, paddingRight: 0 }}>
@@ -102,6 +103,7 @@ export function Rail() {
       {STEPS.map((step) => <StepButton step={step} />)}
       <hr />
       <StepButton step={{ screen: "plots", key: 6, title: "Plots", detail: () => "" }} />
+      <StepButton step={{ screen: "files", key: 7, title: "Files", detail: () => "compare, merge, convert" }} />
       <span style={{ flex: 1 }} />
       <hr />
       <button class="one" title="Keys (?)" onClick={() => { overlay.value = "keys"; }}><i>?</i><b>Keys</b></button>
@@ -116,7 +118,7 @@ function StepButton({ step }: { step: Step }) {
     <button data-screen={step.screen} title={`${step.title} (Alt+${step.key})`} aria-current={screen.value === step.screen ? "page" : undefined} onClick={() => { screen.value = step.screen; }}>
       <i>{step.key}</i><b>{step.title}</b>
       {worst.length ? <Icon name="warning" kind="w" /> : <span />}
-      <small>{step.detail()}</small>
+      <small>{state.value.project === null ? "no project" : step.detail()}</small>
     </button>
   );
 }

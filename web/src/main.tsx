@@ -6,16 +6,18 @@ import { connect, listen } from "./connection";
 import { Header, Rail } from "./frame";
 import { Overlays } from "./overlays";
 import { Data } from "./screens/data";
+import { Files } from "./screens/files";
 import { Function } from "./screens/function";
 import { Optimization } from "./screens/optimization";
 import { Parameters } from "./screens/parameters";
 import { Plots } from "./screens/plots";
 import { Results } from "./screens/results";
 import { Start } from "./screens/start";
-import { connected, screen, state, takeState, type Screen } from "./store";
+import { connected, message, request, screen, state, takeState, type Screen } from "./store";
 import "./style.css";
 import "./instruments/settings.css";
 import "./screens/data.css";
+import "./screens/files.css";
 import "./screens/function.css";
 import "./screens/optimization.css";
 import "./screens/parameters.css";
@@ -26,7 +28,7 @@ import "./screens/start.css";
 const before = state.value;
 
 const SHOWN: Record<Screen, () => JSX.Element> = {
-  data: Data, function: Function, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: Plots,
+  data: Data, files: Files, function: Function, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: Plots,
 };
 
 function Page() {
@@ -34,12 +36,27 @@ function Page() {
   return <><Header /><Rail /><Shown /><Overlays /></>;
 }
 
+let lost: { path: string; unsaved: boolean } | null = null; // what was open when the connection was lost
+
+/** Take up the project and the unsaved edits again after the server was restarted. */
+async function takeUp(): Promise<void> {
+  if (lost === null) return;
+  const { path, unsaved } = lost;
+  lost = null;
+  if (path && state.value.project === null && (await request("open", { path })) === null) return;
+  if (unsaved && state.value.recoverable && state.value.project?.path === path && (await request("recover")) !== null) message.value = "Kennfeld was restarted. Your unsaved edits are back.";
+}
+
 listen("state", (reply) => {
   const first = state.value === before;
   takeState(reply);
+  void takeUp();
   if (first && state.value.project === null) screen.value = "start";
 });
-connect((on) => { connected.value = on; });
+connect((on) => {
+  if (connected.value && !on && lost === null) lost = { path: state.value.project?.path ?? "", unsaved: state.value.unsaved.length > 0 };
+  connected.value = on;
+});
 addEventListener("keydown", shortcut);
 if (matchMedia("(prefers-color-scheme: dark)").matches) document.documentElement.dataset.theme = "dark";
 render(<Page />, document.body);

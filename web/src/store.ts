@@ -95,7 +95,7 @@ export interface Table {
   upper: (number | null)[];
 }
 
-export const SCREENS = ["data", "function", "parameters", "optimization", "results", "plots", "start"] as const;
+export const SCREENS = ["data", "function", "parameters", "optimization", "results", "plots", "files", "start"] as const;
 export type Screen = (typeof SCREENS)[number];
 
 const EMPTY: AppState = {
@@ -149,7 +149,7 @@ export const isRunning = (job: AppState["job"]): boolean => job.state === "runni
 export function takeState(reply: Reply): void {
   const next = { ...EMPTY, ...(reply.head.state as Partial<AppState>) };
   const before = revision.value;
-  if (isRunning(state.value.job) && !isRunning(next.job)) message.value = `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
+  if (isRunning(state.value.job) && !isRunning(next.job)) message.value = next.job.state === "validated" ? `Cross-validation: ${next.job.message}` : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
   batch(() => {
     state.value = next;
     if (!next.parameters.some((p) => p.name === openName.value)) openName.value = next.parameters[0]?.name ?? "";

@@ -28,13 +28,22 @@ def confined(folder: Path, name: str) -> Path:
     return path
 
 
+def plain_name(name: str) -> str:
+    """Return a file name without a folder, and without characters that a file system or a page may take for more.
+
+    >>> plain_name("../../a:b?.csv")
+    'a_b_.csv'
+    """
+    return _UNSAFE.sub("_", name.replace("\\", "/").rpartition("/")[2])[-MAX_NAME:].strip(". ") or "file"
+
+
 def free_path(folder: Path, name: str) -> Path:
     """Return the path for a new file of a folder; a number is added if the name is taken.
 
     >>> free_path(Path("."), "../../a:b?.csv").name
     'a_b_.csv'
     """
-    plain = _UNSAFE.sub("_", name.replace("\\", "/").rpartition("/")[2])[-MAX_NAME:].strip(". ") or "file"
+    plain = plain_name(name)
     path, number = folder / plain, 2
     while path.exists():
         path = folder / f"{Path(plain).stem}-{number}{Path(plain).suffix}"

@@ -13,7 +13,7 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
 
     Args:
         path: a project file; None shows the start page.
-        port: 0 takes a free one.
+        port: 0 takes that of the last start of the project if it is free, else any free one.
         browser: open the page.
 
     Raises:
@@ -27,7 +27,7 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
             webbrowser.open(address)
 
     try:
-        serve(workspace, port, ready)
+        serve(workspace, port, ready, path)
     except OSError as error:
         message = f"port {port} cannot be used: {error.strerror or error}"
         raise InputError.of(Location("--port"), message, "Name another one, or 0 for a free one.") from None

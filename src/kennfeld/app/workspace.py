@@ -1,16 +1,24 @@
 """The open project that all pages share, and the answers to their questions."""
 
+import time
 from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
 
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.folders import confined, free_path
+from kennfeld.app.folders import confined, free_path, plain_name
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
-from kennfeld.app.recent import recent_projects, remember
+from kennfeld.app.recent import forget, recent_projects, remember, summarise
+from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.session import Session
+from kennfeld.app.session.summary import summarise_session
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.project.demo import prepare, write
+
+UPLOAD_ENDING = ".upload.part"
+ABANDONED = 600.0  # s after which an upload is not in progress any more
 
 Push = Callable[[str, Answer], None]
 
@@ -33,7 +41,10 @@ class AppWorkspace:
     def pump(self) -> None:
         """Handle what a running job has reported, and tell all pages."""
         if self.session is not None:
+            runs = len(self.session.runs)
             self.session.pump()
+            if len(self.session.runs) > runs:
+                self._summarise()
             self._push("state", self.snapshot())
 
     def open(self, path: Path) -> None:
@@ -46,6 +57,7 @@ class AppWorkspace:
             path = path / "kennfeld.toml"
         if not path.is_file():
             raise InputError.of(Location(str(path)), "the project file does not exist", "Name a kennfeld.toml.")
+        _remove_parts(path.parent)
         session = Session(path.resolve(), lambda: self._wake())
         self.close()
         self.session = session
@@ -55,7 +67,7 @@ class AppWorkspace:
         """Answer one question of a page. Raises `KennfeldError` if it cannot be answered."""
         if ask in _OWN:
             answer = _OWN[ask](self, given)
-            if ask != "projects":
+            if ask not in ("projects", "forget"):
                 self._push("state", self.snapshot())
             return answer
         question = QUESTIONS.get(ask) or COMMANDS.get(ask)
@@ -66,6 +78,8 @@ class AppWorkspace:
         answer = question(self.session, given)
         if ask in COMMANDS:
             self._push("state", self.snapshot())
+        if ask == "save":
+            self._summarise()
         return answer
 
     def watch(self) -> None:
@@ -76,15 +90,26 @@ class AppWorkspace:
             self._push("state", self.snapshot())
 
     def close(self) -> None:
-        """End a running calibration."""
+        """End a running calibration, and keep what the start page shows of the project."""
         if self.session is not None:
             self.session.close()
+            self._summarise()
 
-    def upload_target(self, name: str) -> Path:
-        """Return where a file that was dropped onto a page is stored: beside the project, under a free name."""
+    def _summarise(self) -> None:
+        assert self.session is not None
+        summarise(self.session.path, summarise_session(self.session))
+
+    def store(self, part: Path, name: str) -> Path:
+        """Give an uploaded file its name, a free one of the folder of the project, and return its path."""
+        target = free_path(self.folder(), name)
+        part.replace(target)
+        return target
+
+    def folder(self) -> Path:
+        """Return the folder of the project. Raises `ArgumentError` if none is open."""
         if self.session is None:
             raise ArgumentError("no project is open")
-        return free_path(self.session.path.parent, name)
+        return self.session.path.parent
 
     def download(self, name: str) -> Path:
         """Return a file of the project's folder. Raises `ArgumentError` if it is outside of it."""
@@ -98,14 +123,52 @@ class AppWorkspace:
 
 
 def _projects(workspace: AppWorkspace, given: Given) -> Answer:
-    """Return recent projects and the demos."""
-    recent = [{"path": str(p), "name": p.parent.name, "folder": str(p.parent)} for p in recent_projects()]
-    return Answer({"recent": recent, "demos": [{"name": name, "title": title} for name, title in DEMOS.items()]})
+    """Return recent projects with their summaries, the demos, and the folder in which new projects are made."""
+    if workspace.session is not None:
+        summarise(workspace.session.path, summarise_session(workspace.session))
+    recent = [
+        {
+            "path": str(each.path),
+            "name": each.path.parent.name,
+            "folder": _short(each.path.parent),
+            "opened": each.opened,
+            "unsaved": Recovery(each.path).exists,
+            "open": workspace.session is not None and workspace.session.path == each.path,
+            **each.summary,
+        }
+        for each in recent_projects()
+    ]
+    return Answer({"recent": recent, "demos": DEMOS, "folder": _short(Path.cwd()), "version": version("kennfeld")})
+
+
+def _short(folder: Path) -> str:
+    """Return a path as users write it: `~/calibration`."""
+    home = Path.home()
+    if not folder.is_relative_to(home):
+        return str(folder)
+    return "~" if folder == home else f"~/{folder.relative_to(home).as_posix()}"
+
+
+def _forget(workspace: AppWorkspace, given: Given) -> Answer:
+    forget(Path(str(given["path"])))
+    return Answer()
 
 
 def _open(workspace: AppWorkspace, given: Given) -> Answer:
-    workspace.open(Path(str(given["path"])).expanduser())
+    """Open a project, unless it is open already."""
+    path = Path(str(given["path"])).expanduser()
+    file = path / "kennfeld.toml" if path.is_dir() else path
+    if workspace.session is None or workspace.session.path != file.resolve():
+        workspace.open(file)
     return Answer()
+
+
+def _remove_parts(folder: Path) -> None:
+    """Remove what uploads to an earlier server left behind that was killed."""
+    with suppress(OSError):
+        for path in folder.glob(f".*{UPLOAD_ENDING}"):
+            if time.time() - path.stat().st_mtime > ABANDONED:
+                path.unlink(missing_ok=True)
 
 
 def _demo(workspace: AppWorkspace, given: Given) -> Answer:
@@ -122,8 +185,13 @@ NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 
 
 def _new(workspace: AppWorkspace, given: Given) -> Answer:
-    """Create an empty project in a new folder of the working directory, and open it."""
-    folder = Path(str(given["name"]).strip() or "project").expanduser()
+    """Create an empty project in a new folder of the working directory, and open it.
+
+    With `free`, the name is that of a file that was dropped, and a number is added if the folder exists.
+    """
+    name = str(given["name"]).strip()
+    folder = free_path(Path(), Path(plain_name(name)).stem) if given.get("free") else Path(name or "project")
+    folder = folder.expanduser()
     if folder.exists() and any(folder.iterdir()):
         raise InputError.of(Location(str(folder)), "the folder is not empty", "Choose another name.")
     try:
@@ -136,14 +204,30 @@ def _new(workspace: AppWorkspace, given: Given) -> Answer:
     return Answer()
 
 
-DEMOS = {
-    "torque": "engine torque from speed, air mass and ignition: three maps and a curve",
-    "exhaust": "exhaust gas temperature over time: a map and a lag that depends on the air mass",
-    "idle": "an idle speed governor in a closed loop with a data-driven engine",
-}
+DEMOS = [
+    {
+        "name": "torque",
+        "title": "Engine torque",
+        "text": "Three maps and a curve, steady points from a test bench.",
+        "facts": "2839 + 1000 points, 519 values",
+    },
+    {
+        "name": "exhaust",
+        "title": "Exhaust gas temperature",
+        "text": "A map and a time constant, 44 minutes of driving.",
+        "facts": "26 482 + 12 000 samples, 154 values",
+    },
+    {
+        "name": "idle",
+        "title": "Idle speed governor",
+        "text": "Two gains around an engine learnt from recordings.",
+        "facts": "1500 samples, 2 values",
+    },
+]
 _OWN: dict[str, Callable[[AppWorkspace, Given], Answer]] = {
     "projects": _projects,
     "open": _open,
     "demo": _demo,
     "new": _new,
+    "forget": _forget,
 }

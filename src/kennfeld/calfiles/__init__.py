@@ -9,6 +9,7 @@ from kennfeld.calfiles.files import (
     losses,
     read,
     read_several,
+    recognise,
     unwritable,
     write,
 )
@@ -33,6 +34,7 @@ __all__ = [
     "merge",
     "read",
     "read_several",
+    "recognise",
     "unwritable",
     "write",
 ]

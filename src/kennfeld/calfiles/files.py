@@ -191,6 +191,21 @@ def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
     return reasons
 
 
+def recognise(path: str | Path) -> str:
+    """Return the name of the format of a file by its content; empty if it is not a calibration file.
+
+    >>> recognise("kennfeld.toml")
+    ''
+    """
+    try:
+        source = CalibrationSource(Path(path).name, _bytes(Path(path)), Path(path))
+    except InputError:
+        return ""
+    ending = Path(path).suffix.lower()
+    known = (known for known in _FORMATS if ending in known.endings)
+    return next((each.name for each in known if each.recognises(source)), "")
+
+
 def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile:
     """Return the kind, parameters, group axes and texts of a calibration file, and what was skipped.
 

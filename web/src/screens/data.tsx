@@ -9,8 +9,9 @@ import { Icon } from "../icons";
 import { Proposals } from "../instruments/proposals";
 import { SettingsButton } from "../instruments/settings-panel";
 import { openEntry, panel, showFinding } from "../navigation";
-import { setKeys, valueAt, type Change } from "../settings";
-import { failure, message, request, screen, settled, state } from "../store";
+import { setKeys } from "../settings";
+import { message, request, screen, settled, state } from "../store";
+import { upload } from "../uploads";
 import { DataSettings } from "./data/settings";
 
 interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
@@ -54,18 +55,10 @@ async function drop(event: DragEvent): Promise<void> {
   await addFiles([...(event.dataTransfer?.files ?? [])]);
 }
 
-/** Store files beside the project, and add each as a dataset. */
+/** Store files beside the project, and add each as what it is: a dataset, the function, or initial values. */
 async function addFiles(files: globalThis.File[]): Promise<void> {
-  const changes: Change[] = [];
-  let number = ((valueAt(["dataset"]) as unknown[] | undefined)?.length ?? 0) + 1;
-  for (const file of files) {
-    message.value = `Reading ${file.name}`;
-    const answer = await fetch(`/upload/${encodeURIComponent(file.name)}`, { method: "PUT", body: file });
-    const { file: stored, error } = (await answer.json()) as { file?: string; error?: string };
-    if (stored === undefined) failure.value = `${file.name}: ${error}`;
-    else changes.push([["dataset", number++], { files: [stored], use: entries.value.length ? "test" : "training" }]);
-  }
-  if (changes.length) await setKeys(changes, `Added ${files.map((file) => file.name).join(", ")}`);
+  const names = await upload(files);
+  if (names.length && (await request("add-files", { files: names })) !== null) message.value = `Added ${names.join(", ")}`;
 }
 
 function FileList() {

@@ -11,19 +11,22 @@ import { drawGrid } from "../drawing/grid";
 import { drawCurves } from "../drawing/slices";
 import { Picture } from "../instruments/picture";
 import { showFinding } from "../navigation";
+import { run, view } from "../runs";
 import { isRunning, open, request, screen, settled, state } from "../store";
+import { OutcomeBody, OutcomeHead, type StepRow } from "./optimization/outcome";
+import { RunOptions } from "./optimization/resume";
 import { OptimizationSettings } from "./optimization/settings";
 
 interface Start { start: number; state: string; stage: string; iterations: number; before: number | null; cost: number | null; rmse: number | null; seconds: number }
 interface Small { name: string; unit: string; ends: [number, number][]; values: number[][]; start: number[][] }
-interface Progress { starts: Start[]; tables: Small[]; lines: Record<string, Float32Array> }
+interface Progress { starts: Start[]; tables: Small[]; steps: StepRow[]; lines: Record<string, Float32Array> }
 
-const progress = signal<Progress>({ starts: [], tables: [], lines: {} });
+const progress = signal<Progress>({ starts: [], tables: [], steps: [], lines: {} });
 const quantity = signal<"rmse" | "cost">("rmse");
 
 const load = newest(async (_: number) => {
   const reply = await request("progress");
-  if (reply !== null) progress.value = { starts: reply.head.starts as Start[], tables: reply.head.tables as Small[], lines: reply.arrays };
+  if (reply !== null) progress.value = { starts: reply.head.starts as Start[], tables: reply.head.tables as Small[], steps: reply.head.steps as StepRow[], lines: reply.arrays };
 });
 
 const iterations = computed(() => state.value.job.iterations);
@@ -44,17 +47,18 @@ export function Optimization() {
           <div class="pl">
             <b class="acc" id="progress">{running ? `Run ${job.run + 1}` : job.run ? `Run ${job.run}: ${job.state}` : "No run yet"}</b>
             <span class="cut">{job.message}</span>
+            <RunOptions />
             <span class="right q">{job.iterations ? `${count(job.iterations)} steps, ${job.seconds.toFixed(2)} s` : ""}</span>
           </div>
         </section>
         <section class="pane cost">
           <div class="head"><h2>{quantity.value === "rmse" ? "RMSE of the training data" : "Cost"}</h2><span class="sub">against iteration</span><span class="right"><span class="seg tight"><button aria-pressed={quantity.value === "rmse"} onClick={() => { quantity.value = "rmse"; }}>RMSE</button><button aria-pressed={quantity.value === "cost"} onClick={() => { quantity.value = "cost"; }}>cost</button></span></span></div>
-          {progress.value.starts.length ? <Picture label="Course of the search" kind="body" draw={drawCourse} of={[progress.value, quantity.value]} /> : <p class="pad q">The course of the search appears here. <button class="btn small" onClick={() => request("run")}>Run</button></p>}
+          {progress.value.starts.length ? <Picture label="Course of the search" kind="body" draw={drawCourse} of={[progress.value, quantity.value]} /> : <p class="pad q">The course of the search appears here. <button class="btn small" onClick={run}>Run</button></p>}
         </section>
         <Starts />
         <section class="pane mv">
-          <div class="head"><h2>Tables</h2><span class="sub">{running ? "best so far, twice a second" : "now"}</span></div>
-          <div class="mmg">{progress.value.tables.slice(0, 4).map((each) => <SmallTable own={each} />)}</div>
+          <OutcomeHead sub={running ? "best so far, twice a second" : "now"} steps={progress.value.steps} />
+          {view.value === "tables" ? <div class="mmg">{progress.value.tables.slice(0, 4).map((each) => <SmallTable own={each} />)}</div> : <OutcomeBody steps={progress.value.steps} />}
         </section>
       </main>
       <Footer><Key keys={["F5"]} text="run" /><Key keys={["Shift", "F5"]} text="stop and keep the best" /></Footer>

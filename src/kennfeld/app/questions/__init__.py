@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.questions import (
+    additions,
+    calibrations,
     error_split,
     evidence,
     exports,
@@ -15,6 +17,7 @@ from kennfeld.app.questions import (
     schema,
     settings,
     signals,
+    trust,
 )
 from kennfeld.app.session.session import Session
 
@@ -35,8 +38,11 @@ QUESTIONS: dict[str, Question] = {
     "split": error_split.split,
     "worst": error_split.worst,
     "progress": runs.progress,
+    "outcome": runs.outcome,
     "compare": runs.compare,
-    "trust": runs.trust,
+    "choice": runs.choice,
+    "trust": trust.trust,
+    "pinned": trust.pinned,
     "settings": settings.settings,
     "schema": schema.schema,
     "names": schema.names,
@@ -44,6 +50,11 @@ QUESTIONS: dict[str, Question] = {
     "proposals": recordings.proposals,
     "formats": exports.formats,
     "export": exports.export,
+    "calibrations": calibrations.calibrations,
+    "contents": calibrations.contents,
+    "differences": calibrations.differences,
+    "pair": calibrations.pair,
+    "write-calibration": calibrations.write_calibration,
 }
 COMMANDS: dict[str, Question] = {  # these change the state, which all pages are told
     "set-values": parameters.set_values,
@@ -58,4 +69,6 @@ COMMANDS: dict[str, Question] = {  # these change the state, which all pages are
     "run": runs.run,
     "stop": runs.stop,
     "accept": runs.accept,
+    "add-files": additions.add_files,
+    "take-values": calibrations.take_values,
 }

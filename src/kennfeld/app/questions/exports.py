@@ -1,10 +1,14 @@
 """Export of the present values: calibration files, the report, all files of a run, and a script that repeats it."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from kennfeld.app.answer import Answer, Given
+from kennfeld.app.questions.calibrations import rounded
+from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.session import Session
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import endings, losses
@@ -14,6 +18,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project
+from kennfeld.project.results import RESULT
 
 SCRIPT = '''\
 """Repeats the calibration of {project}."""
@@ -32,11 +37,35 @@ result.parameters.save(folder / "parameters{ending}")
 '''
 
 
+SIMULATIONS = (".parquet", ".csv")
+
+
 def formats(session: Session, given: Given) -> Answer:
     """Return the extensions that values can be written as, those of the project first."""
     own = () if session.project is None else session.project.formats
-    known = [each for each in endings() if each not in (*IMAGE_ENDINGS, ".msq") or each in own]
-    return Answer({"formats": list(dict.fromkeys([*own, *known])), "own": list(own), "folder": str(_folder(session))})
+    image = _image(session)
+    special = (".msq", *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending))
+    known = [each for each in endings() if each not in special or each in own]
+    return Answer(
+        {
+            "formats": list(dict.fromkeys([*own, *known])),
+            "own": list(own),
+            "folder": str(_folder(session)),
+            "stored": (_folder(session) / RESULT).is_file(),
+        }
+    )
+
+
+def _image(session: Session) -> tuple[Path, Path | None] | None:
+    """Return the image among the initial files, with its A2L file if the project names one."""
+    if session.project is None:
+        return None
+    calibration, folder = session.project.file.calibration, session.path.parent
+    images = [name for name in calibration.files if name.lower().endswith(IMAGE_ENDINGS)]
+    if not images:
+        return None
+    description = calibration.descriptions.get(images[-1])
+    return folder / images[-1], folder / description if description else None
 
 
 def _folder(session: Session) -> Path:
@@ -46,7 +75,9 @@ def _folder(session: Session) -> Path:
 def export(session: Session, given: Given) -> Answer:
     """Write the present values into the results folder.
 
-    `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run.
+    `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run; `stored`
+    is the report on the run whose files are in the results folder;
+    `simulation` is the extension of a file with all nodes over all datasets.
     """
     view, project, folder = session.require_view(), session.project, _folder(session)
     assert project is not None
@@ -56,24 +87,46 @@ def export(session: Session, given: Given) -> Answer:
             raise ArgumentError(f"unknown format {ending!r}")
     folder.mkdir(parents=True, exist_ok=True)
     values, findings, written = view.now.parameters.without(project.surrogates), list[Finding](), list[Path]()
+    rounding: list[dict[str, Any]] = []
     for ending in given.get("formats", ()):
-        path = folder / f"parameters{ending}"
-        findings += [*write_parameters(values, path), *losses(values, path)]
+        path, (image, a2l) = folder / f"parameters{ending}", _image(session) or (None, None)
+        image = image if is_image(path.name) else None
+        findings += [*write_parameters(values, path, image, a2l), *losses(values, path)]
+        rounding += rounded(values, path, a2l)
         written.append(path)
+    if given.get("simulation"):
+        written.append(_write_simulation(session, str(given["simulation"])))
     whole, report = given.get("whole"), given.get("report")
     result = _result(session) if whole or (report and session.runs) else None
     if whole and result is not None:
-        from kennfeld.project.results import write
+        from kennfeld.project.results import write, write_text
 
         written += write(result, project, folder)
+        if session.validation is not None:
+            text = json.dumps(session.validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+            written.append(write_text(f"{text}\n", folder / "cross_validation.json"))
     if report:
         written.append(_write_report(project, result, session.findings, folder))
+    if given.get("stored"):
+        written.append(_write_stored_report(project, folder))
     if given.get("script"):
         ending = next(iter(given.get("formats", ())), ".json")
         path = session.path.with_name("calibrate.py")
         write_whole(path, SCRIPT.format(project=session.path.name, ending=ending))
         written.append(path)
-    return Answer({"files": [str(path) for path in dict.fromkeys(written)], "findings": [str(f) for f in findings]})
+    files = [path.relative_to(session.path.parent).as_posix() for path in dict.fromkeys(written)]
+    return Answer({"files": files, "findings": [str(f) for f in findings], "rounded": rounding})
+
+
+def _write_simulation(session: Session, ending: str) -> Path:
+    """Write every node over every dataset at the present values, as `kennfeld simulate` does."""
+    from kennfeld.project.results import write_simulation
+
+    if ending not in SIMULATIONS:
+        raise ArgumentError(f"unknown format {ending!r} of a simulation")
+    assert session.project is not None
+    datasets = session.project.simulate(session.require_view().now.parameters)
+    return write_simulation(datasets, session.path.parent / f"simulation{ending}")
 
 
 def _result(session: Session) -> Result:
@@ -83,6 +136,15 @@ def _result(session: Session) -> Result:
     last, view = session.runs[-1].result, session.require_view()
     start, now = view.start.parameters, view.now.parameters
     return replace(last, parameters=now, start=start, quality=Scorer(view.model.problem).quality(start, now))
+
+
+def _write_stored_report(project: Project, folder: Path) -> Path:
+    """Write the report on an earlier run, as `kennfeld report` does."""
+    from kennfeld.report import from_folder
+
+    path = folder / "report.html"
+    write_whole(path, from_folder(project, folder))
+    return path
 
 
 def _write_report(project: Project, result: Result | None, findings: Sequence[Finding], folder: Path) -> Path:

@@ -1,18 +1,21 @@
 """Calibration runs: start and stop, their progress, and what their results say."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 
+from kennfeld.analysis.cross_validation import CrossValidation, Kind
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import Evaluation
-from kennfeld.app.session.session import Run, Session, View
+from kennfeld.app.session.run_job import Validation
+from kennfeld.app.session.session import Session, View
 from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float
-from kennfeld.optimize.result import TraceLine
+from kennfeld.errors import ArgumentError
+from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
@@ -20,9 +23,25 @@ MAX_CHANGES = 400  # grid points of a table that are listed
 
 
 def run(session: Session, given: Given) -> Answer:
-    """Start a calibration from the present values."""
-    session.run()
+    """Start a calibration from the present values.
+
+    `resume` continues an interrupted run from its checkpoints; `workers` is the number of processes for several starts;
+    `folds` with the kind `parts` cross-validates instead.
+    """
+    folds, workers = given.get("folds"), given.get("workers")
+    validation = None if folds is None else _validation(int(folds), str(given.get("parts") or "auto"))
+    if workers is not None and int(workers) < 1:
+        raise ArgumentError(f"the number of processes must be >= 1, got {int(workers)}")
+    session.run(resume=bool(given.get("resume")), workers=workers and int(workers), validation=validation)
     return Answer()
+
+
+def _validation(folds: int, kind: str) -> Validation:
+    if folds < 2:
+        raise ArgumentError(f"the number of folds must be >= 2, got {folds}")
+    if kind not in get_args(Kind):
+        raise ArgumentError(f"unknown kind of folds {kind!r}")
+    return Validation(folds, cast("Kind", kind))
 
 
 def stop(session: Session, given: Given) -> Answer:
@@ -45,17 +64,90 @@ def progress(session: Session, given: Given) -> Answer:
     names = view.model.problem.free_names
     shown = {name: job.preview.get(name, view.now.parameters[name].values) for name in names}
     pictures = [_picture(view, name, values) for name, values in shown.items()]
-    return Answer({"starts": starts, "tables": pictures}, arrays)
+    steps = _steps(session)
+    return Answer({"starts": starts, "tables": pictures, "steps": steps}, arrays)
+
+
+def _steps(session: Session) -> list[dict[str, Any]]:
+    """Return a row for each step of the sequence, with the last accepted step of the search in it."""
+    job = session.job
+    names = [] if session.project is None else [step.name for step in session.project.options.steps]
+    titles = [name or f"step {number}" for number, name in enumerate(names, 1)]
+    lines = {title: [line for line in job.trace if line.stage.startswith(f"{title}: ")] for title in titles}
+    latest = job.trace[-1].stage.partition(": ")[0] if job.trace else ""
+    running = job.state in ("running", "stopping")
+    return [
+        {
+            "name": title,
+            "state": "running" if running and title == latest else "done" if lines[title] else "waiting",
+            "iterations": len(lines[title]),
+            "cost": finite(lines[title][-1].cost) if lines[title] else None,
+            "rmse": finite(lines[title][-1].rmse) if lines[title] else None,
+        }
+        for title in titles
+    ]
+
+
+def outcome(session: Session, given: Given) -> Answer:
+    """Return what the command line says at the end of a run, and the last cross-validation.
+
+    `resumable` is a sentence on an interrupted run that can be resumed.
+    """
+    idle = session.job.state not in ("running", "stopping")
+    last = session.runs[-1].result if session.runs else None
+    return Answer(
+        {
+            "resumable": session.checkpoints.describe() if idle else "",
+            "result": None if last is None else _outcome(session, last),
+            "validation": None if session.validation is None else _folds(session.validation),
+        }
+    )
+
+
+def _outcome(session: Session, last: Result) -> dict[str, Any]:
+    from kennfeld.analysis.extrapolation import find_extrapolation
+    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+
+    problem = apply_shifts(session.runs[-1].problem or session.require_view().model.problem, last.shifts)
+    return {
+        "run": session.runs[-1].number,
+        "status": last.status,
+        "message": last.message,
+        "quality": last.table(),
+        "distances": [[row.start, finite(row.distance)] for row in last.starts],
+        "warnings": list(map(str, last.warnings)),
+        "shifts": [
+            {"dataset": name, "channel": channel, "shift": shift}
+            for name, channels in last.shifts.items()
+            for channel, shift in channels.items()
+        ],
+        "smoothness": [{"parameter": name, "factors": dict(axes)} for name, axes in last.smoothness.items()],
+        "breakpoints": [
+            {"axis": name, "before": old.tolist(), "after": new.tolist()} for name, (old, new) in last.moved.items()
+        ],
+        "extrapolations": [str(row) for row in find_extrapolation(problem, last.parameters) if row.worst is not None],
+        "free": last.free_values,
+        "fixed": last.fixed_values,
+        "iterations": last.iterations,
+        "evaluations": last.evaluations,
+        "seconds": {name: finite(value) for name, value in vars(last.seconds).items()},
+        "resumed": list(last.resumed),
+    }
+
+
+def _folds(validation: CrossValidation) -> dict[str, Any]:
+    return {"table": validation.table(), "summary": validation.summary()}
 
 
 def _start(session: Session, number: int, lines: Sequence[TraceLine]) -> dict[str, Any]:
     """Return a row of the table of starts; the end of a start is known from the result only."""
     ended = session.job.state not in ("running", "stopping")
-    rows = {row.start: row for row in session.runs[-1].result.starts} if ended and session.runs else {}
+    own = ended and session.runs and session.runs[-1].problem is session.job.problem
+    rows = {row.start: row for row in session.runs[-1].result.starts} if own else {}
     row, last = rows.get(number), lines[-1]
     return {
         "start": number,
-        "state": "running" if row is None else row.status,
+        "state": row.status if row is not None else session.job.state if ended else "running",
         "stage": last.stage,
         "iterations": len(lines) if row is None else row.iterations,
         "before": finite(lines[0].cost if row is None else row.cost_before),
@@ -143,6 +235,23 @@ def _change(a: Parameter, b: Parameter) -> dict[str, Any]:
 
 def accept(session: Session, given: Given) -> Answer:
     """Take the values of run `run` for the given `cells` by parameter (None: all), and those of the start elsewhere."""
+    session.do(SetTables(str(given["title"]), _chosen(session, given)))
+    return Answer()
+
+
+def choice(session: Session, given: Given) -> Answer:
+    """Return the errors that `accept` would lead to."""
+    view, initial = session.require_view(), session.require_view().start.parameters
+    tables = {name: values for name, values in _chosen(session, given).items() if values is not None}
+    scores = view.model.evaluate(
+        initial.with_parameters(*(initial[name].with_values(values) for name, values in tables.items()))
+    ).scores
+    rows = [{"use": s.use, "criterion": s.criterion, "rmse": finite(s.rmse)} for s in scores if s.samples]
+    return Answer({"scores": rows, "unit": view.model.unit(0)})
+
+
+def _chosen(session: Session, given: Given) -> dict[str, Float | None]:
+    """Return the tables with the chosen values; None for tables that keep their start."""
     wanted, start = _values_of_run(session, given["run"]), session.require_view().start.parameters
     cells: Mapping[str, Sequence[int] | None] = given["cells"]
     tables: dict[str, Float | None] = {}
@@ -154,33 +263,4 @@ def accept(session: Session, given: Given) -> Answer:
         part = slice(None) if chosen is None else np.array(chosen, dtype=np.int64)
         values[part] = wanted[name].values.ravel()[part]
         tables[name] = values.reshape(start[name].values.shape)
-    session.do(SetTables(str(given["title"]), tables))
-    return Answer()
-
-
-def trust(session: Session, given: Given) -> Answer:
-    """Return what the data of the last run cannot determine, with remedies as data."""
-    if not session.runs:
-        return Answer({"directions": [], "pins": []})
-    last: Run = session.runs[-1]
-    known = last.result.trust
-    return Answer(
-        {
-            "directions": [
-                {
-                    "sentence": direction.sentence,
-                    "remedy": direction.remedy,
-                    "exact": direction.exact,
-                    "deviation": finite(direction.deviation),
-                    "parameters": list(direction.parts),
-                }
-                for direction in known.directions
-            ],
-            "sentence": known.null_space.sentence,
-            "advice": known.null_space.advice,
-            "dimension": known.null_space.dimension,
-            "pins": [vars(pin) | {"at": list(pin.at)} for pin in known.null_space.remedy.pins],
-            "remark": known.remark,
-            "freedom": finite(known.freedom),
-        }
-    )
+    return tables

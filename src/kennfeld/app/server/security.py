@@ -5,10 +5,15 @@ sites cannot send. `Host` must be one of the server's own names, so that a name 
 machine is refused (DNS rebinding); `Origin` must be the server itself, so that another page cannot open the socket.
 """
 
+import asyncio
+import json
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
+from contextlib import suppress
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
+
+from kennfeld.app.server.restart import Handshake
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -28,6 +33,9 @@ HEADERS = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 POLICY_VIOLATION = 1008  # close code of a socket
+NORMAL_CLOSURE = 1000
+MAX_BODY = 2000  # bytes of a request before a page is let in
+PATIENCE = 10.0  # s for the question of a page that is not let in yet
 
 
 class RequestGuard:
@@ -38,13 +46,20 @@ class RequestGuard:
         port: port of the server; the cookie is named after it, so that two servers do not share one.
         token: secret of this server.
         nonce: marks the style sheets that the page makes itself.
+        handshake: lets pages in that were open before the server was restarted.
         hosts: names of the server in addition to those of the loopback interface.
     """
 
     def __init__(
-        self, application: Application, port: int, token: str, nonce: str, hosts: tuple[str, ...] = ()
+        self,
+        application: Application,
+        port: int,
+        token: str,
+        nonce: str,
+        handshake: Handshake,
+        hosts: tuple[str, ...] = (),
     ) -> None:
-        self._application, self._token = application, token
+        self._application, self._token, self._handshake = application, token, handshake
         self._headers = ((b"content-security-policy", POLICY.format(nonce=nonce).encode()), *HEADERS)
         self._cookie = f"kennfeld-{port}"
         self._hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]", *hosts)}
@@ -60,10 +75,36 @@ class RequestGuard:
             await _refuse(scope, receive, send, 403, "Requests from other pages are refused.")
         elif scope["type"] == "http" and scope["path"] == "/" and self._has_token(scope):
             await _redirect(send, self._cookie, self._token)
+        elif scope["path"] == "/again" and scope["type"] == "websocket":
+            await self._challenge(receive, send)
+        elif scope["path"] == "/again" and scope["method"] == "POST":
+            await self._let_in_again(receive, send)
         elif not self._has_cookie(headers):
             await _refuse(scope, receive, send, 403, "Open the address that kennfeld app printed.")
         else:
             await self._application(scope, receive, self._with_headers(send))
+
+    async def _challenge(self, receive: Receive, send: Send) -> None:
+        """Prove the key to a page that was open before the server was restarted, and ask it for its proof."""
+        await receive()  # the request to connect
+        await send({"type": "websocket.accept"})
+        with suppress(TimeoutError):
+            message = await asyncio.wait_for(receive(), PATIENCE)
+            answer = self._handshake.challenge(_small_object(message.get("text") or "").get("nonce"))
+            if answer is not None:
+                await send({"type": "websocket.send", "text": json.dumps(answer)})
+            if message["type"] == "websocket.disconnect":
+                return
+        await send({"type": "websocket.close", "code": NORMAL_CLOSURE})
+
+    async def _let_in_again(self, receive: Receive, send: Send) -> None:
+        """Give a page that proves the key the cookie."""
+        proof = _small_object(await _small_body(receive))
+        accepted = self._handshake.accepts(proof.get("challenge"), proof.get("proof"))
+        cookie = [(b"set-cookie", _cookie_header(self._cookie, self._token))] if accepted else []
+        headers = [(b"cache-control", b"no-store"), *cookie, *HEADERS]
+        await send({"type": "http.response.start", "status": 204 if accepted else 403, "headers": headers})
+        await send({"type": "http.response.body", "body": b""})
 
     def _with_headers(self, send: Send) -> Send:
         async def guarded(message: Message) -> None:
@@ -100,10 +141,35 @@ def new_token() -> str:
     return secrets.token_urlsafe(32)
 
 
+def _cookie_header(cookie: str, token: str) -> bytes:
+    return f"{cookie}={token}; Path=/; HttpOnly; SameSite=Strict".encode()
+
+
+async def _small_body(receive: Receive) -> bytes:
+    """Return the body of a request; empty if it is too large."""
+    body, more = b"", True
+    while more:
+        message = await receive()
+        body += message.get("body", b"")
+        more = bool(message.get("more_body"))
+        if message["type"] != "http.request" or len(body) > MAX_BODY:
+            return b""
+    return body
+
+
+def _small_object(text: str | bytes) -> dict[str, Any]:
+    """Return a JSON object; empty if the text is malformed or too large."""
+    try:
+        content = json.loads(text) if len(text) <= MAX_BODY else {}
+    except (ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
 async def _redirect(send: Send, cookie: str, token: str) -> None:
     """Swap the token of the address for a cookie."""
-    value = f"{cookie}={token}; Path=/; HttpOnly; SameSite=Strict"
-    headers = [(b"location", b"/"), (b"set-cookie", value.encode()), (b"cache-control", b"no-store"), *HEADERS]
+    value = _cookie_header(cookie, token)
+    headers = [(b"location", b"/"), (b"set-cookie", value), (b"cache-control", b"no-store"), *HEADERS]
     await send({"type": "http.response.start", "status": 303, "headers": headers})
     await send({"type": "http.response.body", "body": b""})
 

@@ -3,29 +3,36 @@
 import asyncio
 import contextlib
 import json
+import secrets
 import socket
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from starlette.background import BackgroundTask
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from kennfeld.app.answer import Answer
+from kennfeld.app.archive import write_archive
 from kennfeld.app.server.frames import pack
+from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
 from kennfeld.app.server.security import RequestGuard, new_token
-from kennfeld.app.workspace import AppWorkspace
+from kennfeld.app.workspace import UPLOAD_ENDING, AppWorkspace
 from kennfeld.errors import KennfeldError
 
 STATIC = Path(__file__).parent.parent / "static"
 MAX_MESSAGE = 4_000_000  # bytes; a pasted table of 10 000 values takes 200 000
 MAX_UPLOAD = 4_000_000_000  # bytes
+CHUNK = 1_000_000  # bytes of a download that are sent at once
 WATCH_INTERVAL = 1.0  # s between looks at the files on disk
 SLOW_CLIENT = 10.0  # s after which a page that does not read is closed
 
@@ -33,8 +40,8 @@ SLOW_CLIENT = 10.0  # s after which a page that does not read is closed
 class Server:
     """Serves a workspace to any number of pages, which all show the same state."""
 
-    def __init__(self, workspace: AppWorkspace) -> None:
-        self.workspace, self.nonce = workspace, new_token()
+    def __init__(self, workspace: AppWorkspace, key: str = "") -> None:
+        self.workspace, self.nonce, self._key = workspace, new_token(), key
         self._pages: set[OpenPage] = set()
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="session")  # the session is used by one thread
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -57,6 +64,7 @@ class Server:
                 WebSocketRoute("/socket", self._socket),
                 Route("/upload/{name:path}", self._upload, methods=["PUT"]),
                 Route("/file/{name:path}", self._download),
+                Route("/project.zip", self._archive),
                 Mount("/static", StaticFiles(directory=STATIC)),
             ],
             exception_handlers={KennfeldError: _refusal},
@@ -72,7 +80,8 @@ class Server:
 
     async def _page(self, request: Request) -> Response:
         text = (STATIC / "index.html").read_text(encoding="utf-8")
-        page = text.replace("<head>", f'<head><meta name="nonce" content="{self.nonce}" />', 1)
+        metas = f'<meta name="nonce" content="{self.nonce}" /><meta name="again" content="{self._key}" />'
+        page = text.replace("<head>", f"<head>{metas}", 1)
         return HTMLResponse(page, headers={"cache-control": "no-store"})
 
     async def _socket(self, websocket: WebSocket) -> None:
@@ -121,16 +130,21 @@ class Server:
 
     async def _upload(self, request: Request) -> Response:
         """Store a file that was dropped onto the page in the folder of the project."""
-        target = await self._in_session(lambda: self.workspace.upload_target(request.path_params["name"]))
-        size, part = 0, target.with_name(f".{target.name}.part")
+        folder = await self._in_session(self.workspace.folder)
+        size = 0
+        part = folder / f".{secrets.token_hex(8)}{UPLOAD_ENDING}"
         try:
-            with part.open("wb") as file:
+            with part.open("xb") as file:
                 async for chunk in request.stream():
                     size += len(chunk)
                     if size > MAX_UPLOAD:
                         return JSONResponse({"error": f"larger than {MAX_UPLOAD / 1e9:.0f} GB"}, 413)
                     file.write(chunk)
-            part.replace(target)
+            target = await self._in_session(lambda: self.workspace.store(part, request.path_params["name"]))
+        except OSError as error:
+            return JSONResponse({"error": f"cannot be stored: {error.strerror or error}"}, 507)
+        except ClientDisconnect:
+            return Response(status_code=400)
         finally:
             part.unlink(missing_ok=True)
         return JSONResponse({"file": target.name})
@@ -138,6 +152,25 @@ class Server:
     async def _download(self, request: Request) -> Response:
         path = await self._in_session(lambda: self.workspace.download(request.path_params["name"]))
         return FileResponse(path, filename=path.name)
+
+    async def _archive(self, request: Request) -> Response:
+        """Return the folder of the project as it is on disk, without what begins with a dot."""
+        folder = await self._in_session(self.workspace.folder)
+        file = tempfile.TemporaryFile()  # noqa: SIM115  (closed when the answer has been sent)
+        try:
+            await asyncio.to_thread(write_archive, folder, file)
+        except BaseException:
+            file.close()
+            raise
+        size = file.tell()
+        file.seek(0)
+        headers = {"content-disposition": _attachment(f"{folder.name}.zip"), "content-length": str(size)}
+        chunks = iter(lambda: file.read(CHUNK), b"")
+        return StreamingResponse(chunks, 200, headers, "application/zip", BackgroundTask(file.close))
+
+
+def _attachment(name: str) -> str:
+    return f"attachment; filename*=utf-8''{quote(name)}"
 
 
 async def _refusal(request: Request, error: Exception) -> Response:
@@ -178,19 +211,22 @@ class OpenPage:
                     return
 
 
-def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None]) -> None:
+def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None], project: Path | None = None) -> None:
     """Serve a workspace on the loopback interface until Ctrl-C.
 
     Args:
         workspace: what is served.
-        port: 0 takes a free one.
+        port: 0 takes that of the last server of the project if it is free, else any free one.
         ready: called with the address to open once the server accepts connections.
+        project: the project that the server was started with.
     """
-    listener = socket.create_server(("127.0.0.1", port))
+    known = known_server(project)
+    listener = _listener(port or (known.port if known else 0), fallback=not port)
     port = listener.getsockname()[1]
-    token = new_token()
-    own = Server(workspace)
-    guarded = RequestGuard(own.application(), port, token, own.nonce)
+    token, key = new_token(), known.key if known is not None and known.port == port else new_token()
+    remember_server(project, KnownServer(port, key))
+    own = Server(workspace, key)
+    guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key))
     config = uvicorn.Config(
         guarded, log_level="error", ws="websockets-sansio", ws_max_size=MAX_MESSAGE, lifespan="on", server_header=False
     )
@@ -202,6 +238,16 @@ def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None]) -> N
         announce.cancel()
 
     asyncio.run(run())
+
+
+def _listener(port: int, *, fallback: bool) -> socket.socket:
+    """Return a socket at a port of the loopback interface; with `fallback` at a free one if it is taken."""
+    try:
+        return socket.create_server(("127.0.0.1", port))
+    except OSError:
+        if not fallback:
+            raise
+        return socket.create_server(("127.0.0.1", 0))
 
 
 async def _announce(server: uvicorn.Server, ready: Callable[[], None]) -> None:

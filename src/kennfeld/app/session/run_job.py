@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from kennfeld.analysis.cross_validation import CrossValidation, Kind
+from kennfeld.app.session.run_checkpoints import INTERVAL, RunCheckpoints
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.options import Options
@@ -22,12 +24,40 @@ COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.app.session.run_job
 
 
 @dataclass(frozen=True)
+class Validation:
+    """Settings of a cross-validation: number of folds, and how they are formed."""
+
+    folds: int
+    kind: Kind = "auto"
+
+
+@dataclass(frozen=True)
+class RunTask:
+    """The work of the process of a run.
+
+    Attributes:
+        problem: what is calibrated.
+        options: how.
+        checkpoints: where the run is kept.
+        resumed: checkpoints from which it resumes, by the number of the start.
+        validation: cross-validate instead of calibrating.
+    """
+
+    problem: Problem
+    options: Options
+    checkpoints: RunCheckpoints | None = None
+    resumed: Mapping[int, Checkpoint] = field(default_factory=dict)
+    validation: Validation | None = None
+
+
+@dataclass(frozen=True)
 class Ended:
-    """The end of a run: its result, or why there is none."""
+    """The end of a run: its result or its cross-validation, or why there is none."""
 
     result: Result | None
     findings: tuple[Finding, ...] = ()
     reason: str = ""
+    validation: CrossValidation | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +74,15 @@ class RunJob(WorkerProcess):
     """A running calibration.
 
     Args:
-        problem: what is calibrated.
-        options: how.
+        task: what is calibrated, and how.
         report: called from another thread with each step, with values, and once with the end.
     """
 
-    def __init__(self, problem: Problem, options: Options, report: Report) -> None:
+    def __init__(self, task: RunTask, report: Report) -> None:
         self._report = report
         self._ended = False
-        super().__init__(COMMAND, pickle_content((replace(problem), options)))  # a copy has no cached properties
+        plain = replace(task, problem=replace(task.problem))  # a copy has no cached properties
+        super().__init__(COMMAND, pickle_content(plain))
 
     def handle(self, message: Any) -> None:
         if message is None:
@@ -73,27 +103,45 @@ class RunJob(WorkerProcess):
 def main() -> None:
     """Run the worker: read a problem and options from stdin, write steps, values and the end to stdout."""
     parent = connect_to_parent()
-    JobWorker(*parent.read_work(), parent).run()
+    JobWorker(parent.read_work(), parent).run()
 
 
 class JobWorker:
-    def __init__(self, problem: Problem, options: Options, parent: ParentConnection) -> None:
-        self._problem, self._options, self._parent = problem, options, parent
-        self._last_step = self._last_values = 0.0
+    def __init__(self, task: RunTask, parent: ParentConnection) -> None:
+        self._task, self._parent = task, parent
+        self._last_step = self._last_values = self._last_save = 0.0
         self._best = float("inf")
+        self._saves = task.checkpoints.saves() if task.checkpoints else None
 
     def run(self) -> None:
-        from kennfeld.optimize.search.multistart import run
-
         self._parent.listen()
+        validation = self._task.validation
         try:
-            result = run(self._problem, replace(self._options, save_every=1), self._step, keep=self._keep)
-            _ = result.trust  # computed here, where nobody waits
-            self._parent.send(Ended(result))
+            self._parent.send(self._calibrate() if validation is None else self._validate(validation))
         except InputError as error:
             self._parent.send(Ended(None, error.findings))
         except KeyboardInterrupt:
             self._parent.send(Ended(None, reason="Stopped before the first step."))
+
+    def _calibrate(self) -> Ended:
+        from kennfeld.optimize.search.multistart import run
+
+        task = self._task
+        if self._saves is not None and not task.resumed:
+            self._saves.begin()
+        options = replace(task.options, save_every=1)
+        result = run(task.problem, options, self._step, keep=self._keep, resumed=task.resumed)
+        _ = result.trust  # computed here, where nobody waits
+        return Ended(result)
+
+    def _validate(self, validation: Validation) -> Ended:
+        from kennfeld.analysis.cross_validation import cross_validate
+
+        task, options = self._task, replace(self._task.options, save_every=0)
+        folds = cross_validate(
+            task.problem, folds=validation.folds, kind=validation.kind, options=options, progress=self._step
+        )
+        return Ended(None, validation=folds)
 
     def _step(self, line: TraceLine) -> None:
         now = time.monotonic()
@@ -108,3 +156,14 @@ class JobWorker:
         if saved.cost < self._best and now - self._last_values >= VALUES_INTERVAL:
             self._best, self._last_values = saved.cost, now
             self._parent.send(BestValues(saved.values))
+        self._save(saved, now)
+
+    def _save(self, saved: Checkpoint, now: float) -> None:
+        """Write a checkpoint if it is due."""
+        if self._saves is None or self._task.checkpoints is None:
+            return
+        every = self._task.checkpoints.every
+        due = saved.iteration % every == 0 if every else now - self._last_save >= INTERVAL
+        if due or saved.ended is not None:
+            self._last_save = now
+            self._saves.keep(saved, self._task.problem.parameters)

@@ -12,12 +12,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from kennfeld.analysis.cross_validation import CrossValidation
 from kennfeld.app.session.evidence import Evidence
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
-from kennfeld.app.session.run_job import BestValues, Ended, RunJob
+from kennfeld.app.session.run_checkpoints import RunCheckpoints
+from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
 from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
 from kennfeld.arrays import Bool, Float, Int
@@ -26,6 +28,7 @@ from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.models import Model
+from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
@@ -63,11 +66,13 @@ class Run:
         number: counted from 1.
         before: the values at its start.
         result: its result.
+        problem: what was calibrated, None if it is the present problem.
     """
 
     number: int
     before: ParameterSet
     result: Result
+    problem: Problem | None = None
 
 
 @dataclass
@@ -81,6 +86,7 @@ class Job:
         seconds: how long it has run.
         trace: the steps so far.
         preview: values of the best step so far, by parameter.
+        problem: what is calibrated.
     """
 
     state: str = "idle"
@@ -89,6 +95,7 @@ class Job:
     seconds: float = 0.0
     trace: list[TraceLine] = field(default_factory=list)
     preview: Mapping[str, Float] = field(default_factory=dict)
+    problem: Problem | None = None
 
 
 class View:
@@ -155,6 +162,7 @@ class Session:
         self.text_revision = self.revision  # changes with the texts
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
+        self.validation: CrossValidation | None = None  # the last one
         self.job = Job()
         self._running: RunJob | None = None
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
@@ -209,8 +217,18 @@ class Session:
             self.recovery.write(self.saved, self.state)
         return outcome
 
-    def run(self) -> None:
-        """Start a calibration from the present values. Raises `ArgumentError` if one is running."""
+    def run(self, *, resume: bool = False, workers: int | None = None, validation: Validation | None = None) -> None:
+        """Start a calibration or a cross-validation from the present values.
+
+        Args:
+            resume: continue an interrupted run from its checkpoints.
+            workers: number of processes for several starts, by default one per core.
+            validation: cross-validate instead of calibrating.
+
+        Raises:
+            ArgumentError: a run is in progress.
+            InputError: the project has errors, or there is no checkpoint.
+        """
         if self._running is not None:
             raise ArgumentError("a run is in progress; stop it first")
         if self.stale:
@@ -218,8 +236,16 @@ class Session:
         view = self.require_view()
         assert self.project is not None
         problem = replace(view.model.problem, parameters=view.now.parameters)
-        self.job = Job("running", "compiling", time.monotonic())
-        self._running = RunJob(problem, self.project.options, self._put)
+        options = replace(self.project.options, workers=workers)
+        points = self.checkpoints.points().states if resume else {}
+        task = RunTask(problem, options, None if validation else self.checkpoints, points, validation)
+        self.job = Job("running", "compiling", time.monotonic(), problem=problem)
+        self._running = RunJob(task, self._put)
+
+    @property
+    def checkpoints(self) -> RunCheckpoints:
+        """Where runs are kept, so that an interrupted one can be resumed."""
+        return RunCheckpoints(self.path, 0 if self.project is None else self.project.file.optimizer.save_every)
 
     def stop(self) -> None:
         """Stop the running calibration at its best values."""
@@ -255,13 +281,20 @@ class Session:
     def _end(self, end: Ended) -> None:
         """Take over the values of a run that has ended."""
         job = self.job
+        if end.validation is not None:
+            self.validation = end.validation
+            self.revision = next(_REVISIONS)
+            job.state, job.message = "validated", " ".join(end.validation.summary())
+            return
         if end.result is None:
             job.state, job.message = "failed", end.reason or " ".join(map(str, end.findings))
             return
         result, view = end.result, self.require_view()
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
-        run = Run(len(self.runs) + 1, view.now.parameters, result)
+        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem)
         self.runs.append(run)
+        if result.converged:
+            self.checkpoints.remove()
         self.revision = next(_REVISIONS)
         names = [name for name in view.model.problem.free_names if name in result.parameters]
         self.do(SetTables(f"Run {run.number}", {name: result.parameters[name].values for name in names}))
@@ -359,7 +392,9 @@ class Session:
         return Recovery(self.path)
 
     def recover(self, *, discard: bool = False) -> None:
-        """Take over the edits of a session that ended without saving, or forget them."""
+        """Take over the edits of a session that ended without saving, or forget them; nothing if there are none."""
+        if not self.recoverable:
+            return
         edits, self.recoverable = None if discard else self.recovery.read(self.saved), False
         self.recovery.remove()
         if edits is not None:

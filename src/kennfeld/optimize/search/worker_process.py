@@ -19,9 +19,6 @@ from contextlib import suppress
 from types import MappingProxyType
 from typing import IO, Any
 
-from kennfeld.optimize.options import Options
-from kennfeld.optimize.problem import Problem
-
 STOP = "stop"
 
 
@@ -110,10 +107,9 @@ class ParentConnection:
         self.messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.stopping = threading.Event()
 
-    def read_work(self) -> tuple[Problem, Options]:
-        """Return what the worker has to do."""
-        work: tuple[Problem, Options] = pickle.load(self._incoming)
-        return work
+    def read_work(self) -> Any:
+        """Return what the worker has to do: the content with which its process was started."""
+        return pickle.load(self._incoming)
 
     def listen(self) -> None:
         """Receive messages in another thread."""

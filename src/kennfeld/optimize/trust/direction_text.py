@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.constraints import Pin
 from kennfeld.graph import Graph
+from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.optimize.trust.weak_directions import TableChange, WeakDirection
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Parameter
@@ -34,6 +36,7 @@ class Direction:
         exact: True if the data do not constrain the change at all.
         ratio: cost of the change relative to its cost if each value changed alone; 0 if nothing determines it.
         deviation: standard deviation of the values along the change, as a multiple of it; inf if undetermined.
+        remedies: the part of `remedy` that a project can apply; any of them is enough.
     """
 
     sentence: str
@@ -42,6 +45,7 @@ class Direction:
     exact: bool
     ratio: float
     deviation: float
+    remedies: tuple[Remedy, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.sentence} {self.remedy}"
@@ -79,7 +83,8 @@ class Describer:
         smooth = self._samples[name].any() and max(where.shape, default=0) > 2
         remedies = ["Record samples there", *([f"set a smoothness for {name}"] if smooth else []), lock]
         sentence = f"Not determined by data or smoothness, kept at {start}: {self._some_values(name, where)}."
-        return _undetermined(sentence, f"{join_items(remedies, 'or')}.", name, where)
+        choices = (*([Remedy(smoother=(name,))] if smooth else []), Remedy(locks={name: where}))
+        return _undetermined(sentence, f"{join_items(remedies, 'or')}.", name, where, choices)
 
     def searched(self, name: str, where: Bool) -> Direction:
         """Describe values that a global search moved, although small changes of them have no effect."""
@@ -116,7 +121,8 @@ class Describer:
             f"The position of {join_items(breakpoints)} of {name} is not determined: "
             f"the tables are flat there or have no data. {stays}."
         )
-        return _undetermined(sentence, "Use fewer breakpoints on this axis, or fix them.", name, where)
+        choices = Remedy(coarser=(name,)), Remedy(axes=(name,))
+        return _undetermined(sentence, "Use fewer breakpoints on this axis, or fix them.", name, where, choices)
 
     def named(self, weak: WeakDirection, parts: Mapping[str, Float]) -> Direction:
         """Describe a direction that consists of table changes; `parts` are its changes of each parameter."""
@@ -128,7 +134,8 @@ class Describer:
         text = f"{100 * size:.2g} %" if first.kind in RELATIVE else f"{size:.2g}{self._unit_of(first)}"
         clauses = _clauses([self._verb(shape, amount) for shape, amount in amounts])
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
-        return _direction(weak, unit, f"{clauses} {_effect(weak, text)}.", self._pin(amounts, changed), changed)
+        remedy, choices = self._pin(amounts, changed)
+        return _direction(weak, unit, f"{clauses} {_effect(weak, text)}.", remedy, changed, choices)
 
     def by_points(self, weak: WeakDirection, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
         """Describe a direction by its strongest grid points; `weights` are the effect of each value on the data."""
@@ -145,7 +152,7 @@ class Describer:
         size = f"{100 * PERCENT * weak.deviation / abs(unit):.2g} % of the {reference} of {names[0]}"
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
         sentence = f"{_clauses(verbs)}{' together' if len(verbs) > 1 else ''} {_effect(weak, size)}."
-        return _direction(weak, unit, sentence, self._separation_remedy(names), changed)
+        return _direction(weak, unit, sentence, self._separation_remedy(names), changed, self._separations(names))
 
     def _typical_size(self, name: str) -> float:
         if name in self._free_axes:
@@ -206,19 +213,31 @@ class Describer:
     def _breakpoint(self, name: str, number: int) -> str:
         return f"the {_ordinal(number + 1)} breakpoint ({self._free_axes[name].breakpoints[number]:.6g})"
 
-    def _pin(self, amounts: Amounts, parts: Mapping[str, Float]) -> str:
-        """Return the advice to pin one value, of the smallest table that is not merely shifted."""
+    def _pin(self, amounts: Amounts, parts: Mapping[str, Float]) -> tuple[str, tuple[Remedy, ...]]:
+        """Return the advice to fix one value, of the smallest table that is not merely shifted, as text and data."""
         shape, _ = min(amounts, key=lambda pair: (pair[0].kind == "shift", self._parameters[pair[0].table].size))
         name, table = shape.table, self._parameters[shape.table]
         if table.size == 1:
-            return f"Fix {name}, or set bounds for it."
+            return f"Fix {name}, or set bounds for it.", (
+                Remedy(locks={name: np.ones(table.values.shape, dtype=bool)}),
+            )
         start = np.nan_to_num(self._start[name].values)
         use_start = shape.kind == "scale" and float(np.ptp(start)) > 0
         strength = np.abs(start if use_start else parts[name])
         best = np.where(strength >= (1 - 1e-6) * strength.max(), self._samples[name], -1)
         at = np.unravel_index(int(best.argmax()), best.shape)
         value = float(np.ravel(start if use_start else table.values)[int(best.argmax())])
-        return f"Pin a known value of {name}, e.g. at {self.place(name, at).strip('()')} to {value:.4g}."
+        advice = f"Pin a known value of {name}, e.g. at {self.place(name, at).strip('()')} to {value:.4g}."
+        return advice, (self._fixed_value(table, at, value),)
+
+    def _fixed_value(self, table: Parameter, at: tuple[Any, ...], value: float) -> Remedy:
+        """Return a pin, or a lock if a pin has no fixed coordinates."""
+        if not any(axis.free for axis in table.axes):
+            places = (float(axis.breakpoints[i]) for axis, i in zip(table.index_axes, at, strict=True))
+            return Remedy(pins=(Pin(table.name, tuple(places), value),))
+        where = np.zeros(table.values.shape, dtype=bool)
+        where[at] = True
+        return Remedy(locks={table.name: where})
 
     def place(self, name: str, at: Iterable[Any]) -> str:
         """Return the coordinates of a grid point, empty for a scalar; the name of a coefficient of an RBF."""
@@ -238,18 +257,40 @@ class Describer:
         parameters = [name for name in names if name not in self._free_axes]
         if all(self._parameters[name].kind == "rbf" for name in parameters):
             return f"Record more samples, or use fewer centres for {join_items(parameters)}."
-        tables = [name for name in parameters if max(self._parameters[name].values.shape, default=0) > 2]
+        tables = self._smoothable(parameters)
         last = f"increase the smoothness of {join_items(tables, 'or')}" if tables else "lock one of them"
         remedies = ["Record samples that distinguish them", *(f"use fewer breakpoints for {name}" for name in axes)]
         return f"{', '.join(remedies)}, or {last}."
 
+    def _smoothable(self, names: Sequence[str]) -> list[str]:
+        return [name for name in names if max(self._parameters[name].values.shape, default=0) > 2]
 
-def _undetermined(sentence: str, remedy: str, name: str, where: Bool) -> Direction:
-    return Direction(sentence, remedy, {name: where.astype(np.float64)}, True, 0.0, float("inf"))
+    def _separations(self, names: Sequence[str]) -> tuple[Remedy, ...]:
+        """Return `_separation_remedy` as data."""
+        axes = [name for name in names if name in self._free_axes]
+        parameters = [name for name in names if name not in self._free_axes]
+        if parameters and all(self._parameters[name].kind == "rbf" for name in parameters):
+            return ()
+        smoother = [Remedy(smoother=(name,)) for name in self._smoothable(parameters)]
+        sizes = {name: self._parameters[name].values.shape for name in ([] if smoother else parameters)}
+        locks = [Remedy(locks={name: np.ones(shape, dtype=bool)}) for name, shape in sizes.items()]
+        fixed = [Remedy(axes=(name,)) for name in ([] if parameters else axes)]
+        return (*(Remedy(coarser=(name,)) for name in axes), *smoother, *locks, *fixed)
 
 
-def _direction(weak: WeakDirection, unit: float, sentence: str, remedy: str, changed: Mapping[str, Float]) -> Direction:
-    return Direction(sentence, remedy, changed, weak.exact, weak.ratio, weak.deviation / abs(unit))
+def _undetermined(sentence: str, remedy: str, name: str, where: Bool, remedies: tuple[Remedy, ...] = ()) -> Direction:
+    return Direction(sentence, remedy, {name: where.astype(np.float64)}, True, 0.0, float("inf"), remedies)
+
+
+def _direction(
+    weak: WeakDirection,
+    unit: float,
+    sentence: str,
+    remedy: str,
+    changed: Mapping[str, Float],
+    remedies: tuple[Remedy, ...],
+) -> Direction:
+    return Direction(sentence, remedy, changed, weak.exact, weak.ratio, weak.deviation / abs(unit), remedies)
 
 
 def _effect(weak: WeakDirection, size: str) -> str:

@@ -11,29 +11,11 @@ from kennfeld.constraints import Pin
 from kennfeld.optimize.trust.active_limits import combinations_of_values
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Describer, join_items
+from kennfeld.optimize.trust.remedies import Marks, Remedy
 from kennfeld.parameter_set import ParameterSet
 
 PREFERENCE_PER_SIZE = 0.1  # weight of the values of a table, relative to those of the next smaller table
 MIN_PREFERENCE = 1e-4  # relative to the smallest table
-
-Marks = Mapping[str, Bool]  # by parameter, of the shape of its values
-
-
-@dataclass(frozen=True)
-class Remedy:
-    """Values to fix so that nothing is undetermined.
-
-    `pins` are an argument of `calibrate`; `locks` apply to parameters that have the fitted values already.
-
-    Attributes:
-        pins: values to pin, at their fitted values; known values can be pinned instead.
-        locks: values to lock, by parameter, as masks in the shape of its values.
-        axes: axes whose breakpoints to fix.
-    """
-
-    pins: tuple[Pin, ...] = ()
-    locks: Marks = field(default_factory=dict)
-    axes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,73 @@
+"""Files that are dropped onto the page: what they are decides what becomes of them in the project."""
+
+from pathlib import Path
+from typing import Any
+
+from kennfeld.app.answer import Answer, Given
+from kennfeld.app.folders import confined
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.state import SetKeys
+from kennfeld.calfiles import endings, recognise
+from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.errors import ArgumentError
+
+FUNCTIONS = (".kf", ".slx", ".mdl")
+BOTH = (".csv", ".json", ".xlsx", ".mat", ".m")  # recordings as well as calibration files
+
+
+def add_files(session: Session, given: Given) -> Answer:
+    """Add `files` of the folder to the project, as one change: recordings, a function, or initial values."""
+    folder = session.path.parent
+    names = [confined(folder, str(name)).relative_to(folder.resolve()).as_posix() for name in given["files"]]
+    kinds = {name: kind_of(folder / name) for name in names}
+    settings = session.settings
+    changes = [*_datasets(settings, kinds), *_function(kinds), *_initial(settings, kinds)]
+    if not changes:
+        raise ArgumentError("no file is chosen")
+    session.do(SetKeys(f"Added {', '.join(names[:3])}", session.path.name, changes))
+    return Answer({"kinds": kinds})
+
+
+def kind_of(path: Path) -> str:
+    """Return what a file is for: recording, function, calibration or description."""
+    ending = path.suffix.lower()
+    if ending in FUNCTIONS:
+        return "function"
+    if ending == ".a2l":
+        return "description"
+    known = ending in endings() and (ending not in BOTH or recognise(path) != "")
+    return "calibration" if known else "recording"
+
+
+def _named(kinds: dict[str, str], kind: str) -> list[str]:
+    return [name for name, own in kinds.items() if own == kind]
+
+
+def _datasets(settings: Any, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
+    """Return datasets for recordings: the first of a project is training data, the others are test data."""
+    entries = settings.get("dataset", [])
+    count = len(entries) if isinstance(entries, list) else 0
+    return [
+        (("dataset", number + 1), {"files": [name], "use": "test" if number else "training"})
+        for number, name in enumerate(_named(kinds, "recording"), count)
+    ]
+
+
+def _function(kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
+    return [(("model", "file"), name) for name in _named(kinds, "function")[:1]]
+
+
+def _initial(settings: Any, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
+    """Return the initial files with the new ones behind the others; an image comes with its A2L file."""
+    names, described = _named(kinds, "calibration"), _named(kinds, "description")
+    if not names:
+        return []
+    files = settings.get("calibration", {}).get("initial", [])
+    own = list(files) if isinstance(files, list) else [files]
+    images = {name: {"a2l": described[0], "hex": name} for name in names if described and _is_image(name)}
+    added = [images.get(name, {"hex": name} if _is_image(name) else name) for name in names]
+    return [(("calibration", "initial"), [*own, *added])]
+
+
+def _is_image(name: str) -> bool:
+    return name.lower().endswith(IMAGE_ENDINGS)

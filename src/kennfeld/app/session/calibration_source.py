@@ -1,0 +1,153 @@
+"""Sets of values that can be compared: the present ones, the start, a run, or a calibration file of the folder."""
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from kennfeld.app.folders import confined
+from kennfeld.app.session.session import Session
+from kennfeld.calfiles import endings, read, read_several, recognise
+from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.graph.interpolation import regrid
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
+from kennfeld.project.checkpoints import FOLDER as SAVES
+
+MAX_FILES = 300
+MAX_DEPTH = 3  # folders below that of the project
+MAX_AMBIGUOUS = 20_000_000  # bytes of a file that may be a recording, too
+AMBIGUOUS = (".csv", ".json", ".xlsx", ".mat", ".m")
+
+
+@dataclass(frozen=True)
+class ValueSource:
+    """A set of values, its name, and findings on what was skipped when it was read."""
+
+    label: str
+    parameters: ParameterSet
+    findings: tuple[Finding, ...] = ()
+    path: Path | None = None
+    a2l: Path | None = None
+
+
+def source_of(session: Session, given: Mapping[str, Any]) -> ValueSource:
+    """Return the set that a page names.
+
+    `given` is `{"from": "now" | "start" | NUMBER}`, or `{"from": "file", "file": PATH, "a2l": PATH}`; the A2L file of
+    an image may be missing.
+
+    Raises:
+        ArgumentError: it is not a file of the folder, or there is no such run.
+        InputError: the file cannot be read.
+    """
+    origin = str(given.get("from", "now"))
+    if origin == "file":
+        return _file_source(session, str(given.get("file", "")), str(given.get("a2l") or ""))
+    project, view = session.project, session.require_view()
+    surrogates = project.surrogates if project is not None else ()
+    if origin in ("now", "start"):
+        evaluation = view.now if origin == "now" else view.start
+        return ValueSource(origin, evaluation.parameters.without(surrogates))
+    if not (origin.isdigit() and 1 <= int(origin) <= len(session.runs)):
+        raise ArgumentError(f"there is no run {origin[:20]}")
+    run = session.runs[int(origin) - 1]
+    return ValueSource(f"run {origin}", run.result.parameters.without(surrogates))
+
+
+def _file_source(session: Session, name: str, a2l: str) -> ValueSource:
+    folder = session.path.parent
+    path, description = confined(folder, name), confined(folder, a2l) if a2l else None
+    stamps = (path.stat().st_mtime_ns, description.stat().st_mtime_ns if description else 0)
+    parameters, findings = _read(path, description, stamps)
+    return ValueSource(name, parameters, findings, path, description)
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, a2l: Path | None, stamps: tuple[int, int]) -> tuple[ParameterSet, tuple[Finding, ...]]:
+    """Read a file; `stamps` tell whether it or its description has changed."""
+    [parameters], findings = read_several([path], a2l)
+    return parameters if parameters.origin is not None else parameters.from_origin(path), findings
+
+
+def calibration_files(folder: Path) -> list[tuple[str, str]]:
+    """Return path and format of the calibration files of a folder, and of its A2L files with the format `A2L`."""
+    rows = ((path.relative_to(folder).as_posix(), _format(path)) for path in _candidates(folder, 0))
+    return [row for row in rows if row[1]][:MAX_FILES]
+
+
+def _candidates(folder: Path, depth: int) -> Iterator[Path]:
+    """Yield files with the ending of a calibration file; links and hidden folders are not followed."""
+    try:
+        entries = sorted(folder.iterdir(), key=lambda path: (path.is_dir(), path.name.casefold()))
+    except OSError:
+        return
+    known = (*endings(), ".a2l")
+    for path in entries:
+        if path.name.startswith(".") or path.is_symlink():
+            continue
+        if path.is_file() and path.suffix.lower() in known:
+            yield path
+        elif path.is_dir() and depth < MAX_DEPTH and path.name != SAVES:
+            yield from _candidates(path, depth + 1)
+
+
+def _format(path: Path) -> str:
+    ending = path.suffix.lower()
+    if ending == ".a2l":
+        return "A2L"
+    if ending not in AMBIGUOUS:
+        return ending[1:].upper()
+    try:
+        state = path.stat()
+    except OSError:
+        return ""
+    return _recognised(path, state.st_mtime_ns) if state.st_size <= MAX_AMBIGUOUS else ""
+
+
+@lru_cache(maxsize=1024)
+def _recognised(path: Path, modified: int) -> str:
+    """Return the format of a file; `modified` tells whether it has changed."""
+    known = recognise(path)
+    if known == "JSON":
+        with suppress(InputError):
+            return known if read(path) else ""
+        return ""
+    return path.suffix[1:].upper() if known else ""
+
+
+def is_image(name: str) -> bool:
+    """Return True for the ending of an image, which needs an A2L file."""
+    return name.lower().endswith(IMAGE_ENDINGS)
+
+
+def part_of(parameters: ParameterSet, names: Collection[str]) -> ParameterSet:
+    """Return the named parameters, texts and group axes of a set, with the group axes of these parameters."""
+    members = [member for member in parameters.parameters if member.name in names]
+    used = {axis.name for member in members for axis in member.axes}
+    return ParameterSet(
+        members,
+        [text for text in parameters.texts if text.name in names],
+        [axis for axis in parameters.axes if axis.name in names or axis.name in used],
+        [item for item in parameters.others if item.name in names],
+        parameters.origin,
+    )
+
+
+def fit_onto(own: Parameter, other: Parameter) -> Parameter:
+    """Return a parameter with the values of another one, interpolated if its axes differ.
+
+    Raises:
+        ArgumentError: the other one is of another kind.
+    """
+    tables = own.axes and len(own.axes) == len(other.axes)
+    if own.values.shape != other.values.shape and not tables:
+        raise ArgumentError(f"{own.name} is a {own.kind} of another size than the {other.kind} of the file")
+    if len(own.axes) != len(other.axes) or (own.kind == "rbf") != (other.kind == "rbf"):
+        raise ArgumentError(f"{own.name} is a {own.kind} here and a {other.kind} in the file")
+    if not tables or own.kind == "rbf":
+        return own.with_values(other.values)
+    return own.with_values(regrid(other.values, other.axes, own.axes, other.extrapolation))

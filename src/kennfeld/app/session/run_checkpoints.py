@@ -1,0 +1,68 @@
+"""Checkpoints of a run of the app, from which an interrupted one is resumed.
+
+With `save_every` of the project they are those of `kennfeld calibrate`, in the results folder. Without it, the last
+seconds of a run are kept beside the recovery file, and removed once the run has converged.
+"""
+
+import shutil
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from kennfeld.app.session.recovery import FOLDER
+from kennfeld.errors import InputError
+from kennfeld.formatting import count_noun
+from kennfeld.optimize.result import Checkpoint
+from kennfeld.project.checkpoints import FOLDER as SAVES
+from kennfeld.project.checkpoints import ResumePoints, Saves
+
+INTERVAL = 2.0  # s between checkpoints without `save_every`
+
+
+@dataclass(frozen=True)
+class RunCheckpoints:
+    """Where a run keeps its checkpoints.
+
+    Attributes:
+        project: the project file.
+        every: number of accepted steps between checkpoints; 0 keeps one every few seconds.
+    """
+
+    project: Path
+    every: int = 0
+
+    @property
+    def folder(self) -> Path:
+        """The folder whose subfolder holds the checkpoints."""
+        return self.project.parent / ("results" if self.every else FOLDER)
+
+    def saves(self) -> Saves:
+        """Return the checkpoints of the folder."""
+        return Saves(self.folder, self.project)
+
+    def points(self) -> ResumePoints:
+        """Return the checkpoint of each start. Raises `InputError` if there is none."""
+        return self.saves().resume_points()
+
+    def describe(self) -> str:
+        """Return a sentence on an interrupted run; empty if there is none, or if it converged."""
+        try:
+            states = self.points().states
+        except (InputError, OSError):
+            return ""
+        open_ends = [state for state in states.values() if not _has_converged(state)]
+        if not open_ends:
+            return ""
+        last = max(open_ends, key=lambda state: state.iteration)
+        several = f"{count_noun(len(open_ends), 'start')} of {len(states)}, " if len(states) > 1 else ""
+        return f"A run was interrupted: {several}{count_noun(last.iteration, 'iteration')}, cost {last.cost:.5g}."
+
+    def remove(self) -> None:
+        """Forget the checkpoints, unless they are those of the results folder."""
+        if not self.every:
+            with suppress(OSError):
+                shutil.rmtree(self.folder / SAVES)
+
+
+def _has_converged(state: Checkpoint) -> bool:
+    return state.ended is not None and state.ended.status == "converged"

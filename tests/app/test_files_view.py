@@ -1,0 +1,104 @@
+"""The screen of calibration files in a browser: compare, take, undo, merge, convert."""
+
+from pathlib import Path
+
+import pytest
+from browser import READY, browser_page, started
+
+import kennfeld as kf
+from kennfeld.project import Project
+
+
+@pytest.fixture
+def bench(torque: Path) -> Path:
+    """Return a calibration file of the folder with another map."""
+    own = Project.read(torque).problem().parameters
+    table = own["MapOptTorque"]
+    path = torque.parent / "bench.dcm"
+    own.with_parameters(table.with_values(table.values + 3.0)).save(path)
+    return path
+
+
+def test_a_file_is_compared_and_its_values_are_taken(torque: Path, bench: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=files]")
+        page.click("[data-file='bench.dcm']")
+        page.wait_for_selector("#differences [data-name=MapOptTorque]:has-text('3.000')")
+        assert page.inner_text("#difference-count") == "1 of 4 names differ"
+        page.click("#take-values")
+        page.wait_for_selector("#difference-count:has-text('equal')")
+        page.keyboard.press("Control+z")
+        page.wait_for_selector("#differences [data-name=MapOptTorque]")
+
+
+def test_a_dropped_file_is_merged_and_converted(torque: Path, bench: Path, tmp_path: Path) -> None:
+    own = kf.read_parameters(bench)
+    outside = tmp_path / "tuned.json"
+    own.with_parameters(own["MapOptTorque"].with_values(own["MapOptTorque"].values * 2)).save(outside)
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=files]")
+        page.set_input_files(".fl input[type=file]", str(outside))
+        page.wait_for_selector("[data-file='tuned.json'].on")
+        page.wait_for_selector("#differences [data-name=MapOptTorque]")
+        page.fill("#target-name", "both")
+        page.select_option("#target-ending", ".cdfx")
+        page.click("#write-file")
+        page.wait_for_selector("#written:has-text('both.cdfx')")
+        page.click("#write-file")
+        page.wait_for_selector("#replace-file")
+        page.click("#replace-file")
+        page.wait_for_selector("#replace-file", state="detached")
+        page.wait_for_selector(READY)
+    both = kf.read_parameters(torque.parent / "both.cdfx")
+    assert both["MapOptTorque"].values == pytest.approx(own["MapOptTorque"].values * 2)
+
+
+def test_a_file_that_is_dropped_on_the_start_page_makes_a_project(tmp_path: Path) -> None:
+    rows = "\n".join(f"{x},{2 * x}" for x in range(50))
+    (tmp_path / "bench.csv").write_text(f"Speed,Torque\nrpm,Nm\n{rows}\n")
+    with started(None, tmp_path) as (address, _), browser_page(address) as page:
+        page.set_input_files("#drop input", str(tmp_path / "bench.csv"))
+        page.wait_for_selector(".files td:has-text('bench.csv')")
+        page.click("[data-screen=start]")
+        page.wait_for_selector("#recent tr:has-text('bench')")
+    assert "bench.csv" not in (tmp_path / "bench" / "kennfeld.toml").read_text()  # until it is saved
+    assert (tmp_path / "bench" / "bench.csv").is_file()
+
+
+def test_a_file_name_with_markup_is_shown_as_text(torque: Path, bench: Path, tmp_path: Path) -> None:
+    name = "<img src=x onerror=document.title='hit'>.dcm"
+    bench.rename(bench.with_name(name))
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=files]")
+        page.wait_for_selector(".file-row:has-text('<img')")
+        page.click(".file-row:has-text('<img')")
+        page.wait_for_selector("#differences [data-name=MapOptTorque]")
+        assert page.title() != "hit"
+        assert page.query_selector("main img") is None
+
+
+def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("#run")
+        page.wait_for_selector("#job-state.converged", timeout=60_000)
+        page.click("[data-screen=results]")
+        page.click("#trust button[data-remedy] >> nth=0")
+        page.wait_for_selector("#trust span[data-remedy]:has-text('applied')")
+        page.keyboard.press("Control+z")
+        page.wait_for_selector("#trust span[data-remedy]", state="detached")
+        with page.expect_download() as download:
+            page.click("#export-folder")
+        assert download.value.suggested_filename == "torque.zip"
+
+
+def test_values_that_are_not_accepted_keep_their_start(torque: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        page.click("#run")
+        page.wait_for_selector("#job-state.converged", timeout=60_000)
+        page.click("[data-screen=results]")
+        page.wait_for_selector("#if-pinned")
+        page.click(".pi[data-parameter=MapOptTorque] .tick")
+        page.wait_for_selector("#choice")
+        expected = page.inner_text("#choice b")
+        page.click("#accept")
+        page.wait_for_selector(f"#rmse-training:has-text('{expected}')")

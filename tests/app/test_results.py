@@ -1,0 +1,75 @@
+"""The results: what is accepted, and what a pin would do to the uncertainty."""
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.app.answer import Answer
+from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.questions.trust import pinned_deviation
+from kennfeld.app.session.session import Session
+from kennfeld.project.demo import write
+
+
+def ask(session: Session, question: str, **given: Any) -> Answer:
+    return (QUESTIONS.get(question) or COMMANDS[question])(session, given)
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    session = Session(write("torque", tmp_path_factory.mktemp("results") / "torque"))
+    session.run()
+    deadline = time.monotonic() + 120
+    while session.job.state == "running":
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+        session.pump()
+    return session
+
+
+@pytest.mark.parametrize("axis", [0, 2, 4])
+def test_the_deviation_of_a_pinned_fit_is_foretold(axis: int) -> None:
+    rng = np.random.default_rng(5)
+    x = rng.uniform(0, 4, 4000)
+    data = {"x": x, "y": np.sin(x) + 0.1 * rng.standard_normal(x.size)}
+    start = kf.ParameterSet([kf.Curve("C", np.arange(5.0), np.zeros(5))])
+    given: dict[str, Any] = {"target": "y", "smoothness": {"C": 0.5}}
+    free = kf.calibrate("m = C(x)", data, start, **given)
+    value = float(free.parameters["C"].values[axis])
+    held = kf.calibrate("m = C(x)", data, start, pins=[kf.Pin("C", (float(axis),), value)], **given)
+    foretold = pinned_deviation(free.trust, "C", (axis,))["C"]
+    assert foretold == pytest.approx(held.trust.deviation["C"], rel=0.02, abs=1e-12)
+    assert foretold[axis] == 0.0
+
+
+def test_a_value_that_nothing_determines_foretells_nothing() -> None:
+    x = np.linspace(0, 1, 50)
+    start = kf.ParameterSet([kf.Scalar("a", 0.0), kf.Scalar("b", 0.0)])
+    trust = kf.calibrate("m = (a + b) * x", {"x": x, "y": x}, start, target="y").trust
+    assert pinned_deviation(trust, "a", ()) == {}
+
+
+def test_the_errors_of_a_choice_are_those_after_it_is_accepted(calibrated: Session) -> None:
+    given = {"run": 1, "cells": {"MapOptTorque": list(range(20))}, "title": "Accepted"}
+    expected = ask(calibrated, "choice", **given).head["scores"]
+    ask(calibrated, "accept", **given)
+    scores = [score.rmse for score in calibrated.require_view().now.scores if score.samples]
+    calibrated.undo()
+    assert [row["rmse"] for row in expected] == pytest.approx(scores)
+
+
+def test_directions_have_remedies_that_a_click_applies(calibrated: Session) -> None:
+    head = ask(calibrated, "trust").head
+    remedies = [each for direction in head["directions"] for each in direction["remedies"]]
+    assert remedies
+    before = calibrated.state
+    ask(calibrated, "set-keys", changes=remedies[0]["changes"], title=remedies[0]["title"])
+    assert not calibrated.stale, calibrated.findings
+    again = ask(calibrated, "trust").head
+    applied = [each["applied"] for direction in again["directions"] for each in direction["remedies"]]
+    assert applied[0]
+    assert calibrated.undo() == remedies[0]["title"]
+    assert calibrated.state == before

@@ -1,0 +1,125 @@
+"""Runs of the app: resumed after an interruption, through steps, cross-validated, and what they say at their end."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from kennfeld.app.answer import Answer
+from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.session.session import Session
+from kennfeld.errors import ArgumentError, InputError
+from kennfeld.project import Project
+
+
+def ask(session: Session, question: str, **given: Any) -> Answer:
+    return (QUESTIONS.get(question) or COMMANDS[question])(session, given)
+
+
+def wait_until(session: Session, condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+        session.pump()
+
+
+def wait_for_end(session: Session) -> None:
+    wait_until(session, lambda: session.job.state not in ("running", "stopping"))
+
+
+def set_keys(session: Session, **optimizer: Any) -> None:
+    changes = [[["optimizer", key], value] for key, value in optimizer.items()]
+    ask(session, "set-keys", changes=changes, title="Optimizer")
+
+
+def interrupt(path: Path, **optimizer: Any) -> None:
+    """Leave a run of many starts behind whose process was killed."""
+    session = Session(path)
+    set_keys(session, starts=60, **optimizer)
+    ask(session, "save")
+    ask(session, "run", workers=1)
+    wait_until(session, lambda: bool(session.checkpoints.describe()))
+    session.close()
+    wait_for_end(session)
+    assert session.job.state == "failed"
+
+
+@pytest.mark.parametrize(("every", "folder"), [(0, ".kennfeld/saves"), (2, "results/saves")])
+def test_an_interrupted_run_is_resumed_in_another_session(torque: Path, every: int, folder: str) -> None:
+    interrupt(torque, save_every=every or None)
+    assert list((torque.parent / folder).glob("1-*.json"))
+    session = Session(torque)
+    assert ask(session, "outcome").head["resumable"].startswith("A run was interrupted: ")
+    ask(session, "run", resume=True, workers=1)
+    wait_until(session, lambda: bool(session.job.trace))
+    ask(session, "stop")
+    wait_for_end(session)
+    (result,) = [run.result for run in session.runs]
+    assert result.resumed[0].startswith("saves/1-")
+    assert ask(session, "outcome").head["result"]["resumed"] == list(result.resumed)
+
+
+def test_what_the_app_keeps_the_command_line_resumes(torque: Path) -> None:
+    interrupt(torque, save_every=1)
+    points = Project.read(torque).saves().resume_points()
+    assert 1 in points.states
+    assert points.findings == ()
+
+
+def test_a_run_that_converges_leaves_nothing_to_resume(exhaust: Path) -> None:
+    session = Session(exhaust)
+    ask(session, "run")
+    wait_for_end(session)
+    assert session.job.state == "converged"
+    assert ask(session, "outcome").head["resumable"] == ""
+    assert not (exhaust.parent / ".kennfeld" / "saves").exists()
+    with pytest.raises(InputError, match="no checkpoint"):
+        ask(session, "run", resume=True)
+    assert session.job.state == "converged"
+
+
+def test_cross_validation_scores_held_out_data_and_keeps_the_values(exhaust: Path) -> None:
+    session = Session(exhaust)
+    before = session.state
+    ask(session, "run", folds=2, parts="blocks")
+    wait_for_end(session)
+    assert session.job.state == "validated"
+    assert session.state is before
+    assert session.runs == []
+    folds = ask(session, "outcome").head["validation"]
+    assert [row[1] for row in folds["table"][1:]] == ["block 1", "block 2"]
+    assert "on held-out data" in folds["summary"][0]
+
+
+@pytest.mark.parametrize("given", [{"folds": 1}, {"folds": 3, "parts": "halves"}, {"workers": 0}])
+def test_settings_of_a_run_that_make_no_sense_are_refused(torque: Path, given: dict[str, Any]) -> None:
+    session = Session(torque)
+    with pytest.raises(ArgumentError):
+        ask(session, "run", **given)
+    assert session.job.state == "idle"
+
+
+def test_every_step_of_a_sequence_has_a_row(exhaust: Path) -> None:
+    session = Session(exhaust)
+    steps = [{"name": "coarse", "grid_reduction": 2, "max_iterations": 5}, {"name": "fine"}]
+    ask(session, "set-keys", changes=[[["step"], steps]], title="Steps")
+    assert [row["state"] for row in ask(session, "progress").head["steps"]] == ["waiting", "waiting"]
+    ask(session, "run")
+    wait_for_end(session)
+    rows = ask(session, "progress").head["steps"]
+    assert [(row["name"], row["state"]) for row in rows] == [("coarse", "done"), ("fine", "done")]
+    assert all(row["iterations"] > 0 and row["rmse"] > 0 for row in rows)
+
+
+def test_the_outcome_says_what_the_command_line_says(exhaust: Path) -> None:
+    session = Session(exhaust)
+    ask(session, "set-keys", changes=[[["parameters", "MapSettled", "smoothness"], "auto"]], title="auto")
+    ask(session, "run")
+    wait_for_end(session)
+    result, head = session.runs[-1].result, ask(session, "outcome").head["result"]
+    assert head["quality"] == result.table()
+    assert head["message"] == result.message
+    assert head["smoothness"] == [{"parameter": "MapSettled", "factors": dict(result.smoothness["MapSettled"])}]

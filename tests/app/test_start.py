@@ -1,0 +1,141 @@
+"""The start page: recent projects with their summaries, and new projects from dropped files."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import kennfeld as kf
+from kennfeld.app.recent import forget, recent_file, recent_projects, remember, summarise
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.summary import summarise_session
+from kennfeld.app.workspace import DEMOS, AppWorkspace
+from kennfeld.errors import ArgumentError
+from kennfeld.project import Project
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(Path, "home", classmethod(lambda cls: tmp_path))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_last_project_is_the_first_of_the_list(torque: Path, exhaust: Path) -> None:
+    for path in (torque, exhaust, torque):
+        remember(path)
+    assert [each.path for each in recent_projects()] == [torque, exhaust]
+    forget(torque)
+    assert [each.path for each in recent_projects()] == [exhaust]
+
+
+def test_a_project_that_is_gone_is_not_listed(torque: Path) -> None:
+    remember(torque)
+    torque.unlink()
+    assert recent_projects() == []
+
+
+@pytest.mark.parametrize("content", ["", "{", "{}", "[1, null, {}]", '[{"path": 5}]'])
+def test_a_damaged_list_is_empty(content: str) -> None:
+    recent_file().parent.mkdir()
+    recent_file().write_text(content)
+    assert recent_projects() == []
+
+
+def test_the_list_of_an_earlier_version_is_read(torque: Path) -> None:
+    recent_file().parent.mkdir()
+    recent_file().write_text(json.dumps([str(torque), {"path": str(torque), "opened": "x", "summary": 3}]))
+    assert [each.opened for each in recent_projects()] == [0.0, 0.0]
+
+
+def test_a_summary_has_the_errors_of_the_project(torque: Path) -> None:
+    session = Session(torque)
+    summary = summarise_session(session)
+    training = next(score for score in session.require_view().now.scores if score.use == "training")
+    assert summary["training"] == training.rmse
+    assert (summary["node"], summary["unit"], summary["state"]) == ("TorquePredict", "Nm", "ready")
+    assert sum(summary["histogram"]) == sum(
+        s.samples for s in session.require_view().now.scores if s.use == "training" and s.criterion == 0
+    )
+    assert len(summary["picture"]["x"]) == len(summary["picture"]["now"]) <= 400
+    remember(torque)
+    summarise(torque, summary)
+    remember(torque)  # opened again: the summary stays
+    assert recent_projects()[0].summary["training"] == training.rmse
+
+
+def test_a_project_with_problems_says_so(torque: Path) -> None:
+    torque.write_text(torque.read_text().replace('"torque.kf"', '"missing.kf"'))
+    summary = summarise_session(Session(torque))
+    assert summary["state"].endswith("problem") or summary["state"].endswith("problems")
+    assert "missing.kf" in summary["problem"]
+
+
+def test_the_start_page_lists_what_was_open(torque: Path, exhaust: Path) -> None:
+    workspace = AppWorkspace(torque)
+    workspace.answer("open", {"path": str(exhaust)})
+    rows = workspace.answer("projects", {}).head["recent"]
+    assert [(row["name"], row["open"]) for row in rows] == [("exhaust", True), ("torque", False)]
+    assert rows[1]["training"] > 0
+    workspace.close()
+
+
+def test_an_open_project_is_not_opened_twice(torque: Path) -> None:
+    workspace = AppWorkspace(torque)
+    session = workspace.session
+    workspace.answer("open", {"path": str(torque.parent)})
+    assert workspace.session is session
+
+
+@pytest.mark.parametrize("demo", DEMOS[:2], ids=lambda demo: demo["name"])
+def test_the_facts_on_a_demo_are_those_of_its_project(demo: dict[str, str], torque: Path, exhaust: Path) -> None:
+    problem = Project.read({"torque": torque, "exhaust": exhaust}[demo["name"]]).problem()
+    samples = {use: sum(each.samples for each in problem.datasets if each.use == use) for use in ("training", "test")}
+    plain = demo["facts"].replace("\u2009", "").replace(" ", "")
+    assert plain.startswith(f"{samples['training']}+{samples['test']}")
+    assert f",{problem.free_size}values" in plain
+
+
+def write_files(folder: Path) -> None:
+    (folder / "bench.csv").write_text("x,y\n1,2\n2,3\n")
+    (folder / "more.csv").write_text("x,y\n1,2\n")
+    (folder / "start.csv").write_text("")
+    kf.ParameterSet([kf.Scalar("k", 1.0)]).save(folder / "start.csv")
+    kf.ParameterSet([kf.Scalar("k", 2.0)]).save(folder / "late.dcm")
+    (folder / "model.kf").write_text("y = k * x\n")
+    (folder / "ecu.a2l").write_text("")
+    (folder / "ecu.hex").write_text("")
+
+
+def test_dropped_files_become_what_they_are() -> None:
+    workspace = AppWorkspace()
+    workspace.answer("new", {"name": "../bench.csv", "free": True})
+    folder = workspace.folder()
+    assert folder.name == "bench"
+    write_files(folder)
+    files = ["bench.csv", "start.csv", "late.dcm", "model.kf", "more.csv", "ecu.hex", "ecu.a2l"]
+    workspace.answer("add-files", {"files": files})
+    assert workspace.session is not None
+    settings = workspace.session.settings
+    assert settings["dataset"] == [
+        {"files": ["bench.csv"], "use": "training"},
+        {"files": ["more.csv"], "use": "test"},
+    ]
+    assert settings["calibration"]["initial"] == ["start.csv", "late.dcm", {"a2l": "ecu.a2l", "hex": "ecu.hex"}]
+    assert settings["model"]["file"] == "model.kf"
+    assert workspace.session.undo() == "Added bench.csv, start.csv, late.dcm"
+
+
+def test_a_second_project_of_one_name_gets_a_number() -> None:
+    workspace = AppWorkspace()
+    for expected in ("bench", "bench-2"):
+        workspace.answer("new", {"name": "bench.csv", "free": True})
+        assert workspace.folder().name == expected
+
+
+@pytest.mark.parametrize("name", ["../outside.csv", "/etc/passwd", "missing.csv"])
+def test_files_outside_are_not_added(torque: Path, tmp_path: Path, name: str) -> None:
+    (tmp_path / "outside.csv").write_text("x\n1\n")
+    workspace = AppWorkspace(torque)
+    with pytest.raises(ArgumentError):
+        workspace.answer("add-files", {"files": [name]})

@@ -1,0 +1,61 @@
+// Projects on the start page: recent ones, the demos, and new ones from files that are dropped.
+
+import { computed, effect, signal } from "@preact/signals";
+import { request, screen, state, type Screen } from "./store";
+import { upload } from "./uploads";
+
+export interface Picture { dataset: string; timed: boolean; x: (number | null)[]; measured: (number | null)[]; now: (number | null)[]; start: (number | null)[] }
+export interface Recent {
+  path: string; name: string; folder: string; opened: number; unsaved: boolean; open: boolean;
+  state?: string; problem?: string; file?: string; node?: string; unit?: string; training?: number; test?: number; histogram?: number[];
+  nodes?: number; datasets?: [string, string, number][]; parameters?: number; values?: number; run?: string; withoutData?: number; picture?: Picture;
+}
+export interface Demo { name: string; title: string; text: string; facts: string }
+interface Known { recent: Recent[]; demos: Demo[]; folder: string; version: string }
+
+export const known = signal<Known>({ recent: [], demos: [], folder: "", version: "" });
+export const chosen = signal("");
+export const filter = signal("");
+
+const openPath = computed(() => state.value.project?.path ?? "");
+
+export async function loadProjects(): Promise<void> {
+  const reply = await request("projects");
+  if (reply !== null) known.value = reply.head as unknown as Known;
+}
+
+effect(() => {
+  void openPath.value;
+  if (screen.value === "start") void loadProjects();
+});
+
+/** Projects whose name, path or node contain every word of the filter. */
+export const shownProjects = computed(() => {
+  const words = filter.value.toLowerCase().split(/\s+/).filter(Boolean);
+  return known.value.recent.filter((each) => words.every((word) => `${each.name} ${each.path} ${each.node ?? ""}`.toLowerCase().includes(word)));
+});
+
+export const selected = computed(() => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0]);
+
+export async function openProject(question: string, given: Record<string, unknown>, next: Screen = "parameters"): Promise<void> {
+  if ((await request(question, given)) !== null) screen.value = next;
+}
+
+/** Make a project from dropped files: recordings, a function, or a calibration. */
+export async function projectFrom(files: File[]): Promise<void> {
+  const first = files[0];
+  if (first === undefined || (await request("new", { name: first.name, free: true })) === null) return;
+  screen.value = "data";
+  const names = await upload(files);
+  if (names.length) await request("add-files", { files: names });
+}
+
+/** A date as one says it: today 16:52, yesterday, 14 Nov. */
+export function spoken(seconds: number, now = new Date()): string {
+  if (!seconds) return "";
+  const then = new Date(seconds * 1000);
+  const days = Math.round((new Date(now.toDateString()).getTime() - new Date(then.toDateString()).getTime()) / 86_400_000);
+  if (days === 0) return `today ${String(then.getHours()).padStart(2, "0")}:${String(then.getMinutes()).padStart(2, "0")}`;
+  if (days === 1) return "yesterday";
+  return `${then.getDate()} ${then.toLocaleString("en", { month: "short" })}${then.getFullYear() === now.getFullYear() ? "" : ` ${then.getFullYear()}`}`;
+}
