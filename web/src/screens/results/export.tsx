@@ -1,0 +1,60 @@
+// Export of the present values: calibration files, report, simulation, script, all files of a run, and the folder.
+
+import { effect, signal } from "@preact/signals";
+import { RoundedTable, type Rounded } from "../../instruments/rounded";
+import { request, screen, settled, state } from "../../store";
+import { address } from "../../uploads";
+
+interface Formats { formats: string[]; own: string[]; folder: string; stored: boolean }
+interface Exported { files: string[]; findings: string[]; rounded: Rounded[] }
+
+const formats = signal<Formats>({ formats: [], own: [], folder: "", stored: false });
+const picked = signal<Set<string> | null>(null);
+const extras = signal({ report: true, stored: false, script: false, whole: false });
+const simulation = signal("");
+const exported = signal<Exported>({ files: [], findings: [], rounded: [] });
+
+effect(() => { // what was exported may be the results of a run
+  void [settled.value.textRevision, exported.value];
+  if (screen.value === "results" && settled.value.project !== null) void request("formats").then((reply) => { if (reply !== null) formats.value = reply.head as unknown as Formats; });
+});
+
+const EXTRAS = [
+  ["report", "report.html", "The report on the last run, or on the present values if there was none: one HTML file"],
+  ["stored", "report on the results folder", "The report on the run whose files are in the results folder, as kennfeld report writes it"],
+  ["script", "Python script that repeats the run", "calibrate.py beside the project file"],
+  ["whole", "all files of a run", "What kennfeld calibrate writes: values, trace.csv, trust.csv, simulation.parquet and result.json, for the present values"],
+] as const;
+
+export function ExportPane() {
+  const { formats: all, own, folder } = formats.value;
+  const chosen = picked.value ?? new Set(own);
+  const flip = (ending: string) => {
+    const next = new Set(chosen);
+    if (!next.delete(ending)) next.add(ending);
+    picked.value = next;
+  };
+  const run = async () => {
+    const reply = await request("export", { formats: [...chosen], ...extras.value, simulation: simulation.value });
+    if (reply !== null) exported.value = reply.head as unknown as Exported;
+  };
+  const total = chosen.size + Object.values(extras.value).filter(Boolean).length + Number(Boolean(simulation.value));
+  return (
+    <div id="export-pane">
+      <div class="head mid"><h2>Export</h2><span class="sub">present values</span></div>
+      <div class="pad">
+        <div class="chips">{all.map((ending) => <button class="chip" data-format={ending.slice(1)} aria-pressed={chosen.has(ending)} title={`parameters${ending}`} onClick={() => flip(ending)}>{ending.slice(1).toUpperCase()}</button>)}</div>
+        <div class="opt2">
+          {EXTRAS.map(([key, text, help]) => <label title={help}><input type="checkbox" checked={extras.value[key]} disabled={(key === "whole" && !state.value.runs.length) || (key === "stored" && !formats.value.stored)} onChange={(event) => { extras.value = { ...extras.value, ...(event.currentTarget.checked && key === "report" ? { stored: false } : event.currentTarget.checked && key === "stored" ? { report: false } : {}), [key]: event.currentTarget.checked }; }} /> {text}</label>)}
+          <label title="All nodes and targets over all datasets at the present values, as kennfeld simulate writes them">simulation <select class="field small" aria-label="Simulation" value={simulation.value} onChange={(event) => { simulation.value = event.currentTarget.value; }}><option value="">no</option><option value=".parquet">simulation.parquet</option><option value=".csv">simulation.csv</option></select></label>
+        </div>
+        <p class="q cut" title={folder}>into {folder.split(/[\\/]/).slice(-2).join("/")}</p>
+        <div class="go"><button class="btn primary" id="export-files" disabled={!total} onClick={run}>{total === 1 ? "Export 1 file" : "Export"}</button><a class="btn" id="export-folder" href="/project.zip" download title="The folder of the project as it is on disk; unsaved changes are not in it">Folder as ZIP</a></div>
+        {state.value.unsaved.length > 0 && <p class="q">The ZIP holds what is saved.</p>}
+        {exported.value.files.length > 0 && <div class="done" id="exported"><p class="good">Written:</p>{exported.value.files.map((path) => <p class="cut"><a href={address(path)} download title={path}>{path.split("/").at(-1)}</a></p>)}</div>}
+        {exported.value.findings.map((text) => <p class="note warn">{text}</p>)}
+      </div>
+      <RoundedTable rows={exported.value.rounded} />
+    </div>
+  );
+}
