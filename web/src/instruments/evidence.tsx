@@ -5,7 +5,7 @@ import { newest } from "../connection";
 import { area, extent, line, widened, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { count, plain, signed, significant } from "../drawing/numbers";
-import { brush, datasetNumber, stretch } from "../plots";
+import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
 import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, state, table, type Table } from "../store";
 import { cellAt } from "./map-table";
 import { Picture } from "./picture";
@@ -18,7 +18,7 @@ const evidence = signal<Evidence | null>(null);
 const shownStretch = signal(0);
 const strip = signal<Strip | null>(null);
 
-const load = newest(async (given: { name: string; cell: number }) => {
+const load = newest(async (given: { name: string; cell: number; criterion: number }) => {
   const reply = await request("informing", given);
   if (reply === null) return;
   const { x, y, weight } = reply.arrays;
@@ -30,10 +30,11 @@ const load = newest(async (given: { name: string; cell: number }) => {
 });
 
 const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) => {
+  const number = String(criterionNumber.value);
   const pause = Math.max((to - from) * 1.5, 4);
   const [begin, end] = [from - pause, to + pause];
-  const node = settled.value.criteria[0]?.node ?? "";
-  const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: "0" }, { kind: "node", name: node }] });
+  const node = criterion.value?.node ?? "";
+  const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: number }, { kind: "node", name: node }] });
   if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
 });
 
@@ -45,7 +46,7 @@ const cell = computed(() => {
 
 effect(() => {
   void revision.value;
-  if (screen.value === "parameters" && cell.value >= 0) load({ name: name.value, cell: cell.value });
+  if (screen.value === "parameters" && cell.value >= 0) load({ name: name.value, cell: cell.value, criterion: criterionNumber.value });
 });
 
 const shownPart = computed(() => evidence.value?.parts.find((each) => each.number === evidence.value!.most));
@@ -57,7 +58,7 @@ const place = computed(() => {
 });
 
 effect(() => {
-  void revision.value;
+  void [revision.value, criterionNumber.value];
   if (place.value === "") strip.value = null;
   else if (screen.value === "parameters") loadStrip(place.value.split(" ").map(Number) as [number, number, number]);
 });
@@ -71,7 +72,7 @@ export function EvidencePane({ own }: { own: Table }) {
   const how = own.locked.includes(cell) ? "locked" : own.values[cell] !== own.reference[cell] && !state.value.runs.length ? "by hand" : own.samples?.[cell] === 0 ? "no data" : "data";
   return (
     <section class="pane evid" aria-label="Evidence">
-      <div class="head"><h2>What this point rests on</h2><span class="right"><span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
+      <div class="head"><h2>What this point rests on</h2><span class="right">{settled.value.criteria.length > 1 && <select class="field small" aria-label="Criterion" title="The criterion whose errors are shown" value={criterionNumber.value} onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}>{settled.value.criteria.map((each, k) => <option value={k}>{each.node}</option>)}</select>}<span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
       <dl class="facts facts3">
         <dt>grid point</dt><dd>{own.axes.map((axis, k) => <>{k > 0 && ", "}{plain(axis.points[selection.value.active[k]!] ?? 0, 5)} <u>{axis.unit}</u></>)}</dd>
         <dt>now</dt><dd><b>{significant(own.values[cell]!, 5)}</b> <u>{own.unit}</u></dd>
@@ -98,9 +99,9 @@ export function EvidencePane({ own }: { own: Table }) {
 function showInPlots(part: Part): void {
   const [begin, end] = part.stretches[shownStretch.value]!;
   const pause = Math.max((end - begin) * 2, 10);
-  datasetNumber.value = part.number;
+  showDataset(part.number);
   stretch.value = { begin: begin - pause, end: end + pause };
-  brush.value = { begin, end };
+  brush.value = { point: { parameter: name.value, value: cell.value } };
   screen.value = "plots";
 }
 

@@ -102,6 +102,10 @@ function pixelsOf(values: Float32Array, first: number, scale: number): Float64Ar
 
 function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)[], data: Drawn | null, xs: Float64Array): void {
   if (data === null) return;
+  if (own.every((values) => values === undefined || !values.some(Number.isFinite))) {
+    pen.fillStyle = token("quiet");
+    pen.fillText("no values in this stretch", plot.box.left + 10, (plot.box.top + plot.box.bottom) / 2 + 4);
+  }
   if (data.lit.length) drawLit(pen, plot, data, xs);
   const origin = plot.y(0);
   const scale = plot.y(1) - origin;

@@ -11,6 +11,7 @@ import { Proposals } from "../instruments/proposals";
 import { MapTable, cellsOf, type Shown } from "../instruments/map-table";
 import { Slice } from "../instruments/slices";
 import { Surface } from "../instruments/surface";
+import { CoverageChips } from "./parameters/coverage-chips";
 import { Properties } from "./properties";
 import { open, openName, referenceName, selection, state, table, type Parameter, type Table } from "../store";
 
@@ -112,6 +113,7 @@ function Bar({ own }: { own: Table | null }) {
           <span class="sep" />
           <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}><span class="sw hatched" />no data</button>
           <button class="chip" aria-pressed={shown.value.deviation} onClick={() => set({ deviation: !shown.value.deviation })}><span class="sw bar2" />std dev</button>
+          <CoverageChips own={own} />
         </div>
       </div>
     </section>
