@@ -7,7 +7,7 @@ import { canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen }
 import { token } from "../drawing/colours";
 import { ring, rules } from "../drawing/marks";
 import { fixed } from "../drawing/numbers";
-import { drawStrips, lastUpTo } from "../drawing/strips";
+import { drawColumns, drawStrips, lastUpTo } from "../drawing/strips";
 import { back, brush, cursor, dataset, hover, isStretch, keyOf, range, shift, tool, visible, width, zoom, zoomAt, type Stretch } from "../plots";
 import { drawn, sample, type Drawn } from "../plot-data";
 import { active, rows, type Row } from "../strip-rows";
@@ -116,7 +116,9 @@ function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)
     if (values === undefined) return;
     const colour = token(row.lines[k]!.colour);
     const ys = pixelsOf(values, origin, scale);
-    line(pen, xs, ys, colour, row.lines[k]!.colour !== "measured" ? 1.1 : row.lines.length > 1 ? 2 : 1.25);
+    const thick = row.lines[k]!.colour !== "measured" ? 1.1 : row.lines.length > 1 ? 2 : 1.25;
+    if (data.raw) line(pen, xs, ys, colour, thick);
+    else drawColumns(pen, xs, ys, colour, thick);
     if (!apart) return;
     pen.fillStyle = colour;
     for (let i = 0; i < xs.length; i++) pen.fillRect(xs[i]! - 1.5, ys[i]! - 1.5, 3, 3);
