@@ -96,7 +96,7 @@ export function nameOf(own: SignalName): string {
 }
 
 export function unitOf(own: SignalName): string {
-  if (own.kind === "channel") return dataset.value?.channels.find((each) => each.name === own.name)?.unit ?? listed.value.find((each) => keyOf(each) === keyOf(own))?.unit ?? "";
+  if (own.kind === "channel") return dataset.value?.channels.find((each) => each.name === own.name)?.unit ?? own.unit ?? "";
   if (own.kind === "node" || own.kind === "start") return settled.value.nodes.find((each) => each.name === own.name)?.unit ?? "";
   return settled.value.criteria[Number(own.name)]?.unit ?? "";
 }
@@ -110,7 +110,7 @@ function change(next: Spec[] | null): void {
   keep();
 }
 
-const plainSignal = ({ kind, name }: SignalName): SignalName => ({ kind, name });
+const plainSignal = ({ kind, name, unit }: SignalName): SignalName => (kind === "channel" && unit ? { kind, name, unit } : { kind, name });
 
 /** Show a signal in a strip of its own, below the active one. */
 export function addStrip(own: SignalName): void {
@@ -163,16 +163,11 @@ export function setMatrix(signals: SignalName[] | null): void {
   keep();
 }
 
-const unlisted = computed(() => {
-  const names = new Set(dataset.value?.channels.map((each) => each.name));
-  return [...specs.value.flatMap((each) => each.lines), ...(matrix.value ?? [])].some((each) => each.kind === "channel" && !names.has(each.name));
-});
-
 const textRevision = computed(() => state.value.textRevision);
 
 effect(() => {
   void textRevision.value;
-  if (screen.value === "plots" && dataset.value !== undefined && (searching.value || unlisted.value)) void load(datasetNumber.value);
+  if (screen.value === "plots" && dataset.value !== undefined && searching.value) void load(datasetNumber.value);
 });
 
 async function load(number: number): Promise<void> {
