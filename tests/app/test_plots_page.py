@@ -82,6 +82,9 @@ def test_strips_are_moved_and_resized_by_the_mouse(exhaust: Path, tmp_path: Path
         page.wait_for_selector("[data-strip='4']")
         page.drag_and_drop("[data-strip='4'] .nm b", "[data-strip='0'] .nm b")
         page.wait_for_selector("[data-strip='0']:has-text('AirMass')")
+        page.keyboard.press("s")
+        page.drag_and_drop("[data-signal='node:settled']", STRIPS, target_position={"x": 200, "y": 20})
+        page.wait_for_selector("[data-strip='0'] .v:has-text('settled')")
         high = page.locator("[data-strip='1']").bounding_box()["height"]
         drag(page, "[data-strip='1'] .grip", (0.5, 0.5), (0.5, 8))
         page.wait_for_selector(READY)

@@ -15,6 +15,7 @@ const FURTHER = ["line-1", "line-2", "line-3", "line-4"]; // of further lines in
 
 const chosen = signal<Spec[] | null>(null); // null: those of the project as it is
 const matrix = signal<SignalName[] | null>(null);
+export const SIGNAL = "application/x-kennfeld-signal"; // what is dragged from the list of signals
 export const active = signal(0); // the strip that Shift+Enter adds to
 export const listed = signal<Listed[]>([]);
 export const searching = signal(false); // the list of signals is open
@@ -63,6 +64,17 @@ const defaults = computed<Spec[]>(() => [
 const specs = computed(() => chosen.value ?? defaults.value);
 
 export const rows = computed<Row[]>(() => (dataset.value === undefined ? [] : specs.value.map(describe)));
+
+/** Which strip is at a share of the height. */
+export function rowAt(share: number): number {
+  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
+  let below = 0;
+  for (const [r, row] of rows.value.entries()) {
+    below += row.weight / total;
+    if (share < below) return r;
+  }
+  return rows.value.length - 1;
+}
 
 /** The signals of the scatter matrix: the inputs of the function and the error. */
 export const matrixSignals = computed<SignalName[]>(() => matrix.value ?? [...inputs.value.slice(0, 5), { kind: "error", name: String(criterionNumber.value) }]);

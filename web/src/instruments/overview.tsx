@@ -6,7 +6,7 @@ import { token } from "../drawing/colours";
 import { dataset, stretch, visible, zoom } from "../plots";
 import { overview } from "../plot-data";
 import { theme } from "../store";
-import { LEFT, RIGHT } from "./strips";
+import { LEFT, RIGHT } from "./strip-pointer";
 
 export function Overview() {
   const host = useRef<HTMLDivElement>(null);

@@ -6,8 +6,7 @@ import { count } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { dataset, keyOf } from "../../plots";
 import { matrixOpen } from "../../plot-data";
-import { active, addLine, addStrip, listed, matrixSignals, resetStrips, rows, searching, setMatrix, type Listed } from "../../strip-rows";
-import { SIGNAL } from "./legends";
+import { SIGNAL, active, addLine, addStrip, listed, matrixSignals, resetStrips, rows, searching, setMatrix, type Listed } from "../../strip-rows";
 
 const ROW = 24; // pixels
 
