@@ -56,7 +56,8 @@ function rank(all: Command[], words: string[]): Command[] {
 
 const GROUPS: [string, [string[], string][]][] = [
   ["Table", [[["←", "→", "↑", "↓"], "move"], [["Shift", "arrows"], "select"], [["Enter"], "set all selected"], [["+", "−"], "small step, with Shift a large one"], [["=", "*", "/"], "arithmetic: *1,1"], [["i"], "interpolate"], [["s"], "smooth"], [["Del"], "back to the reference"], [["Ctrl", "C"], "copy, and Ctrl V paste, as in Excel"]]],
-  ["Plots", [[["Z"], "zoom by dragging"], [["R"], "measure a range"], [["B"], "brush: light up what a stretch passes"], [["W"], "whole recording"], [["Backspace"], "back"], [["←", "→"], "move"], [["↑", "↓"], "closer, wider"], [["Esc"], "no selection"]]],
+  ["Plots", [[["Z"], "zoom by dragging"], [["R"], "measure a range"], [["B"], "brush: light up samples everywhere; Shift+drag always does"], [["F"], "fit the time axis to what is brushed or measured"], [["W"], "whole recording"], [["Backspace"], "back"], [["←", "→"], "cursor by a sample, with Shift ten"], [["Home", "End"], "first, last sample"], [["↑", "↓"], "closer, wider"], [["Page ↑", "Page ↓"], "move the stretch"], [["S"], "search signals"], [["M"], "strips or scatter matrix"], [["Esc"], "no selection"]]],
+  ["Strips", [[["Enter"], "add the signal as a strip"], [["Shift", "Enter"], "add it to the active strip"], [["Alt", "↑"], "move a strip up, Alt ↓ down"], [["+", "−"], "higher, lower"], [["Del"], "remove"]]],
   ["Surface", [[["drag"], "a point up or down; the ground turns"], [["double click"], "home"]]],
 ];
 

@@ -35,15 +35,15 @@ effect(() => {
   if (open.value) load({ signals: [...lines.value.values()], part: visible.value, given: { only: only.value, brush: lit } });
 });
 
-const loadOverview = newest(async (own: { first: SignalName; part: Stretch }) => {
-  overview.value = await fetchStrip([own.first], own.part, {});
+const loadOverview = newest(async (own: { signals: SignalName[]; part: Stretch }) => {
+  overview.value = await fetchStrip(own.signals, own.part, {});
 });
 
 effect(() => {
   const own = dataset.value;
-  const first = rows.value[0]?.lines[0]?.signal;
+  const signals = rows.value[0]?.lines.map((line) => line.signal) ?? [];
   void pixels.value;
-  if (open.value && own !== undefined && first !== undefined) loadOverview({ first, part: { begin: own.begin, end: own.end } });
+  if (open.value && own !== undefined && signals.length) loadOverview({ signals, part: { begin: own.begin, end: own.end } });
 });
 
 export const pair = signal<[SignalName, SignalName] | null>(null); // x and y; null is calculated over measured

@@ -3,7 +3,7 @@
 import { batch, computed, signal } from "@preact/signals";
 import { settled } from "./store";
 
-export interface SignalName { kind: "channel" | "target" | "node" | "start" | "error" | "start error"; name: string }
+export interface SignalName { kind: "channel" | "target" | "node" | "start" | "error" | "start error"; name: string; unit?: string } // the unit of a channel that the project does not use
 export interface Stretch { begin: number; end: number }
 export interface SignalRange { signal: SignalName; least: number; greatest: number }
 

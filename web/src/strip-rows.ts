@@ -15,6 +15,7 @@ const FURTHER = ["line-1", "line-2", "line-3", "line-4"]; // of further lines in
 
 const chosen = signal<Spec[] | null>(null); // null: those of the project as it is
 const matrix = signal<SignalName[] | null>(null);
+export const SIGNAL = "application/x-kennfeld-signal"; // what is dragged from the list of signals
 export const active = signal(0); // the strip that Shift+Enter adds to
 export const listed = signal<Listed[]>([]);
 export const searching = signal(false); // the list of signals is open
@@ -64,6 +65,17 @@ const specs = computed(() => chosen.value ?? defaults.value);
 
 export const rows = computed<Row[]>(() => (dataset.value === undefined ? [] : specs.value.map(describe)));
 
+/** Which strip is at a share of the height. */
+export function rowAt(share: number): number {
+  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
+  let below = 0;
+  for (const [r, row] of rows.value.entries()) {
+    below += row.weight / total;
+    if (share < below) return r;
+  }
+  return rows.value.length - 1;
+}
+
 /** The signals of the scatter matrix: the inputs of the function and the error. */
 export const matrixSignals = computed<SignalName[]>(() => matrix.value ?? [...inputs.value.slice(0, 5), { kind: "error", name: String(criterionNumber.value) }]);
 
@@ -96,7 +108,7 @@ export function nameOf(own: SignalName): string {
 }
 
 export function unitOf(own: SignalName): string {
-  if (own.kind === "channel") return dataset.value?.channels.find((each) => each.name === own.name)?.unit ?? listed.value.find((each) => keyOf(each) === keyOf(own))?.unit ?? "";
+  if (own.kind === "channel") return dataset.value?.channels.find((each) => each.name === own.name)?.unit ?? own.unit ?? "";
   if (own.kind === "node" || own.kind === "start") return settled.value.nodes.find((each) => each.name === own.name)?.unit ?? "";
   return settled.value.criteria[Number(own.name)]?.unit ?? "";
 }
@@ -110,7 +122,7 @@ function change(next: Spec[] | null): void {
   keep();
 }
 
-const plainSignal = ({ kind, name }: SignalName): SignalName => ({ kind, name });
+const plainSignal = ({ kind, name, unit }: SignalName): SignalName => (kind === "channel" && unit ? { kind, name, unit } : { kind, name });
 
 /** Show a signal in a strip of its own, below the active one. */
 export function addStrip(own: SignalName): void {
@@ -163,16 +175,11 @@ export function setMatrix(signals: SignalName[] | null): void {
   keep();
 }
 
-const unlisted = computed(() => {
-  const names = new Set(dataset.value?.channels.map((each) => each.name));
-  return [...specs.value.flatMap((each) => each.lines), ...(matrix.value ?? [])].some((each) => each.kind === "channel" && !names.has(each.name));
-});
-
 const textRevision = computed(() => state.value.textRevision);
 
 effect(() => {
   void textRevision.value;
-  if (screen.value === "plots" && dataset.value !== undefined && (searching.value || unlisted.value)) void load(datasetNumber.value);
+  if (screen.value === "plots" && dataset.value !== undefined && searching.value) void load(datasetNumber.value);
 });
 
 async function load(number: number): Promise<void> {

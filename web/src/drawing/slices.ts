@@ -12,6 +12,7 @@ export interface SliceData {
   empty: readonly boolean[] | null; // points without data
   active: number;
   title: string;
+  places?: { x: ArrayLike<number>; value: ArrayLike<number> } | null; // dots
 }
 
 /** Draw a slice through the active point; `range` keeps the axis while a value is dragged. */
@@ -27,12 +28,18 @@ export function drawSlice(pen: Pen, width: number, height: number, data: SliceDa
       const side = (sign: number) => now.map((value, k) => plot.y(value + sign * 2 * (deviation[k] ?? 0)));
       band(pen, xs, side(1), side(-1), token("model"), 0.15);
     }
+    if (data.places) drawPlaces(pen, plot, data.places);
     line(pen, xs, before.map(plot.y), token("before"), 1.25);
     line(pen, xs, ys, token("model"), 1.5);
   });
   dots(pen, xs, ys, token("model"), 2.6);
   ring(pen, [xs[active]!, ys[active]!], 6, token("drag"), token("paper"), 2);
   return plot;
+}
+
+function drawPlaces(pen: Pen, plot: Area, { x, value }: { x: ArrayLike<number>; value: ArrayLike<number> }): void {
+  pen.fillStyle = token("quiet");
+  for (let k = 0; k < x.length; k++) pen.fillRect(plot.x(x[k]!) - 1, plot.y(value[k]!) - 1, 2, 2);
 }
 
 /** Hatch the surroundings of the points without data, half way to their neighbours. */

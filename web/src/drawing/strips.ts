@@ -36,6 +36,22 @@ export function drawStrips(pen: Pen, width: number, height: number, range: Range
   });
 }
 
+/** Draw the extremes of each pixel, pairs of values at the same x, as columns that touch; much faster than a stroked line. */
+export function drawColumns(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, colour: string, width: number): void {
+  pen.fillStyle = colour;
+  const wide = Math.max(width, (xs[2] ?? xs[0]! + 1) - xs[0]!);
+  let [above, below] = [NaN, NaN]; // ends of the column before
+  for (let k = 0; k + 1 < ys.length; k += 2) {
+    const [a, b] = [ys[k]!, ys[k + 1]!];
+    let [top, bottom] = a < b ? [a, b] : [b, a];
+    if (top > below) top = below;
+    else if (bottom < above) bottom = above;
+    [above, below] = a < b ? [a, b] : [b, a];
+    const high = Math.max(width, bottom - top);
+    if (high >= 0) pen.fillRect(xs[k]! - wide / 2, (top + bottom - high) / 2, wide, high); // false for NaN
+  }
+}
+
 /** Return the number of the last position that is not above a value, 0 if all are. */
 export function lastUpTo(xs: ArrayLike<number>, value: number): number {
   let [low, high] = [0, xs.length - 1];

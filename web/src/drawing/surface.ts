@@ -16,6 +16,7 @@ export interface SurfaceMap {
   reference: ArrayLike<number> | null;
   empty: ((cell: number) => boolean) | null; // grid points without data
   hidden?: "now" | "reference" | "both" | "";
+  tints?: readonly (Rgb | null)[] | null; // colours of the values instead of those of their heights; null without data
 }
 
 export type Point = readonly [number, number, number]; // on the screen, and its depth
@@ -68,7 +69,7 @@ export class Camera {
 const ROUND = [0, 1, 2, 3, 0];
 const FAR_EDGES = [[[3, 0, 1], [2, 3, 0]], [[0, 1, 2], [1, 2, 3]]]; // by the signs of x and y of the back corner
 
-interface Face { corners: readonly Point[]; edges: readonly number[]; ghost: boolean; mean: number; empty: boolean; tilt: number; depth: number }
+interface Face { corners: readonly Point[]; edges: readonly number[]; ghost: boolean; mean: number; tint: Rgb | null; empty: boolean; tilt: number; depth: number }
 
 export class Surface {
   readonly camera = new Camera();
@@ -139,6 +140,15 @@ export class Surface {
     }
   }
 
+  /** Draw a dot at each place over the ground. */
+  drawPlaces(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, values: ArrayLike<number>, colour: string): void {
+    pen.fillStyle = colour;
+    for (let k = 0; k < values.length; k++) {
+      const p = this.camera.project(position(this.map.x.points, xs[k]!), position(this.map.y.points, ys[k]!), this.heightOf(values[k]!));
+      pen.fillRect(p[0] - 0.9, p[1] - 0.9, 1.8, 1.8);
+    }
+  }
+
   private heightOf = (value: number): number => ((value - this.range[0]) / (this.range[1] - this.range[0])) * 2 * ROOF - ROOF;
 
   private at(cell: number, value: number): Point {
@@ -176,7 +186,7 @@ export class Surface {
         if (!Number.isFinite(mean) || skip(cells)) continue;
         const corners = cells.map((cell) => points[cell]!);
         faces.push({
-          corners, edges: i === nearX || j === nearY ? ROUND : far, ghost, mean, empty: empty !== null && cells.some(empty),
+          corners, edges: i === nearX || j === nearY ? ROUND : far, ghost, mean, tint: ghost ? null : meanTint(cells, this.map.tints ?? null), empty: empty !== null && cells.some(empty),
           tilt: this.heightOf(b) - this.heightOf(a) + this.heightOf(c) - this.heightOf(d),
           depth: (corners[0]![2] + corners[1]![2] + corners[2]![2] + corners[3]![2]) / 4,
         });
@@ -271,6 +281,14 @@ export class Surface {
   }
 }
 
+/** The mean of the colours at the corners of a face that have data; the colour of paper if none has. */
+function meanTint(cells: readonly number[], tints: readonly (Rgb | null)[] | null): Rgb | null {
+  if (tints === null) return null;
+  const known = cells.map((cell) => tints[cell]).filter((tint): tint is Rgb => tint != null);
+  const paper: Rgb = isDark() ? [23, 26, 31] : [255, 255, 255];
+  return known.length ? ([0, 1, 2].map((k) => known.reduce((sum, tint) => sum + tint[k]!, 0) / known.length) as unknown as Rgb) : paper;
+}
+
 /** The colours of one picture, looked up once. */
 class Paints {
   private readonly dark = isDark();
@@ -283,7 +301,7 @@ class Paints {
   of(face: Face): string {
     const light = (1 + 0.12 * Math.tanh(face.tilt)) * (this.dark ? 0.86 : 1);
     const share = (face.mean - this.range[0]) / (this.range[1] - this.range[0]);
-    const lit = heightColour(share).map((part) => Math.min(255, part * light));
+    const lit = (face.tint ?? heightColour(share)).map((part) => Math.min(255, part * light));
     const shown = face.empty ? lit.map((part) => part + (this.paper - part) * 0.5) : lit;
     return css(shown.map(Math.round) as unknown as Rgb, 0.94);
   }

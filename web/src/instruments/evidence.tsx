@@ -6,7 +6,7 @@ import { area, extent, line, widened, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
 import { count, plain, signed, significant, withUnit } from "../drawing/numbers";
-import { brush, datasetNumber, stretch } from "../plots";
+import { brush, chooseCriterion, criterion, criterionNumber, showDataset, stretch } from "../plots";
 import { endDrag, referenceName, request, revision, screen, selection, setValues, settled, table, type Table } from "../store";
 import { cellAt } from "./map-table";
 import { Picture } from "./picture";
@@ -19,7 +19,7 @@ const evidence = signal<Evidence | null>(null);
 const shownStretch = signal(0);
 const strip = signal<Strip | null>(null);
 
-const load = newest(async (given: { name: string; cell: number }) => {
+const load = newest(async (given: { name: string; cell: number; criterion: number }) => {
   const reply = await request("informing", given);
   if (reply === null) return;
   const array = (key: string) => reply.arrays[key] ?? new Float32Array();
@@ -37,10 +37,11 @@ const load = newest(async (given: { name: string; cell: number }) => {
 const equal = (a: Float32Array, b: Float32Array): boolean => a.length === b.length && a.every((value, k) => value === b[k]);
 
 const loadStrip = newest(async ([dataset, from, to]: [number, number, number]) => {
+  const number = String(criterionNumber.value);
   const pause = Math.max((to - from) * 1.5, 4);
   const [begin, end] = [from - pause, to + pause];
-  const node = settled.value.criteria[0]?.node ?? "";
-  const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: "0" }, { kind: "node", name: node }] });
+  const node = criterion.value?.node ?? "";
+  const reply = await request("strip", { dataset, begin, end, pixels: 240, signals: [{ kind: "target", name: number }, { kind: "node", name: node }] });
   if (reply !== null) strip.value = { begin: reply.head.begin as number, x: reply.arrays.x!, measured: reply.arrays["0"]!, now: reply.arrays["1"]! };
 });
 
@@ -52,7 +53,7 @@ const cell = computed(() => {
 
 effect(() => {
   void revision.value;
-  if (screen.value === "parameters" && cell.value >= 0) load({ name: name.value, cell: cell.value });
+  if (screen.value === "parameters" && cell.value >= 0) load({ name: name.value, cell: cell.value, criterion: criterionNumber.value });
 });
 
 const shownPart = computed(() => evidence.value?.parts.find((each) => each.number === evidence.value!.most));
@@ -64,7 +65,7 @@ const place = computed(() => {
 });
 
 effect(() => {
-  void revision.value;
+  void [revision.value, criterionNumber.value];
   if (place.value === "") strip.value = null;
   else if (screen.value === "parameters") loadStrip(place.value.split(" ").map(Number) as [number, number, number]);
 });
@@ -99,7 +100,7 @@ function Facts({ own }: { own: Table }) {
   const worse = part !== undefined && Math.abs(part.meanNow ?? 0) > Math.abs(part.meanBefore ?? 0);
   return (
     <>
-      <div class="head"><h2>What this point rests on</h2><span class="right"><span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
+      <div class="head"><h2>What this point rests on</h2><span class="right"><CriterionChoice /><span class={`tag ${how === "data" ? "g" : "w"}`}>{how}</span></span></div>
       <div class="facts3">
         <dl class="facts">
           <dt>grid point</dt><dd>{own.axes.map((axis, k) => <>{k > 0 && ", "}{plain(axis.points[selection.value.active[k]!] ?? 0, 4)} <u>{axis.unit}</u></>)}</dd>
@@ -113,6 +114,12 @@ function Facts({ own }: { own: Table }) {
       </div>
     </>
   );
+}
+
+function CriterionChoice() {
+  const all = settled.value.criteria;
+  if (all.length < 2) return null;
+  return <select class="field small" aria-label="Criterion" title="The criterion whose errors are shown" value={criterionNumber.value} onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}>{all.map((each, k) => <option value={k}>{each.node}</option>)}</select>;
 }
 
 /** Where in the dataset its samples are. */
@@ -174,9 +181,9 @@ function Actions({ own }: { own: Table }) {
 function showInPlots(part: Part): void {
   const [begin, end] = part.stretches[shownStretch.value]!;
   const pause = Math.max((end - begin) * 2, 10);
-  datasetNumber.value = part.number;
+  showDataset(part.number);
   stretch.value = { begin: begin - pause, end: end + pause };
-  brush.value = { begin, end };
+  brush.value = { point: { parameter: name.value, value: cell.value } };
   screen.value = "plots";
 }
 

@@ -7,6 +7,7 @@ import { extent } from "../drawing/canvas";
 import { cellColours } from "../drawing/colours";
 import { fixed, parseNumber, significant, tableDecimals, tableFormat } from "../drawing/numbers";
 import { selection, setValues, theme, type Selection, type Table } from "../store";
+import { cellTints, coverOf, coverTitle } from "./coverage";
 import { describeCells, editCells, readEdit, type Edit } from "./table-edits";
 
 export type Mode = "value" | "difference" | "percent";
@@ -120,7 +121,7 @@ export function MapTable({ own, shown }: { own: Table; shown: Shown }) {
   );
 }
 
-interface Look { text: string; kind: string; colour: string; bar: string }
+interface Look { text: string; kind: string; colour: string; bar: string; note: string }
 interface RowProps { name: string; at: boolean; j: number; looks: Look[] }
 
 /** A row of cells, rendered only if one of them looks different: an edit seldom changes more than a row. */
@@ -134,7 +135,7 @@ class Row extends Component<RowProps> {
     return (
       <tr>
         <th class={at ? "at" : ""}>{name}</th>
-        {looks.map((look, i) => <td data-cell={`${i},${j}`} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.text}</td>)}
+        {looks.map((look, i) => <td data-cell={`${i},${j}`} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.note && <s class="cv" data-note={look.note} />}{look.text}</td>)}
       </tr>
     );
   }
@@ -145,7 +146,8 @@ function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<numb
   const values = shownValues(own, shown.mode);
   const format = tableFormat(values, { signed: shown.mode !== "value", decimals: shown.mode === "percent" ? 1 : undefined });
   void theme.value;
-  const colours = cellColours(values, shown.mode === "value" ? "height" : "difference");
+  const cover = coverOf(own);
+  const colours = cover === null ? cellColours(values, shown.mode === "value" ? "height" : "difference") : cellTints(cover);
   const deviations = shown.deviation ? bars(own) : null;
   return (i, j) => {
     const at = cellAt(own, i, j);
@@ -155,11 +157,12 @@ function cellLooks(own: Table, shown: Shown, chosen: Selection, locked: Set<numb
       kind: cellClass(own, shown, chosen, locked, i, j, at),
       colour: colours[at] ?? "transparent",
       bar: deviations === null ? "0" : (deviations[at] ?? 0).toFixed(2),
+      note: cover?.notes[at] ?? "",
     };
   };
 }
 
-const sameLook = (a: Look, b: Look): boolean => a.text === b.text && a.kind === b.kind && a.colour === b.colour && a.bar === b.bar;
+const sameLook = (a: Look, b: Look): boolean => a.text === b.text && a.kind === b.kind && a.colour === b.colour && a.bar === b.bar && a.note === b.note;
 
 function labels(points: number[]): string[] {
   const decimals = tableDecimals(points.map((p) => Number(p.toPrecision(5))));
@@ -197,6 +200,7 @@ function cellTitle(own: Table, at: number): string {
     own.values[at] === own.reference[at] ? "" : `reference ${significant(own.reference[at]!, 6)}`,
     deviation === undefined ? "" : deviation === null ? "undetermined" : `standard deviation ${significant(deviation, 3)}`,
     own.samples === null ? "" : `${own.samples[at]} samples`,
+    coverTitle(own, at),
   ].filter(Boolean).join("\n");
 }
 

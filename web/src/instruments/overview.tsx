@@ -6,7 +6,7 @@ import { token } from "../drawing/colours";
 import { dataset, stretch, visible, zoom } from "../plots";
 import { overview } from "../plot-data";
 import { theme } from "../store";
-import { LEFT, RIGHT } from "./strips";
+import { LEFT, RIGHT } from "./strip-pointer";
 
 export function Overview() {
   const host = useRef<HTMLDivElement>(null);
@@ -15,7 +15,7 @@ export function Overview() {
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => {
       const data = overview.value;
       const own = dataset.value;
-      const values = data?.lines.values().next().value;
+      const values = [...(data?.lines.values() ?? [])].find((each) => each.some(Number.isFinite)); // a target may be missing
       if (data === null || values === undefined || own === undefined) return;
       const x = (value: number) => LEFT + ((value - own.begin) / (own.end - own.begin)) * (wide - LEFT - RIGHT);
       const [low, most] = widened(extent(values), 0.08);

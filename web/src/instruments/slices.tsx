@@ -6,6 +6,7 @@ import { plain, withUnit } from "../drawing/numbers";
 import { drawSlice, type SliceData } from "../drawing/slices";
 import { endDrag, selection, setValues, theme, type Table } from "../store";
 import { cellAt } from "./map-table";
+import { placesOf } from "./coverage";
 import { describeCells } from "./table-edits";
 
 /** The cells along one axis through the active point. */
@@ -22,8 +23,26 @@ function sliceOf(own: Table, axis: 0 | 1): SliceData {
   const pick = <T,>(values: readonly T[]) => cells.map((cell) => values[cell]!);
   return {
     points, now: pick(own.values), before: pick(own.reference), deviation: own.deviation && pick(own.deviation),
-    empty: own.samples && pick(own.samples).map((count) => count === 0), active: selection.value.active[axis]!, title: withUnit(input, unit) + through,
+    empty: own.samples && pick(own.samples).map((count) => count === 0), active: selection.value.active[axis]!, title: withUnit(input, unit) + through, places: placesNear(own, axis),
   };
+}
+
+/** The data points nearer to the slice than to those beside it. */
+function placesNear(own: Table, axis: 0 | 1): { x: number[]; value: number[] } | null {
+  const places = placesOf(own);
+  if (places === null) return null;
+  const [along, across] = axis === 0 ? [places.x, places.y] : [places.y, places.x];
+  const points = own.axes[1 - axis]?.points;
+  const at = selection.value.active[1 - axis]!;
+  const low = points === undefined || at === 0 ? -Infinity : (points[at]! + points[at - 1]!) / 2;
+  const high = points === undefined || at + 1 >= points.length ? Infinity : (points[at]! + points[at + 1]!) / 2;
+  const near = { x: [] as number[], value: [] as number[] };
+  for (let k = 0; k < along.length; k++) {
+    if (points !== undefined && !(across[k]! >= low && across[k]! <= high)) continue;
+    near.x.push(along[k]!);
+    near.value.push(places.value[k]!);
+  }
+  return near;
 }
 
 export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
@@ -62,7 +81,7 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
     return close;
   }, [axis]);
 
-  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value]);
+  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value, placesOf(own)]);
   return <div class="canvas" ref={host} aria-label={`Slice of ${own.name} over ${own.axes[axis]?.input}`} />;
 }
 

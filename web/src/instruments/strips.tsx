@@ -1,24 +1,20 @@
 // Stacked strips with one time axis: measured black, model blue, error red. One canvas for the lines, one for the marks.
 
-import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring, rules } from "../drawing/marks";
 import { fixed } from "../drawing/numbers";
-import { drawStrips, lastUpTo } from "../drawing/strips";
-import { back, brush, cursor, dataset, hover, isStretch, keyOf, range, shift, tool, visible, width, zoom, zoomAt, type Stretch } from "../plots";
+import { drawColumns, drawStrips, lastUpTo } from "../drawing/strips";
+import { brush, cursor, dataset, hover, isStretch, keyOf, range, visible, width, type SignalName } from "../plots";
 import { drawn, sample, type Drawn } from "../plot-data";
-import { active, rows, type Row } from "../strip-rows";
+import { SIGNAL, active, addLine, rowAt, rows, type Row } from "../strip-rows";
 import { theme } from "../store";
 import { Picture } from "./picture";
+import { LEFT, RIGHT, listen, pending } from "./strip-pointer";
 
-export const LEFT = 44;
-export const RIGHT = 12;
 const LOWEST = 52; // pixels of a strip of mean height; more strips scroll
-
-const pending = signal<Stretch | null>(null); // being dragged to zoom
 
 /** The strips; `legends` are drawn beside them, in the same heights. */
 export function Strips({ legends }: { legends: ComponentChildren }) {
@@ -51,12 +47,21 @@ export function Strips({ legends }: { legends: ComponentChildren }) {
       <div class="strips">
         <div class="stack" style={{ minHeight: `${Math.round(total * LOWEST)}px` }}>
           {legends}
-          <div class="canvas" ref={host} aria-label={`Strips of ${dataset.value?.name ?? ""}`} />
+          <div class="canvas" ref={host} aria-label={`Strips of ${dataset.value?.name ?? ""}`} onDragOver={(event) => { if (event.dataTransfer?.types.includes(SIGNAL)) event.preventDefault(); }} onDrop={drop} />
         </div>
       </div>
       <div class="axis"><span /><Picture label="Time axis" draw={drawAxis} of={[visible.value, cursor.value, hover.value, dataset.value]} /></div>
     </>
   );
+}
+
+/** Add a signal from the list to the strip that it is dropped on. */
+function drop(event: DragEvent): void {
+  const own = event.dataTransfer?.getData(SIGNAL);
+  if (!own) return;
+  event.preventDefault();
+  const box = (event.currentTarget as HTMLElement).getBoundingClientRect();
+  addLine(rowAt((event.clientY - box.top) / box.height), JSON.parse(own) as SignalName);
 }
 
 /** The drawn value at a position: of the sample before it, or the middle of the pixel. */
@@ -65,17 +70,6 @@ export function valueAt(data: Drawn | null, key: string, at: number): number {
   if (data === null || values === undefined) return NaN;
   const low = lastUpTo(data.x, at - data.begin);
   return data.raw ? values[low]! : (values[low & ~1]! + values[low | 1]!) / 2;
-}
-
-/** Which strip is at a share of the height. */
-export function rowAt(share: number): number {
-  const total = rows.value.reduce((sum, row) => sum + row.weight, 0);
-  let below = 0;
-  for (const [r, row] of rows.value.entries()) {
-    below += row.weight / total;
-    if (share < below) return r;
-  }
-  return rows.value.length - 1;
 }
 
 const timeTicks = (wide: number): number[] => ticks(visible.value.begin, visible.value.end, Math.max(2, (wide - LEFT - RIGHT) / 90));
@@ -102,6 +96,10 @@ function pixelsOf(values: Float32Array, first: number, scale: number): Float64Ar
 
 function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)[], data: Drawn | null, xs: Float64Array): void {
   if (data === null) return;
+  if (own.every((values) => values === undefined || !values.some(Number.isFinite))) {
+    pen.fillStyle = token("quiet");
+    pen.fillText("no values in this stretch", plot.box.left + 10, (plot.box.top + plot.box.bottom) / 2 + 4);
+  }
   if (data.lit.length) drawLit(pen, plot, data, xs);
   const origin = plot.y(0);
   const scale = plot.y(1) - origin;
@@ -112,7 +110,9 @@ function drawRow(pen: Pen, plot: Area, row: Row, own: (Float32Array | undefined)
     if (values === undefined) return;
     const colour = token(row.lines[k]!.colour);
     const ys = pixelsOf(values, origin, scale);
-    line(pen, xs, ys, colour, row.lines[k]!.colour !== "measured" ? 1.1 : row.lines.length > 1 ? 2 : 1.25);
+    const thick = row.lines[k]!.colour !== "measured" ? 1.1 : row.lines.length > 1 ? 2 : 1.25;
+    if (data.raw) line(pen, xs, ys, colour, thick);
+    else drawColumns(pen, xs, ys, colour, thick);
     if (!apart) return;
     pen.fillStyle = colour;
     for (let i = 0; i < xs.length; i++) pen.fillRect(xs[i]! - 1.5, ys[i]! - 1.5, 3, 3);
@@ -201,56 +201,4 @@ function drawAxis(pen: Pen, wide: number): void {
   pen.textAlign = "center";
   pen.textBaseline = "middle";
   pen.fillText(text, middle, 8.5);
-}
-
-function listen(canvas: HTMLCanvasElement): () => void {
-  let from: number | null = null;
-  let mode: "zoom" | "range" | "brush" | "pan" = "zoom";
-  const position = (event: MouseEvent) => {
-    const box = canvas.getBoundingClientRect();
-    const { begin, end } = visible.value;
-    const share = (event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT);
-    return begin + Math.max(0, Math.min(1, share)) * (end - begin);
-  };
-  const between = (a: number, b: number): Stretch => ({ begin: tidy(Math.min(a, b)), end: tidy(Math.max(a, b)) });
-  const target = () => ({ zoom: pending, range, brush, pan: null })[mode];
-  const small = (a: number, b: number) => Math.abs(a - b) < (visible.value.end - visible.value.begin) / 250;
-  canvas.onpointerdown = (event) => {
-    canvas.setPointerCapture(event.pointerId);
-    from = position(event);
-    mode = event.shiftKey ? "brush" : event.ctrlKey || event.button === 1 ? "pan" : tool.value;
-    const box = canvas.getBoundingClientRect();
-    active.value = rowAt((event.clientY - box.top) / box.height);
-  };
-  canvas.onpointermove = (event) => {
-    hover.value = position(event);
-    if (from === null) return;
-    if (mode === "pan") shift(from - hover.value);
-    else if (!small(from, hover.value)) target()!.value = between(from, hover.value);
-  };
-  canvas.onpointerup = (event) => {
-    if (from === null) return;
-    const [begin, to] = [from, position(event)];
-    from = pending.value = null;
-    if (mode === "pan") return;
-    if (small(begin, to)) cursor.value = to;
-    else if (mode === "zoom") zoom(between(begin, to));
-  };
-  canvas.onpointerleave = () => { if (from === null) hover.value = null; };
-  const wheel = (event: WheelEvent) => {
-    if (event.altKey) return;
-    event.preventDefault();
-    if (event.deltaX) shift((event.deltaX / width.value) * (visible.value.end - visible.value.begin));
-    if (event.deltaY) zoomAt(position(event), Math.exp(event.deltaY * 0.0015));
-  };
-  canvas.addEventListener("wheel", wheel, { passive: false });
-  canvas.ondblclick = back;
-  return () => canvas.removeEventListener("wheel", wheel);
-}
-
-/** Round a position to what a pixel can tell, so that conditions stay readable. */
-function tidy(position: number): number {
-  const step = (visible.value.end - visible.value.begin) / Math.max(1, width.value);
-  const places = Math.max(0, Math.min(12, Math.ceil(-Math.log10(step))));
-  return Number(position.toFixed(places));
 }

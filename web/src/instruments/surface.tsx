@@ -2,8 +2,10 @@
 
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Range } from "../drawing/canvas";
+import { token } from "../drawing/colours";
 import { plain, signed, significant } from "../drawing/numbers";
 import { Surface as Drawing, type SurfaceMap } from "../drawing/surface";
+import { coverOf, placesOf } from "./coverage";
 import { endDrag, referenceName, selection, setValues, theme, type Table } from "../store";
 import { cellAt, size } from "./map-table";
 import { describeCells } from "./table-edits";
@@ -11,7 +13,7 @@ import { describeCells } from "./table-edits";
 function mapOf(own: Table): SurfaceMap {
   const axis = (k: number) => ({ title: own.axes[k]!.input, unit: own.axes[k]!.unit, points: own.axes[k]!.points });
   const empty = own.samples === null ? null : (cell: number) => own.samples![cell] === 0;
-  return { x: axis(0), y: axis(1), unit: own.unit, now: own.values, reference: own.reference, empty };
+  return { x: axis(0), y: axis(1), unit: own.unit, now: own.values, reference: own.reference, empty, tints: coverOf(own)?.tints };
 }
 
 interface Grip { cell: number; value: number; y: number; perPixel: number; drag: string }
@@ -29,6 +31,8 @@ export function Surface({ own }: { own: Table }) {
       const table = latest.current;
       if (table.axes.length !== 2) return;
       drawing.draw(pen, width, height, mapOf(table), frozen);
+      const places = placesOf(table);
+      if (places !== null) drawing.drawPlaces(pen, places.x, places.y, places.value, token("ink"));
       drawing.drawGrip(pen, cellAt(table, ...selection.value.active));
     });
     redraw.current = again;
@@ -66,7 +70,7 @@ export function Surface({ own }: { own: Table }) {
     return close;
   }, []);
 
-  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value]);
+  useLayoutEffect(() => redraw.current(), [own, selection.value, theme.value, coverOf(own), placesOf(own)]);
   return <div class="body"><div class="canvas fill" ref={host} aria-label={`Surface of ${own.name}, now and reference`} /><Readout own={own} /></div>;
 }
 

@@ -16,6 +16,7 @@ import { Surface } from "../instruments/surface";
 import { panel } from "../navigation";
 import { SettingsButton } from "../instruments/settings-panel";
 import { ParameterSettings } from "./parameters/settings";
+import { CoverageChips } from "./parameters/coverage-chips";
 import { Properties } from "./properties";
 import { open, openName, referenceName, selection, state, table, type Parameter, type Table } from "../store";
 
@@ -131,6 +132,7 @@ function Bar({ own }: { own: Table | null }) {
           <span class="sep" />
           <button class="chip" aria-pressed={shown.value.empty} onClick={() => set({ empty: !shown.value.empty })}><span class="sw hatched" />no data</button>
           <button class="chip" aria-pressed={shown.value.deviation} onClick={() => set({ deviation: !shown.value.deviation })}><span class="sw bar2" />std dev</button>
+          <CoverageChips own={own} />
           <span class="sep" />
           <SettingsButton own={panel.parameters} first="parameters" />
         </div>

@@ -12,7 +12,8 @@ from kennfeld.errors import InputError
 from kennfeld.measurement.reader import describe
 from kennfeld.preprocessing.recordings import find_recordings
 
-MAX_CHANNELS = 2000  # of a file that are listed
+MAX_CHANNELS = 2000  # of a file that the files of a project are listed with
+MAX_SIGNALS = 20_000  # of a file that can be searched
 
 
 def files(session: Session, given: Given) -> Answer:
@@ -26,11 +27,15 @@ def files(session: Session, given: Given) -> Answer:
             "number": number,
             "name": str(entry.get("name", "")),
             "use": str(entry.get("use", "training")),
-            "files": [_file(folder, path) for path in _paths(folder, entry)],
+            "files": [_listed(_file(folder, path)) for path in _paths(folder, entry)],
         }
         for number, entry in enumerate(entries, 1)
     ]
     return Answer({"datasets": rows, "inputs": _inputs(session)})
+
+
+def _listed(file: dict[str, Any]) -> dict[str, Any]:
+    return {**file, "channels": file["channels"][:MAX_CHANNELS]}
 
 
 def _entries(session: Session) -> list[Mapping[str, Any]]:
@@ -116,7 +121,7 @@ def _described(folder: str, path: str, modified: int, size: int) -> dict[str, An
         tables = describe(path).tables
     except InputError as error:
         return {"name": shown, "size": size, "error": str(error), "channels": []}
-    channels = [channel for table in tables for channel in table.channels][:MAX_CHANNELS]
+    channels = [channel for table in tables for channel in table.channels][:MAX_SIGNALS]
     time = next((table.time for table in tables if table.time is not None), None)
     return {
         "name": shown,

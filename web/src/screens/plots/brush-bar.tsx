@@ -28,7 +28,7 @@ export function BrushBar() {
     <div class="foot" role="region" aria-label="Brushed samples">
       <span class="lit cut words" title={describeBrush(own)}><b>Brushed {describeBrush(own)}</b></span>
       <span data-brushed={numbers.samples}>{count(numbers.samples)} samples</span>
-      {Number.isFinite(numbers.rmse) && <><span class="q">RMSE</span><span class="ink">{significant(numbers.rmse)} {criterion.value?.unit}</span><span class="q err">mean error</span><span class="ink err">{signed(numbers.mean)}</span></>}
+      {!conditions.reason && Number.isFinite(numbers.rmse) && <><span class="q">RMSE</span><span class="ink">{significant(numbers.rmse)} {criterion.value?.unit}</span><span class="q err">mean error</span><span class="ink err">{signed(numbers.mean)}</span></>}
       {conditions.reason && <span class="q cut reason" title={conditions.reason}>{conditions.reason}</span>}
       <span class="right">
         {weighing.value ? <Weight conditions={conditions} close={() => { weighing.value = false; }} /> : (

@@ -5,10 +5,9 @@ import { MISSING, significant, signed } from "../../drawing/numbers";
 import { valueAt } from "../../instruments/strips";
 import { hover, keyOf, cursor } from "../../plots";
 import { brushed, drawn, sample } from "../../plot-data";
-import { active, addLine, moveStrip, removeLine, removeStrip, resizeStrip, rows, type Line, type Listed, type Row } from "../../strip-rows";
+import { SIGNAL, active, addLine, moveStrip, removeLine, removeStrip, resizeStrip, rows, type Line, type Listed, type Row } from "../../strip-rows";
 
 const STRIP = "application/x-kennfeld-strip";
-export const SIGNAL = "application/x-kennfeld-signal";
 
 export function Legends() {
   return <div class="legends" aria-label="Strips">{rows.value.map((row, r) => <Legend key={r} row={row} r={r} />)}</div>;

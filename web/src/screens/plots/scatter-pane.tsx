@@ -1,7 +1,7 @@
 // Calculated over measured values, or any signal over any other.
 
 import { ScatterPlot } from "../../instruments/scatter";
-import { criterion, criterionNumber, dataset, keyOf, type SignalName } from "../../plots";
+import { criterion, criterionNumber, dataset, keyOf, only, type SignalName } from "../../plots";
 import { pair, points, scatter } from "../../plot-data";
 import { inputs, nameOf, rows, titleOf, unitOf } from "../../strip-rows";
 import { settled } from "../../store";
@@ -24,6 +24,7 @@ const measured = (): SignalName => ({ kind: "target", name: String(criterionNumb
 function Fit() {
   const data = scatter.value;
   if (data === null || criterion.value === undefined) return <p class="pad q">{criterion.value ? "" : "Add a criterion: a node of the function and the channel that it shall follow."}</p>;
+  if (!data.measured.some(Number.isFinite)) return <p class="pad q">{only.value ? "None of the shown samples is scored." : `${dataset.value?.name} has no scored sample of ${criterion.value.node}.`}{settled.value.criteria.length > 1 && " Choose another criterion above."}</p>;
   const clouds = [{ y: data.start, colour: "before" }, { y: data.now, colour: "model" }];
   return <ScatterPlot label="Calculated over measured" signals={[measured(), { kind: "node", name: criterion.value.node }]} title="measured" x={data.measured} clouds={clouds} lit={data.lit} position={data.position} begin={dataset.value?.begin ?? 0} diagonal />;
 }

@@ -6,8 +6,7 @@ import { count } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { dataset, keyOf } from "../../plots";
 import { matrixOpen } from "../../plot-data";
-import { active, addLine, addStrip, listed, matrixSignals, resetStrips, rows, searching, setMatrix, type Listed } from "../../strip-rows";
-import { SIGNAL } from "./legends";
+import { SIGNAL, active, addLine, addStrip, listed, matrixSignals, resetStrips, rows, searching, setMatrix, type Listed } from "../../strip-rows";
 
 const ROW = 24; // pixels
 
@@ -75,7 +74,7 @@ function add(own: Listed | undefined, onto: boolean): void {
 function Entry({ own, number, on, drawn }: { own: Listed; number: number; on: boolean; drawn: boolean }) {
   return (
     <div class={`entry ${on ? "on" : ""}`} id={`signal-${number}`} role="option" aria-selected={on} data-signal={keyOf(own)} draggable title={`${own.label}${own.unit ? ` [${own.unit}]` : ""}, ${own.group}\nClick: a strip of its own. Shift+click or drag: onto a strip`}
-      style={{ top: `${number * ROW}px` }} onClick={(event) => add(own, event.shiftKey)} onDragStart={(event) => event.dataTransfer?.setData(SIGNAL, JSON.stringify({ kind: own.kind, name: own.name }))}>
+      style={{ top: `${number * ROW}px` }} onClick={(event) => add(own, event.shiftKey)} onDragStart={(event) => event.dataTransfer?.setData(SIGNAL, JSON.stringify({ kind: own.kind, name: own.name, unit: own.unit }))}>
       <span class="cut ink">{own.label}</span><span class="q">{own.unit}</span><span class="tag">{drawn ? "drawn" : own.group}</span>
     </div>
   );
