@@ -1,5 +1,7 @@
 import numpy as np
+import pytest
 
+from kennfeld.errors import ArgumentError
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
@@ -30,6 +32,24 @@ def test_results_do_not_depend_on_the_length_of_a_call(monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(module, "CHUNK", 4)
             np.testing.assert_array_equal(simulated(model, model.starts), whole)
+
+
+def test_the_last_sample_alone_has_the_same_values(monkeypatch):
+    for make in MODELS.values():
+        model = case(make(), 70, (0,))
+        low = lower_lookups(model.graph, model.parameters)
+        simulator = Simulator(low, list(low.graph.names.values()), model.parameters)
+        whole = simulator.over(model.columns, model.samples, model.parameters)
+        for steps in (4096, 7):
+            monkeypatch.setattr(module, "STEPS", steps)
+            np.testing.assert_array_equal(simulator.last(model.columns, 70, model.parameters), whole[:, -1])
+
+
+def test_there_must_be_a_last_sample():
+    model = case(next(iter(MODELS.values()))(), 70, (0,))
+    low = lower_lookups(model.graph, model.parameters)
+    with pytest.raises(ArgumentError, match="count=0"):
+        Simulator(low, [0], model.parameters).last(model.columns, 0, model.parameters)
 
 
 def test_other_values_need_no_other_simulator():

@@ -61,3 +61,14 @@ def with_names(graph: Graph, extra: Mapping[int, str]) -> Graph:
         return graph
     names = {**graph.names, **{name: at for at, name in extra.items()}}
     return GraphBuilder.of(graph).finish(names, graph.units, graph.outputs)
+
+
+def named_lookups(graph: Graph) -> dict[str, tuple[str, ...]]:
+    """Return for each parameter the named nodes in whose own expression it is looked up."""
+    named = set(graph.names.values())
+    users: dict[str, tuple[str, ...]] = {}
+    for name, root in graph.names.items():
+        for at in ancestors(graph.nodes, [root], without=named):
+            if graph.nodes[at].op == "lookup":
+                users[graph.nodes[at].payload] = (*users.get(graph.nodes[at].payload, ()), name)
+    return users

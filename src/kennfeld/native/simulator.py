@@ -18,6 +18,7 @@ from kennfeld.native.tape import start_code
 from kennfeld.parameter_set import ParameterSet
 
 CHUNK = 65536  # samples a native call, so that it ends within milliseconds
+STEPS = 4096  # samples kept while a single one is sought
 
 
 class Simulator:
@@ -58,16 +59,53 @@ class Simulator:
         if any(not 0 <= start <= count for start in starts):
             raise ArgumentError(f"starts={list(starts)} must lie within the {count} samples")
         out = np.empty((len(self._roots), count))
-        if count == 0:
-            return out
-        widths, memory = np.zeros(max(len(self._layout.axes), 1)), np.zeros(self._layout.memory)
-        hints, room, table = np.zeros(self._layout.hints, dtype=np.int64), np.zeros(8), rows.headed(None)
-        values = self._values.pack(parameters)
-        arrays = [address(array) for array in (values, self._axes, widths, memory)]
-        model = (address(table, kind=POINTER), table.shape[1], *arrays, address(hints, kind=INT64))
-        for first, last in zip(starts, [*starts[1:], count], strict=True):
-            if self._start is not None:
-                self._start(*model, *([address(room)] * 3), first)
-            for at in range(first, last, CHUNK):
-                self._run(*model, address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
+        if count:
+            run = _Run(self, rows, parameters)
+            for first, last in zip(starts, [*starts[1:], count], strict=True):
+                run.start(first)
+                for at in range(first, last, CHUNK):
+                    run.values(address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
         return out
+
+    def last(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet) -> Float:
+        """Compute the values of the nodes at the last sample, shape (roots,); memory does not grow with the samples.
+
+        Args:
+            columns: `inputs` by name, `count` samples each, which are not copied.
+            count: number of samples, at least 1. The states start at the first one.
+            parameters: the parameters that the graph looks up.
+
+        Raises:
+            ArgumentError: a column has another length, or there are no samples.
+        """
+        if count < 1:
+            raise ArgumentError(f"count={count} must be >= 1")
+        run = _Run(self, ColumnTable([columns[name] for name in self.inputs], count), parameters)
+        out = np.empty((len(self._roots), STEPS))
+        run.start(0)
+        for first in range(0, count, STEPS):
+            run.values(address(out), STEPS, first, min(first + STEPS, count))
+        return out[:, (count - 1) % STEPS].copy()
+
+
+class _Run:
+    """The arrays of one simulation, and the native calls on them."""
+
+    def __init__(self, simulator: Simulator, rows: ColumnTable, parameters: ParameterSet) -> None:
+        layout = simulator._layout
+        widths, memory = np.zeros(max(len(layout.axes), 1)), np.zeros(layout.memory)
+        hints, table = np.zeros(layout.hints, dtype=np.int64), rows.headed(None)
+        values, room = simulator._values.pack(parameters), np.zeros(8)
+        self._simulator, self._kept = simulator, (rows, table, values, widths, memory, hints, room)
+        arrays = [address(array) for array in (values, simulator._axes, widths, memory)]
+        self._model = (address(table, kind=POINTER), table.shape[1], *arrays, address(hints, kind=INT64))
+        self._room = address(room)
+
+    def start(self, sample: int) -> None:
+        """Set the states to their first values at a sample."""
+        if self._simulator._start is not None:
+            self._simulator._start(*self._model, *([self._room] * 3), sample)
+
+    def values(self, out: int, stride: int, first: int, last: int) -> None:
+        """Write the nodes over a range of samples to the address `out`, rows `stride` apart; carries the states on."""
+        self._simulator._run(*self._model, out, stride, first, last)

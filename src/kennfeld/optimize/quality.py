@@ -84,6 +84,11 @@ class NodeSimulator:
         """Simulate columns of `count` samples, whose pieces begin at `starts`; returns Float[names, samples]."""
         return self._simulator.over(columns, count, parameters, starts)
 
+    def at(self, bound: BoundDataset, sample: int, parameters: ParameterSet) -> Float:
+        """Return the nodes at one sample of a bound dataset, Float[names]; with states, its piece is simulated."""
+        first = bound.start_of(sample) if self._has_states else sample
+        return self._simulator.last(bound.part(first, sample + 1), sample + 1 - first, parameters)
+
     def blocks(self, bound: BoundDataset, parameters: ParameterSet) -> Iterator[tuple[slice, Float]]:
         """Yield samples and Float[names, samples], block by block; with states, a piece is simulated at once."""
         columns = bound.columns

@@ -51,6 +51,15 @@ class BoundDataset:
         """All columns that the model reads, over the kept samples; the dataset's own arrays if all are kept."""
         return {name: self._at_kept(values) for name, values in self.inputs.items()} | dict(self.clock)
 
+    def part(self, first: int, last: int) -> dict[str, Float]:
+        """Return all columns that the model reads, over the kept samples from `first` to before `last`."""
+        here: slice | Int = slice(first, last) if self.picked is None else self.kept[first:last]
+        return {n: v[here] for n, v in self.inputs.items()} | {n: v[first:last] for n, v in self.clock.items()}
+
+    def start_of(self, sample: int) -> int:
+        """Return the first kept sample of the piece that a kept sample is in."""
+        return int(self.starts[np.searchsorted(self.starts, sample, side="right") - 1])
+
     @property
     def whole(self) -> "BoundDataset":
         """The same with all samples of the dataset kept, for models without memory; the others are not scored."""

@@ -3,7 +3,17 @@
 from collections.abc import Callable
 
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.questions import evidence, exports, history, parameters, plots, recordings, runs, settings
+from kennfeld.app.questions import (
+    error_split,
+    evidence,
+    exports,
+    history,
+    parameters,
+    plots,
+    recordings,
+    runs,
+    settings,
+)
 from kennfeld.app.session.session import Session
 
 Question = Callable[[Session, Given], Answer]
@@ -15,7 +25,8 @@ QUESTIONS: dict[str, Question] = {
     "scatter": plots.scatter,
     "informing": evidence.informing,
     "passed": evidence.passed,
-    "sample": evidence.sample,
+    "split": error_split.split,
+    "worst": error_split.worst,
     "progress": runs.progress,
     "compare": runs.compare,
     "trust": runs.trust,

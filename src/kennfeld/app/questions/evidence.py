@@ -59,22 +59,3 @@ def passed(session: Session, given: Given) -> Answer:
     chosen = (recording.position >= float(given["begin"])) & (recording.position <= float(given["end"]))
     weights = view.evidence.passed(recording, chosen)
     return Answer({"samples": int(chosen.sum())}, {name: weight.ravel() for name, weight in weights.items()})
-
-
-def sample(session: Session, given: Given) -> Answer:
-    """Return every node at the sample of a `dataset` at `position`, at the start and at the present values."""
-    view = session.require_view()
-    recording = view.model.recordings[int(given["dataset"])]
-    at = int(np.clip(np.searchsorted(recording.position, float(given["position"])), 0, recording.count - 1))
-    names = list(view.model.problem.model.graph.names)
-    now, before = (
-        view.model.nodes(recording, names, each.parameters)[:, at].tolist() for each in (view.now, view.start)
-    )
-    rows = zip(names, now, before, strict=True)
-    return Answer(
-        {
-            "sample": at,
-            "position": float(recording.position[at]),
-            "nodes": [{"name": name, "now": finite(a), "start": finite(b)} for name, a, b in rows],
-        }
-    )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +11,11 @@ from kennfeld.app.session.lookup_index import LookupIndex
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.optimize.lookup_coverage import Lookups
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 
+ACTING = 1e-3  # of the largest slope of a table
+FAR = 1e6  # times the values of a table: a change that only rounding errors ask for
+Obstacle = Literal["", "does not act", "locked", "bounds"]
 MAX_INDEXES = 16  # of a table in a dataset; one of a map takes 12 bytes a sample
 
 
@@ -140,34 +145,48 @@ class Correction:
 
     Attributes:
         parameter: name of the table.
-        change: what to add to the values around the sample, in the unit of the table; NaN if none would do.
-        reachable: False if the values would leave their bounds, or if the table does not act at this sample.
+        slope: change of the model if all values that act at the sample are raised by 1.
+        change: what to add to these values, in the unit of the table; NaN if the table does not act.
+        allowed: the largest part of the change that their bounds allow; 0 if one of them is locked.
+        obstacle: why the change is out of reach: "does not act", "locked" or "bounds"; empty if nothing is in its way.
     """
 
     parameter: str
+    slope: float
     change: float
-    reachable: bool
+    allowed: float
+    obstacle: Obstacle = ""
+
+    @property
+    def reachable(self) -> bool:
+        """True if nothing is in the way of the change."""
+        return not self.obstacle
 
 
 def corrections(error: float, slopes: Mapping[str, Float], parameters: ParameterSet) -> Sequence[Correction]:
     """Return for each table the change that would take away an error, to first order.
 
-    All values that act at the sample are raised by the same amount.
+    All values that act at the sample are raised by the same amount. Values with less than a thousandth of the largest
+    slope, such as those that a lag passed long ago, stay.
 
     Args:
         error: model minus measurement.
         slopes: derivative of the model by each value of a table, in the shape of its values.
         parameters: the values, with their bounds.
     """
-    found = []
-    for name, slope in slopes.items():
-        total = float(slope.sum())
-        if not total:
-            found.append(Correction(name, float("nan"), reachable=False))
-            continue
-        table, change = parameters[name], -error / total
-        moved = table.values[slope != 0] + change
-        inside = (moved >= table.lower[slope != 0]) & (moved <= table.upper[slope != 0])
-        free = not table.locked[slope != 0].any()
-        found.append(Correction(name, change, reachable=bool(inside.all()) and free))
-    return found
+    return [_correction(error, slope, parameters[name]) for name, slope in slopes.items()]
+
+
+def _correction(error: float, slope: Float, table: Parameter) -> Correction:
+    acting = np.abs(slope) > ACTING * np.abs(slope).max(initial=0.0)
+    total = float(slope[acting].sum())
+    if not total or abs(error) >= FAR * abs(total) * max(float(np.abs(table.values).max()), 1.0):
+        return Correction(table.name, 0.0, float("nan"), 0.0, "does not act")
+    change = -error / total
+    if table.locked[acting].any():
+        return Correction(table.name, total, change, 0.0, "locked")
+    ends = table.upper if change > 0 else table.lower
+    room = float(np.abs(ends - table.values)[acting].min())
+    if room < abs(change):
+        return Correction(table.name, total, change, float(np.copysign(room, change)), "bounds")
+    return Correction(table.name, total, change, change)

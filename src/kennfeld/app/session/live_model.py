@@ -1,6 +1,6 @@
 """A problem compiled once and evaluated for any values of its parameters, as fast as they are dragged."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.optimize.lookup_coverage import Lookups, unmoved_tables
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.sample_slopes import SampleSlopes
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
@@ -82,10 +83,29 @@ class LiveDataset:
         """Return a channel of the dataset over the samples."""
         return self._shown.channel(name)
 
+    def last_simulated(self, sample: int) -> int:
+        """Return the last simulated sample that a drawn sample stands for."""
+        hold = self.bound.hold
+        return sample if hold is None else (sample + 1) * hold.samples - 1
+
+    def at_sample(self, sample: int, simulate: Callable[[BoundDataset, int], Float]) -> Float:
+        """Return what `simulate` returns for a simulated sample; for a held point the mean over its window."""
+        last, hold = self.last_simulated(sample), self.bound.hold
+        window = 1 if hold is None else hold.window
+        mean: Float = np.mean([simulate(self.bound, at) for at in range(last + 1 - window, last + 1)], axis=0)
+        return mean
+
     def as_shown(self, values: Float) -> Float:
         """Return values of the simulated samples as they are drawn: one per point if points are held."""
         hold = self.bound.hold
         return values if hold is None else hold.mean(np.atleast_2d(values)).reshape(*values.shape[:-1], -1)
+
+
+def _axes(parameters: ParameterSet) -> tuple[object, ...]:
+    """Return all breakpoints, which compiled code holds as constants."""
+    return tuple(
+        (table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes)) for table in parameters.parameters
+    )
 
 
 def _positions(bound: BoundDataset) -> tuple[Float, Float]:
@@ -156,6 +176,7 @@ class LiveModel:
         self.recordings = [LiveDataset(problem, number) for number in range(len(problem.datasets))]
         self._differences = [difference(number) for number in range(len(problem.criteria))]
         self._compiled: dict[tuple[object, ...], NodeSimulator] = {}
+        self._slopes: dict[tuple[object, ...], SampleSlopes] = {}  # of the last breakpoints
         self.unmoved = unmoved_tables(problem.graph)
         self.indexes: dict[tuple[object, ...], LookupIndex] = {}  # of these tables
 
@@ -173,6 +194,18 @@ class LiveModel:
         simulator = self._simulator(tuple(names), parameters)
         return recording.as_shown(simulator.values(recording.bound, parameters))
 
+    def nodes_at(self, recording: LiveDataset, names: Sequence[str], sample: int, parameters: ParameterSet) -> Float:
+        """Return named nodes of the function at one sample of a dataset, Float[names]."""
+        simulator = self._simulator(tuple(names), parameters)
+        return recording.at_sample(sample, lambda bound, at: simulator.at(bound, at, parameters))
+
+    def slopes_at(self, recording: LiveDataset, sample: int, parameters: ParameterSet) -> Mapping[str, Float]:
+        """Return by table the slopes of all criteria at one sample of a dataset, see `SampleSlopes.at`."""
+        key = _axes(parameters)
+        if key not in self._slopes:
+            self._slopes = {key: SampleSlopes(self.problem, parameters)}
+        return self._slopes[key].at(recording.bound, recording.last_simulated(sample), parameters)
+
     def unit(self, criterion: int) -> str:
         """Return the unit of the errors of a criterion."""
         problem = self.problem
@@ -185,11 +218,7 @@ class LiveModel:
         return Lookups(self.problem, parameters)
 
     def _simulator(self, names: tuple[str, ...], parameters: ParameterSet) -> NodeSimulator:
-        axes = tuple(
-            (table.extrapolation, *(axis.breakpoints.tobytes() for axis in table.axes))
-            for table in parameters.parameters
-        )
-        key = (names, axes)
+        key = (names, _axes(parameters))
         if key not in self._compiled:
             if len(self._compiled) >= 24:
                 self._compiled.pop(next(iter(self._compiled)))
