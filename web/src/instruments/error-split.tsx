@@ -4,7 +4,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { newest } from "../connection";
-import { MISSING, significant, signed } from "../drawing/numbers";
+import { MISSING, plain, significant, signed } from "../drawing/numbers";
 import { cursor, datasetNumber } from "../plots";
 import { open, request, screen, selection, settled } from "../store";
 import "./error-split.css";
@@ -56,7 +56,7 @@ export const shown = (value: number | null | undefined): string => (value === nu
 /** Where the cursor is, in words: `bench, point 479`. */
 export function placeText(own: Split): string {
   const data = settled.value.datasets[own.dataset];
-  return data === undefined ? "" : `${data.name}, ${data.timed ? `${significant(own.position, 6)} s` : `point ${own.sample + 1} of ${data.samples}`}`;
+  return data === undefined ? "" : `${data.name}, ${data.timed ? `${plain(own.position, 7)} s` : `point ${own.sample + 1} of ${data.samples}`}`;
 }
 
 /** Measurement and model at the cursor, and what would take the error away; with `nodes`, the value of each node, too. */

@@ -1,13 +1,17 @@
 // The editor of formula text, with the parser's messages at their characters. Loaded when it is first shown: it is large.
 
 import { defaultKeymap, history, historyKeymap, indentWithTab } from "@codemirror/commands";
-import { lintGutter, setDiagnostics, type Diagnostic } from "@codemirror/lint";
+import { lintGutter, lintKeymap, setDiagnostics, type Diagnostic } from "@codemirror/lint";
 import { EditorState } from "@codemirror/state";
 import { EditorView, highlightActiveLine, keymap, lineNumbers } from "@codemirror/view";
 import { useEffect, useRef } from "preact/hooks";
 import { newest } from "../connection";
+import { jump } from "../jump";
 import { settings } from "../settings";
 import { request, state } from "../store";
+import { split } from "./error-split";
+import { formulaHighlighting } from "./formula-highlighting";
+import { nodeValues, valuesChanged } from "./node-values";
 
 const sendText = newest(async ({ file, text }: { file: string; text: string }) => {
   await request("set-text", { file, text, title: `Edited ${file || "the project file"}`, drag: `typing ${file}` });
@@ -23,7 +27,8 @@ export function TextEditor({ file }: { file: string }) {
       state: EditorState.create({
         doc: textOf(file),
         extensions: [
-          lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...defaultKeymap, ...historyKeymap, indentWithTab]),
+          lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
+          ...(file ? [nodeValues, formulaHighlighting] : []),
           EditorView.cspNonce.of(document.querySelector<HTMLMetaElement>("meta[name=nonce]")?.content ?? ""),
           EditorView.contentAttributes.of({ "aria-label": file ? "Formula text" : "Project file" }),
           EditorView.updateListener.of((update) => {
@@ -41,14 +46,29 @@ export function TextEditor({ file }: { file: string }) {
     if (!own.hasFocus && own.state.doc.toString() !== text) own.dispatch({ changes: { from: 0, to: own.state.doc.length, insert: text } });
     own.dispatch(setDiagnostics(own.state, diagnostics(own.state, file)));
   }, [settings.value, state.value.findings]);
+  useEffect(() => { view.current!.dispatch({ effects: valuesChanged }); }, [split.value]);
+  useEffect(() => { goTo(view.current!, file); }, [jump.value]);
   return <div class="editor" ref={host} />;
 }
+
+/** Go to the place `jump` if it is in this file. */
+function goTo(own: EditorView, file: string): void {
+  const place = jump.peek();
+  if (place === null || place.file !== nameOf(file)) return;
+  jump.value = null;
+  const line = own.state.doc.line(Math.max(1, Math.min(place.line, own.state.doc.lines)));
+  own.dispatch({ selection: { anchor: Math.min(line.to, line.from + Math.max(0, place.column - 1)) }, scrollIntoView: true });
+  own.focus();
+}
+
+/** The name under which messages know a file. */
+const nameOf = (file: string): string | undefined => file || state.value.project!.path.split(/[\\/]/).at(-1);
 
 const textOf = (file: string): string => (file ? settings.value.function : settings.value.text.replace(/\r\n/g, "\n"));
 
 /** The parser's messages at their characters; one without a column underlines its line. */
 function diagnostics(own: EditorState, file: string): Diagnostic[] {
-  const name = file || state.value.project!.path.split(/[\\/]/).at(-1);
+  const name = nameOf(file);
   return state.value.findings.filter((f) => f.file === name && f.line > 0 && f.line <= own.doc.lines).map((f) => {
     const line = own.doc.line(f.line);
     const from = Math.min(line.to, line.from + Math.max(0, (f.column || 1) - 1));

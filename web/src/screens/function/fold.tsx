@@ -1,0 +1,16 @@
+// A panel that folds, and remembers whether it is open.
+
+import { signal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+
+const opened = signal<Record<string, boolean>>({});
+
+export function Fold({ title, sub = "", name, open = false, children }: { title: string; sub?: string; name: string; open?: boolean; children: ComponentChildren }) {
+  const shown = opened.value[name] ?? open;
+  return (
+    <section class="fold" data-fold={name}>
+      <button class="head mid" aria-expanded={shown} onClick={() => { opened.value = { ...opened.value, [name]: !shown }; }}><i>{shown ? "⌄" : "›"}</i><h2>{title}</h2><span class="sub">{sub}</span></button>
+      {shown && children}
+    </section>
+  );
+}
