@@ -14,6 +14,7 @@ from kennfeld.app.questions import (
     recordings,
     runs,
     settings,
+    surrogates,
 )
 from kennfeld.app.session.session import Session
 
@@ -38,6 +39,8 @@ QUESTIONS: dict[str, Question] = {
     "diagram": function.diagram,
     "parts": function.parts,
     "formula-reads": function.formula_reads,
+    "surrogates": surrogates.surrogates,
+    "validity": surrogates.validity,
     "formats": exports.formats,
     "export": exports.export,
 }
@@ -48,6 +51,9 @@ COMMANDS: dict[str, Question] = {  # these change the state, which all pages are
     "choose-function": function.choose_function,
     "new-function": function.new_function,
     "convert-function": function.convert_function,
+    "new-surrogate": surrogates.new_surrogate,
+    "train-surrogate": surrogates.train_surrogate,
+    "stop-training": surrogates.stop_training,
     "save": settings.save,
     "reload": settings.reload,
     "recover": settings.recover,

@@ -20,6 +20,7 @@ from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob
 from kennfeld.app.session.signals import Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
+from kennfeld.app.session.surrogate_training import SurrogateTraining
 from kennfeld.arrays import Float, Int
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read as read_parameters
@@ -150,6 +151,7 @@ class Session:
         self.seconds = 0.0  # that the last edit took to compute
         self.runs: list[Run] = []
         self.job = Job()
+        self.training = SurrogateTraining(changed)
         self._running: RunJob | None = None
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
         self.recoverable = self.recovery.exists  # a session ended without saving
@@ -225,7 +227,8 @@ class Session:
             self._running.stop()
 
     def close(self) -> None:
-        """End a running calibration."""
+        """End a running calibration or training."""
+        self.training.stop()
         if self._running is not None:
             self._running.kill()
 
@@ -235,7 +238,9 @@ class Session:
         self._changed()
 
     def pump(self) -> None:
-        """Handle the reports of the running job."""
+        """Handle the reports of the running job and training."""
+        if self.training.pump():
+            self._assemble()
         while not self._inbox.empty():
             message = self._inbox.get()
             job = self.job

@@ -5,6 +5,9 @@ import type { ComponentChildren } from "preact";
 
 const opened = signal<Record<string, boolean>>({});
 
+/** True if a panel has been opened. */
+export const isOpen = (name: string): boolean => opened.value[name] ?? false;
+
 export function Fold({ title, sub = "", name, open = false, children }: { title: string; sub?: string; name: string; open?: boolean; children: ComponentChildren }) {
   const shown = opened.value[name] ?? open;
   return (

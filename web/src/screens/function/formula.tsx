@@ -11,6 +11,7 @@ import { Fold } from "./fold";
 import { FunctionChoice, OpenModel } from "./function-choice";
 import { FunctionSettings } from "./function-settings";
 import { Messages } from "./messages";
+import { Surrogates } from "./surrogates";
 
 const text = signal<"function" | "project">("function");
 
@@ -38,6 +39,7 @@ export function FormulaText() {
         <Fold title="Parameters" sub="what the function looks up" name="parameters" open>
           <table class="list"><tbody>{state.value.parameters.map((p) => <tr key={p.name} onClick={() => { open(p.name); screen.value = "parameters"; }}><td><b>{p.name}</b></td><td class="q">{p.kind} {p.shape.join(" × ")}</td><td class="q">{p.unit}</td></tr>)}</tbody></table>
         </Fold>
+        <Surrogates />
         <FunctionSettings />
       </section>
     </main>
