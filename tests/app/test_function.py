@@ -73,7 +73,8 @@ def test_a_part_can_be_imported_alone(sensor: Session) -> None:
     [
         ("text.slx", b"hello", "is not a Simulink file"),
         ("cut.slx", b"PK\x03\x04 and no more", "damaged"),
-        ("missing.slx", None, "cannot be read"),
+        ("missing.slx", None, "does not exist"),
+        ("protected.slxp", b"PK", "is a protected model"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_one_message(
@@ -142,6 +143,16 @@ def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
     assert (known["name"], known["known"]) == ("n_mot", True)
     assert known["least"] < known["greatest"]
     assert "unclosed" in QUESTIONS["formula-reads"](sensor, {"text": "(1 + 2"}).head["problem"]
+
+
+def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> None:
+    nodes = {node["name"]: node for node in QUESTIONS["flow"](Session(torque), {}).head["nodes"]}
+    assert nodes["etaSpark"]["sources"] == ("deltaSpark",)
+    assert (nodes["etaSpark"]["tables"], nodes["etaSpark"]["kind"]) == (["CurveEtaDeltaSpark"], "curve")
+    assert set(nodes["product"]["sources"]) == {"trqOpt", "etaSpark"}
+    nodes = {node["name"]: node for node in QUESTIONS["flow"](sensor, {}).head["nodes"]}
+    assert nodes["Sensor/Element"]["sources"] == ("T_sensor",)  # a second name
+    assert "T_sensor" in nodes["T_sensor"]["sources"]  # a state reads itself
 
 
 def test_formula_text_has_no_diagram(torque: Path) -> None:

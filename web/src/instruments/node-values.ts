@@ -26,6 +26,13 @@ class NodeMarker extends GutterMarker {
 }
 
 const DEFINES = /^\s*(?:\d+\s+)?(?:%((?:[^%]|%%)*)%|([A-Za-z_][\w.]*))\s*(?:\[([^\]]*)\])?\s*=(?!=)/;
+
+/** The node that a line of formula text defines, empty if it defines none. */
+export function nodeOf(text: string): string {
+  const match = DEFINES.exec(text);
+  return match === null ? "" : match[1]?.replaceAll("%%", "%") ?? match[2]!;
+}
+
 const EMPTY = new NodeMarker("", "", "");
 
 /** A column at the right with the unit, the value at the start and the present value of each line's node. */
@@ -33,11 +40,11 @@ export const nodeValues: Extension = gutter({
   class: "node-values",
   side: "after",
   lineMarker: (view, line) => {
-    const match = DEFINES.exec(view.state.doc.sliceString(line.from, Math.min(line.to, line.from + 200)));
-    if (match === null) return null;
-    const name = match[1]?.replaceAll("%%", "%") ?? match[2]!;
+    const text = view.state.doc.sliceString(line.from, Math.min(line.to, line.from + 200));
+    const name = nodeOf(text);
+    if (name === "") return null;
     const node = split.peek()?.nodes.find((each) => each.name === name);
-    return node === undefined ? EMPTY : new NodeMarker(match[3] ?? node.unit, shown(node.start), shown(node.now));
+    return node === undefined ? EMPTY : new NodeMarker(DEFINES.exec(text)![3] ?? node.unit, shown(node.start), shown(node.now));
   },
   lineMarkerChange: (update) => update.transactions.some((transaction) => transaction.effects.some((effect) => effect.is(changed))),
   initialSpacer: () => new NodeMarker("mmmm", "−00000.0", "−00000.0"),

@@ -11,14 +11,14 @@ import { settings } from "../settings";
 import { request, state } from "../store";
 import { split } from "./error-split";
 import { formulaHighlighting } from "./formula-highlighting";
-import { nodeValues, valuesChanged } from "./node-values";
+import { nodeOf, nodeValues, valuesChanged } from "./node-values";
 
 const sendText = newest(async ({ file, text }: { file: string; text: string }) => {
   await request("set-text", { file, text, title: `Edited ${file || "the project file"}`, drag: `typing ${file}` });
 });
 
-/** Edit the function, or the project file if `file` is empty. */
-export function TextEditor({ file }: { file: string }) {
+/** Edit the function, or the project file if `file` is empty; `choose` is told the node of the line with the cursor. */
+export function TextEditor({ file, choose }: { file: string; choose?: (node: string) => void }) {
   const host = useRef<HTMLDivElement>(null);
   const view = useRef<EditorView | null>(null);
   useEffect(() => {
@@ -32,6 +32,7 @@ export function TextEditor({ file }: { file: string }) {
           EditorView.cspNonce.of(document.querySelector<HTMLMetaElement>("meta[name=nonce]")?.content ?? ""),
           EditorView.contentAttributes.of({ "aria-label": file ? "Formula text" : "Project file" }),
           EditorView.updateListener.of((update) => {
+            if (update.selectionSet && update.view.hasFocus) choose?.(nodeOf(update.state.doc.lineAt(update.state.selection.main.head).text));
             if (update.docChanged && update.transactions.some((t) => t.isUserEvent("input") || t.isUserEvent("delete") || t.isUserEvent("undo") || t.isUserEvent("redo"))) sendText({ file, text: update.state.doc.toString() });
           }),
         ],

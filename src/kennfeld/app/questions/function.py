@@ -14,6 +14,7 @@ from kennfeld.app.session.state import Command, SetKeys, SetText, Several
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import nearest
+from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
 from kennfeld.project.schema import is_simulink_file
 
@@ -115,6 +116,9 @@ def diagram(session: Session, given: Given) -> Answer:
     source = _require_source(session)
     files = list(source.parameters[: len(source.parameters) - len(_initial_files(session))])
     head = {"file": source.file, "subsystem": source.subsystem, "bind": dict(source.bind)}
+    refused = tuple(each for each in session.findings if each.location.path == "[model] file")
+    if refused:
+        return Answer({**head, "problems": _problems(refused)})
     try:
         own = source.diagram()
     except InputError as error:
@@ -166,6 +170,24 @@ def _problems(findings: tuple[Finding, ...]) -> list[dict[str, str]]:
 def _reasons(own: "Diagram") -> tuple[Finding, ...]:
     reasons = own.findings if own.report is None else own.report.findings
     return reasons or (Finding(Location(own.name), "the model cannot be imported"),)
+
+
+def flow(session: Session, given: Given) -> Answer:
+    """Return the nodes of the function, each with what computes it: its operation or table, and its sources."""
+    problem = session.require_view().model.problem
+    graph, parameters = problem.model.graph, problem.parameters
+    sources, lookups = named_sources(graph), named_lookups(graph)
+    tables = {name: [table for table, users in lookups.items() if name in users] for name in graph.names}
+    nodes = [
+        {
+            "name": name,
+            "sources": sources[name],
+            "tables": tables[name],
+            "kind": parameters[tables[name][0]].kind if tables[name] else graph.nodes[at].op,
+        }
+        for name, at in graph.names.items()
+    ]
+    return Answer({"inputs": list(graph.inputs), "nodes": nodes, "outputs": list(graph.outputs)})
 
 
 def parts(session: Session, given: Given) -> Answer:

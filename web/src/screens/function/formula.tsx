@@ -3,14 +3,18 @@
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import { ErrorSplit, placeText, split } from "../../instruments/error-split";
+import { Corrections, split } from "../../instruments/error-split";
 import { Proposals } from "../../instruments/proposals";
 import { settings } from "../../settings";
 import { open, request, screen, state } from "../../store";
+import { CursorPane, step } from "./cursor-pane";
+import { SignalFlow } from "./flow";
 import { Fold } from "./fold";
 import { FunctionChoice, OpenModel } from "./function-choice";
 import { FunctionSettings } from "./function-settings";
 import { Messages } from "./messages";
+import { NodeStrip } from "./node-strip";
+import { chosen } from "./source";
 import { Surrogates } from "./surrogates";
 
 const text = signal<"function" | "project">("function");
@@ -18,8 +22,14 @@ const text = signal<"function" | "project">("function");
 export function FormulaText() {
   const { file } = settings.value;
   const own = text.value === "function" ? file : "";
+  const key = (event: KeyboardEvent) => {
+    if (!event.altKey || !["ArrowUp", "ArrowDown"].includes(event.key)) return;
+    event.preventDefault();
+    event.stopPropagation();
+    void step(event.key === "ArrowUp" ? -1 : 1);
+  };
   return (
-    <main class="function formula">
+    <main class="function formula" onKeyDownCapture={key}>
       <section class="pane text">
         <div class="head">
           {own ? <FunctionChoice /> : <h2>Project file</h2>}
@@ -32,11 +42,15 @@ export function FormulaText() {
         {text.value === "function" && file === "" ? <NoFunction /> : <LazyEditor key={own} file={own} />}
         <Messages />
       </section>
+      <CursorPane />
       <section class="pane nodes">
-        <div class="head"><h2>At the cursor</h2><span class="sub">{split.value === null ? "" : placeText(split.value)}</span></div>
-        <ErrorSplit nodes />
+        <div class="head"><h2>Signal flow</h2><span class="sub">values at the cursor</span>{chosen.value && <span class="right key"><i style={{ borderColor: "var(--lit)" }} />what {chosen.value} reads and feeds</span>}</div>
+        <SignalFlow />
+        <NodeStrip />
+        <div class="head mid"><h2>What would take this error away</h2><span class="sub">one table at a time</span></div>
+        {split.value !== null && <div class="split"><Corrections own={split.value} chosen={chosen.value} choose={(node) => { chosen.value = node; }} /></div>}
         <Proposals />
-        <Fold title="Parameters" sub="what the function looks up" name="parameters" open>
+        <Fold title="Parameters" sub="what the function looks up" name="parameters">
           <table class="list"><tbody>{state.value.parameters.map((p) => <tr key={p.name} onClick={() => { open(p.name); screen.value = "parameters"; }}><td><b>{p.name}</b></td><td class="q">{p.kind} {p.shape.join(" × ")}</td><td class="q">{p.unit}</td></tr>)}</tbody></table>
         </Fold>
         <Surrogates />
@@ -58,7 +72,7 @@ function NoFunction() {
 
 /** Load the editor when it is first shown. */
 function LazyEditor({ file }: { file: string }) {
-  const [Editor, setEditor] = useState<((props: { file: string }) => JSX.Element) | null>(null);
+  const [Editor, setEditor] = useState<((props: { file: string; choose: (node: string) => void }) => JSX.Element) | null>(null);
   useEffect(() => { void import("../../instruments/text-editor").then((module) => setEditor(() => module.TextEditor)); }, []);
-  return Editor === null ? <p class="pad q">Loading the editor</p> : <Editor file={file} />;
+  return Editor === null ? <p class="pad q">Loading the editor</p> : <Editor file={file} choose={(node) => { chosen.value = node; }} />;
 }

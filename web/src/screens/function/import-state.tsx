@@ -1,7 +1,6 @@
 // What an import needs and what stops it: unsupported blocks, variables and their files, ports, and what runs differently.
 
-import { MISSING, plain } from "../../drawing/numbers";
-import { parseNumber } from "../../drawing/numbers";
+import { MISSING, parseNumber, plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { setKeys, valueAt } from "../../settings";
 import { state } from "../../store";
@@ -17,24 +16,39 @@ export function ImportState() {
   return (
     <div class="import">
       {[...own.problems, ...(own.stopped ?? [])].map((problem) => <div class="note bad" role="alert"><Icon name="warning" /><span>{problem.text}</span></div>)}
-      {stops.map((block) => <Stop key={block.path} block={block} />)}
+      {grouped(stops).map((blocks) => <Stop key={blocks[0]!.path} blocks={blocks} />)}
       {(own.loops ?? []).map((loop) => <Loop key={loop.join()} loop={loop} />)}
       <Binding />
       <Bindings />
       {own.whole && Object.keys(own.bind).length === 0 && <p class="pad q"><Icon name="done" kind="good" /> Nothing stops it: all {own.total} blocks are supported.</p>}
       {own.blocks !== undefined && <><Variables own={own} /><Folders /><Ports own={own} /></>}
-      {others.length > 0 && <details class="more"><summary>{others.length} unsupported blocks that no output depends on</summary>{others.map((block) => <Stop key={block.path} block={block} />)}</details>}
+      {others.length > 0 && <details class="more"><summary>{others.length} unsupported blocks that no output depends on</summary>{grouped(others).map((blocks) => <Stop key={blocks[0]!.path} blocks={blocks} />)}</details>}
       <Notes own={own} />
     </div>
   );
 }
 
-function Stop({ block }: { block: Blocking }) {
+/** Blocks with the same reason and remedy, together. */
+function grouped(blocks: Blocking[]): Blocking[][] {
+  const groups = new Map<string, Blocking[]>();
+  for (const block of blocks) {
+    const key = `${block.why}\n${block.remedy}`;
+    groups.set(key, [...(groups.get(key) ?? []), block]);
+  }
+  return [...groups.values()];
+}
+
+/** Why blocks are not supported, with a button for each that binds it. */
+function Stop({ blocks }: { blocks: Blocking[] }) {
+  const [first] = blocks;
+  const sentence = `${first!.why}${/[.!?]$/.test(first!.why) ? "" : "."} ${first!.remedy}`.replaceAll("`folders`", "Libraries");
   return (
-    <div class={`note ${block.stops ? "warn" : ""}`} data-blocking={block.path}>
+    <div class={`note ${first!.stops ? "warn" : ""}`}>
       <Icon name="warning" />
-      <span class="grow"><button class="link" title="Show it in the tree" onClick={() => reveal(block.path)}><b>{block.path}</b></button> <span class="q">{block.type}</span>: {block.why}. {block.remedy}
-        <span class="row"><button class="btn small" onClick={() => { binding.value = block.path; }}>Bind to a channel or formula</button></span></span>
+      <span class="grow">{blocks.length > 1 && <b>{blocks.length} blocks: </b>}{sentence}
+        {blocks.map((block) => (
+          <span class="row stop" key={block.path} data-blocking={block.path}><button class="link cut" title={`${block.path}\nShow it in the tree`} onClick={() => reveal(block.path)}><b>{block.path}</b></button><span class="q">{block.type}</span><button class="btn small" title={`A channel or a formula in place of ${block.path}`} onClick={() => { binding.value = block.path; }}>Bind to a channel or formula</button></span>
+        ))}</span>
     </div>
   );
 }

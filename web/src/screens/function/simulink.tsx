@@ -28,7 +28,7 @@ export function Simulink() {
       <section class="pane state">
         <div class="head"><h2>What stops it</h2><span class="right">{stopping > 0 ? <span class="tag b">{stopping} to solve</span> : own !== null && <span class="tag g">{bound ? `${bound} bound` : "nothing"}</span>}</span></div>
         <div class="scroll"><ImportState /></div>
-        <div class="foot"><button class="btn primary" disabled={!own?.whole} title="Write the imported part as formula text, with the values of its parameters, and use that as the function&#10;[model] file" onClick={() => request("convert-function")}>Edit as formula text</button><span class="right q">{own?.parameters ? `${own.parameters.length} parameters` : ""}</span></div>
+        <div class="foot"><button class="btn primary" disabled={!own?.whole} title="Write the imported part as formula text, with the values of its parameters, and use that as the function&#10;[model] file" onClick={() => request("convert-function")}>Edit as formula text</button><span class="right q">{own?.parameters ? `${own.parameters.length} parameter${own.parameters.length === 1 ? "" : "s"}` : ""}</span></div>
       </section>
       <section class="pane lines">
         <FormulaLines />
