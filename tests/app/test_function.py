@@ -9,7 +9,7 @@ import pytest
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.simulink_source import SimulinkSource
-from kennfeld.app.session.state import SetKeys
+from kennfeld.app.session.state import SetKeys, SetText
 from kennfeld.errors import ArgumentError, InputError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
@@ -153,6 +153,22 @@ def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> N
     nodes = {node["name"]: node for node in QUESTIONS["flow"](sensor, {}).head["nodes"]}
     assert nodes["Sensor/Element"]["sources"] == ("T_sensor",)  # a second name
     assert "T_sensor" in nodes["T_sensor"]["sources"]  # a state reads itself
+
+
+def test_a_misspelt_name_is_found_at_its_character(torque: Path) -> None:
+    session = Session(torque)
+    text = session.text_of("torque.kf").rstrip("\n")
+    session.do(
+        SetText("typed", "torque.kf", f"{text}\n8 limited = min(TorquePredict, MapOptTorqe(Speed, Rel_Airmass))\n")
+    )
+    [row] = QUESTIONS["spellings"](session, {}).head["spellings"]
+    assert row == {"line": 8, "column": 32, "word": "MapOptTorqe", "similar": "MapOptTorque"}
+    session.do(SetText("typed", "torque.kf", f"{text}\n8 limited = mix(TorquePredict, 3)\n"))
+    [row] = QUESTIONS["spellings"](session, {}).head["spellings"]
+    assert (row["word"], row["similar"]) == ("mix", "min")
+    session.undo()
+    session.undo()
+    assert QUESTIONS["spellings"](session, {}).head["spellings"] == []
 
 
 def test_formula_text_has_no_diagram(torque: Path) -> None:

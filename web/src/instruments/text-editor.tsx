@@ -1,17 +1,18 @@
 // The editor of formula text, with the parser's messages at their characters. Loaded when it is first shown: it is large.
 
 import { defaultKeymap, history, historyKeymap, indentWithTab } from "@codemirror/commands";
-import { lintGutter, lintKeymap, setDiagnostics, type Diagnostic } from "@codemirror/lint";
+import { lintGutter, lintKeymap, setDiagnostics, type Action, type Diagnostic } from "@codemirror/lint";
 import { EditorState } from "@codemirror/state";
 import { EditorView, highlightActiveLine, keymap, lineNumbers } from "@codemirror/view";
 import { useEffect, useRef } from "preact/hooks";
 import { newest } from "../connection";
 import { jump } from "../jump";
 import { settings } from "../settings";
-import { request, state } from "../store";
+import { request, state, type Finding } from "../store";
 import { split } from "./error-split";
 import { formulaHighlighting } from "./formula-highlighting";
 import { nodeOf, nodeValues, valuesChanged } from "./node-values";
+import { spellings } from "./spellings";
 
 const sendText = newest(async ({ file, text }: { file: string; text: string }) => {
   await request("set-text", { file, text, title: `Edited ${file || "the project file"}`, drag: `typing ${file}` });
@@ -28,7 +29,7 @@ export function TextEditor({ file, choose }: { file: string; choose?: (node: str
         doc: textOf(file),
         extensions: [
           lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
-          ...(file ? [nodeValues, formulaHighlighting] : []),
+          ...(file ? [nodeValues, formulaHighlighting, EditorView.lineWrapping] : []),
           EditorView.cspNonce.of(document.querySelector<HTMLMetaElement>("meta[name=nonce]")?.content ?? ""),
           EditorView.contentAttributes.of({ "aria-label": file ? "Formula text" : "Project file" }),
           EditorView.updateListener.of((update) => {
@@ -46,7 +47,7 @@ export function TextEditor({ file, choose }: { file: string; choose?: (node: str
     const text = textOf(file);
     if (!own.hasFocus && own.state.doc.toString() !== text) own.dispatch({ changes: { from: 0, to: own.state.doc.length, insert: text } });
     own.dispatch(setDiagnostics(own.state, diagnostics(own.state, file)));
-  }, [settings.value, state.value.findings]);
+  }, [settings.value, state.value.findings, spellings.value]);
   useEffect(() => { view.current!.dispatch({ effects: valuesChanged }); }, [split.value]);
   useEffect(() => { goTo(view.current!, file); }, [jump.value]);
   return <div class="editor" ref={host} />;
@@ -67,6 +68,12 @@ const nameOf = (file: string): string | undefined => file || state.value.project
 
 const textOf = (file: string): string => (file ? settings.value.function : settings.value.text.replace(/\r\n/g, "\n"));
 
+/** The known name that can replace a misspelt one. */
+function actions(finding: Finding): Action[] {
+  return spellings.value.filter((each) => each.line === finding.line && each.column === finding.column)
+    .map((each) => ({ name: `Use ${each.similar}`, apply: (view, from, to) => view.dispatch({ changes: { from, to, insert: each.similar }, userEvent: "input" }) }));
+}
+
 /** The parser's messages at their characters; one without a column underlines its line. */
 function diagnostics(own: EditorState, file: string): Diagnostic[] {
   const name = nameOf(file);
@@ -74,6 +81,6 @@ function diagnostics(own: EditorState, file: string): Diagnostic[] {
     const line = own.doc.line(f.line);
     const from = Math.min(line.to, line.from + Math.max(0, (f.column || 1) - 1));
     const word = /^[\w.%]+/.exec(own.doc.sliceString(from, line.to))?.[0].length ?? 1;
-    return { from: f.column ? from : line.from, to: f.column ? Math.min(line.to, from + Math.max(1, word)) : line.to, severity: f.severity === "remark" ? "info" : f.severity, message: f.text };
+    return { from: f.column ? from : line.from, to: f.column ? Math.min(line.to, from + Math.max(1, word)) : line.to, severity: f.severity === "remark" ? "info" : f.severity, message: f.text, actions: actions(f) };
   });
 }

@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import { computed, effect, signal } from "@preact/signals";
 import { Footer } from "../frame";
 import { Icon } from "../icons";
+import { newFrom } from "./function/source";
 import { request, screen, state, type Screen } from "../store";
 
 interface Known { recent: { path: string; name: string; folder: string }[]; demos: { name: string; title: string }[] }
@@ -25,7 +26,7 @@ export function Start() {
   const name = useSignal("");
   return (
     <>
-      <main class="start">
+      <main class="start" onDragOver={(event) => event.preventDefault()} onDrop={(event) => { event.preventDefault(); const [file] = event.dataTransfer?.files ?? []; if (file && /\.(kf|slx|mdl)$/i.test(file.name)) void newFrom(file); }}>
         <section class="pane">
           <div class="head"><h2>Demos</h2><span class="sub">a copy is written to your folder</span></div>
           {known.value.demos.map((demo) => <button class="project-row" data-demo={demo.name} onClick={() => openProject("demo", { name: demo.name })}><Icon name="run" /><b>{demo.name}</b><span class="q">{demo.title}</span></button>)}
@@ -33,6 +34,7 @@ export function Start() {
           <form class="pad open-path" onSubmit={(event) => { event.preventDefault(); void openProject("new", { name: name.value }, "data"); }}>
             <label class="field" style={{ flex: 1 }}><Icon name="plus" kind="q" /><input aria-label="Name of the new project" placeholder="name" value={name.value} onInput={(event) => { name.value = event.currentTarget.value; }} /></label>
             <button class="btn" type="submit" disabled={!name.value.trim()}>Create</button>
+            <label class="btn" title="A new project named after a Simulink model (.slx, .mdl) or formula text (.kf), which becomes its function. Or drop the file here.">From a model…<input type="file" accept=".slx,.mdl,.kf" hidden onChange={(event) => { const [file] = event.currentTarget.files ?? []; if (file) void newFrom(file); event.currentTarget.value = ""; }} /></label>
           </form>
           <div class="head mid"><h2>Open</h2><span class="sub">a kennfeld.toml, or a folder to start in</span></div>
           <form class="pad open-path" onSubmit={(event) => { event.preventDefault(); void openProject("open", { path: path.value }); }}>

@@ -37,6 +37,7 @@ QUESTIONS: dict[str, Question] = {
     "proposals": recordings.proposals,
     "functions": function.functions,
     "diagram": function.diagram,
+    "spellings": function.spellings,
     "flow": function.flow,
     "parts": function.parts,
     "formula-reads": function.formula_reads,

@@ -1,5 +1,6 @@
 """The function of the project: formula text or a Simulink model, and the way from one to the other."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -13,9 +14,10 @@ from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import Command, SetKeys, SetText, Several
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
-from kennfeld.formatting import nearest
+from kennfeld.formatting import most_similar, nearest
 from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
+from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
 from kennfeld.project.schema import is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only
@@ -24,6 +26,7 @@ if TYPE_CHECKING:  # half a second, for Simulink models only
 
 SIMULINK_KEYS = ("subsystem", "parameters", "bind", "folders")  # of [model], for Simulink models only
 FUNCTIONS = (".kf", ".slx", ".mdl")
+_WORD = re.compile(r"[A-Za-z_][\w.]*")
 NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 
 
@@ -170,6 +173,27 @@ def _problems(findings: tuple[Finding, ...]) -> list[dict[str, str]]:
 def _reasons(own: "Diagram") -> tuple[Finding, ...]:
     reasons = own.findings if own.report is None else own.report.findings
     return reasons or (Finding(Location(own.name), "the model cannot be imported"),)
+
+
+def spellings(session: Session, given: Given) -> Answer:
+    """Return for the messages about a character of the formula text the word there, and a known name like it."""
+    file, known = session.formula_file, _known_names(session)
+    rows, lines = [], session.text_of(file).splitlines() if file else []
+    places = {(f.location.line, f.location.column) for f in session.findings if f.location.file == file}
+    for line, column in sorted(places):
+        match = _WORD.match(lines[line - 1], column - 1) if column and line <= len(lines) else None
+        similar = most_similar(match[0], known - {match[0]}) if match else ""
+        if match and similar:
+            rows.append({"line": line, "column": column, "word": match[0], "similar": similar})
+    return Answer({"spellings": rows})
+
+
+def _known_names(session: Session) -> set[str]:
+    """Return the names that formula text can use: of functions, parameters, and of what it defines itself."""
+    function, view = session.function, session.view
+    own = () if function is None else (*function.graph.names, *function.graph.inputs)
+    last = () if view is None else (*view.model.problem.model.graph.inputs, *view.model.problem.model.graph.names)
+    return {*FUNCTION_NAMES, *session.initial_names, *session.settings.get("parameters", {}), *own, *last}
 
 
 def flow(session: Session, given: Given) -> Answer:

@@ -31,9 +31,10 @@ export function Binding() {
   if (path === "") return null;
   const usable = text.value.trim() !== "" && reads.value.problem === "";
   const apply = () => {
+    const formula = text.value.trim();
     if (!usable) return;
-    binding.value = "";
-    void setKeys([[["model", "bind", path], text.value.trim()]], `Bound ${path} to ${text.value.trim()}`);
+    binding.value = "";  // which empties the field
+    void setKeys([[["model", "bind", path], formula]], `Bound ${path} to ${formula}`);
   };
   return (
     <form class="binding pad" onSubmit={(event) => { event.preventDefault(); apply(); }}>

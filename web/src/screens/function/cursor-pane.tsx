@@ -54,7 +54,7 @@ export function CursorPane() {
         <thead><tr><th class="num">{timed ? "time" : "point"}</th>{own?.inputs.slice(0, 4).map((each) => <th class="num">{each.name}</th>)}<th class="num">measured</th><th class="num">calculated</th><th class="num">error</th></tr></thead>
         <tbody>{worst.value.samples.map((row) => (
           <tr key={row.sample} class={row.sample === own?.sample ? "on" : ""} tabIndex={0} onClick={() => { cursor.value = row.position; }} onKeyDown={(event) => { if (event.key === "Enter") cursor.value = row.position; }}>
-            <td class="num">{timed ? plain(row.position, 7) : row.sample + 1}</td>{row.inputs.slice(0, 4).map((value) => <td class="num">{shown(value)}</td>)}<td class="num ink">{shown(row.measured)}</td><td class="num ink">{row.measured === null ? MISSING : significant(row.measured + row.error)}</td><td class="num ink">{signed(row.error)}</td>
+            <td class="num">{timed ? plain(row.position, 7) : row.sample + 1}</td>{row.inputs.slice(0, 4).map((value) => <td class="num">{shown(value)}</td>)}<td class="num ink">{shown(row.measured)}</td><td class="num ink">{row.measured === null ? MISSING : significant(row.measured + row.error)}</td><td class="num ink">{signed(row.error, 4)}</td>
           </tr>
         ))}</tbody>
       </table>

@@ -22,14 +22,12 @@ const text = signal<"function" | "project">("function");
 export function FormulaText() {
   const { file } = settings.value;
   const own = text.value === "function" ? file : "";
-  const key = (event: KeyboardEvent) => {
-    if (!event.altKey || !["ArrowUp", "ArrowDown"].includes(event.key)) return;
-    event.preventDefault();
-    event.stopPropagation();
-    void step(event.key === "ArrowUp" ? -1 : 1);
-  };
+  useEffect(() => {
+    addEventListener("keydown", key, true);  // before the editor, which moves lines with these keys
+    return () => removeEventListener("keydown", key, true);
+  }, []);
   return (
-    <main class="function formula" onKeyDownCapture={key}>
+    <main class="function formula">
       <section class="pane text">
         <div class="head">
           {own ? <FunctionChoice /> : <h2>Project file</h2>}
@@ -58,6 +56,14 @@ export function FormulaText() {
       </section>
     </main>
   );
+}
+
+/** Alt with an arrow moves the cursor by a sample. */
+function key(event: KeyboardEvent): void {
+  if (!event.altKey || !["ArrowUp", "ArrowDown"].includes(event.key)) return;
+  event.preventDefault();
+  event.stopPropagation();
+  void step(event.key === "ArrowUp" ? -1 : 1);
 }
 
 function NoFunction() {

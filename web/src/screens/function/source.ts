@@ -70,6 +70,7 @@ const MODEL = /\.(slx|mdl|slxp)$/i;
 export async function takeFiles(dropped: File[]): Promise<void> {
   const function_ = dropped.find((file) => MODEL.test(file.name) || /\.kf$/i.test(file.name));
   const others = dropped.filter((file) => file !== function_);
+  if (function_ !== undefined && state.value.project === null) return newFrom(function_);
   if (function_ !== undefined && !(await openFunction(function_))) return;
   if (others.length === 0) return;
   if (!simulink.value && function_ === undefined) {
@@ -79,9 +80,13 @@ export async function takeFiles(dropped: File[]): Promise<void> {
   await addValueFiles(others);
 }
 
-/** Store a formula or a model beside the project, and use it; without a project, begin one of that name. */
+/** Begin a project named after a model or formula text, with it as the function. */
+export async function newFrom(file: File): Promise<void> {
+  if ((await request("new", { name: file.name.replace(/\.\w+$/, "") })) !== null) await openFunction(file);
+}
+
+/** Store a formula or a model beside the project, and use it. */
 export async function openFunction(file: File): Promise<boolean> {
-  if (state.value.project === null && (await request("new", { name: file.name.replace(/\.\w+$/, "") })) === null) return false;
   const stored = await upload(file);
   if (stored === null || (await request("choose-function", { file: stored })) === null) return false;
   message.value = `The function is ${stored}`;
