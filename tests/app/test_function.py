@@ -136,6 +136,14 @@ def test_new_formula_text_is_the_function_until_it_is_undone(sensor: Session) ->
     assert sensor.settings["model"]["file"] == "exhaust.mdl"
 
 
+def test_a_model_that_was_changed_on_disk_is_read_again(sensor: Session) -> None:
+    path = sensor.path.parent / "exhaust.m"
+    path.write_text(path.read_text("utf-8").replace("KRetard", "KLate"))
+    COMMANDS["reread-function"](sensor, {})
+    assert sensor.stale
+    assert [each["name"] for each in QUESTIONS["diagram"](sensor, {}).head["undefined"]] == ["KRetard"]
+
+
 def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
     read = QUESTIONS["formula-reads"](sensor, {"text": "0.15 * (t_wund - Speed)"}).head
     unknown, known = read["channels"]

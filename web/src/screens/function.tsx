@@ -13,7 +13,7 @@ export function Function() {
   return (
     <>
       <div class="drop" onDragOver={(event) => event.preventDefault()} onDrop={drop}>{simulink.value ? <Simulink /> : <FormulaText />}</div>
-      <Footer>{simulink.value ? <><Key keys={["↑", "↓"]} text="block" /><Key keys={["←", "→"]} text="fold" /><Key keys={["b"]} text="bind" /></> : <><Key keys={["Alt", "↑ ↓"]} text="sample" /><Key keys={["F8"]} text="next message" /><Key keys={["Ctrl", "Z"]} text="undo" /></>}</Footer>
+      <Footer>{simulink.value ? <><Key keys={["↑", "↓"]} text="block" /><Key keys={["←", "→"]} text="fold" /><Key keys={["b"]} text="bind" /><Key keys={["p"]} text="make a parameter" /></> : <><Key keys={["Alt", "↑ ↓"]} text="sample" /><Key keys={["F8"]} text="next message" /><Key keys={["Ctrl", "Z"]} text="undo" /></>}</Footer>
     </>
   );
 }

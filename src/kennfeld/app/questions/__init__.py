@@ -51,6 +51,7 @@ COMMANDS: dict[str, Question] = {  # these change the state, which all pages are
     "set-keys": settings.set_keys,
     "set-text": settings.set_text,
     "choose-function": function.choose_function,
+    "reread-function": function.reread_function,
     "new-function": function.new_function,
     "convert-function": function.convert_function,
     "new-surrogate": surrogates.new_surrogate,

@@ -56,6 +56,12 @@ def _choice(session: Session, file: str, *further: tuple[tuple[str, ...], Any]) 
     return SetKeys(f"The function is {file}", session.path.name, changes)
 
 
+def reread_function(session: Session, given: Given) -> Answer:
+    """Read the function again, with libraries and files of values that have changed or come to its folder."""
+    session.refresh()
+    return Answer()
+
+
 def new_function(session: Session, given: Given) -> Answer:
     """Begin formula text in a new file `name`, and use it as the function."""
     file = _free_name(session, str(given.get("name") or "function.kf"))

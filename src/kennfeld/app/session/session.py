@@ -240,7 +240,7 @@ class Session:
     def pump(self) -> None:
         """Handle the reports of the running job and training."""
         if self.training.pump():
-            self._assemble()
+            self.refresh()
         while not self._inbox.empty():
             message = self._inbox.get()
             job = self.job
@@ -395,6 +395,10 @@ class Session:
             self._assemble()
         elif not same_values(before.values, self.state.values):
             self._evaluate()
+
+    def refresh(self) -> None:
+        """Read the project again, after files that it names have changed."""
+        self._assemble()
 
     def _assemble(self) -> None:
         """Read the project again and build its model."""

@@ -67,7 +67,7 @@ class SimulinkSource:
 
     @property
     def _stamps(self) -> tuple[object, ...]:
-        return stamps(self.folder, (self.file, *self.parameters, *self.folders))
+        return stamps(self.folder, (".", self.file, *self.parameters, *self.folders))
 
 
 def texts(value: Any) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import { Segment } from "../../fields";
 import { Icon } from "../../icons";
 import { split } from "../../instruments/error-split";
 import { binding } from "./bindings";
+import { promote } from "./block-actions";
 import { chosen, diagram, type Block, type BlockState } from "./source";
 
 const search = signal("");
@@ -108,7 +109,7 @@ function toggle(block: Block): void {
   opened.value = next;
 }
 
-/** Arrows walk and fold, `b` binds the block. */
+/** Arrows walk and fold, `b` binds the block, `p` makes its number a parameter. */
 function key(event: KeyboardEvent): void {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const blocks = diagram.value?.blocks ?? [];
@@ -123,6 +124,7 @@ function key(event: KeyboardEvent): void {
   else if (event.key === "ArrowLeft" && own?.inner && opened.value.has(own.path)) toggle(own);
   else if (event.key === "ArrowLeft" && own?.path.includes("/")) go(visible.value.slice(0, at).findLastIndex((k) => blocks[k]!.depth < own.depth));
   else if (event.key === "b" && own) binding.value = own.path;
+  else if (event.key === "p" && own) promote();
   else return;
   event.preventDefault();
 }

@@ -6,7 +6,9 @@ import { setKeys, valueAt } from "../../settings";
 import { state } from "../../store";
 import { Binding, Bindings, binding } from "./bindings";
 import { reveal } from "./block-tree";
-import { addValueFiles, diagram, setTexts, textsAt, type Blocking, type Diagram, type Variable } from "./source";
+import { addLibraries, addValueFiles, diagram, setTexts, textsAt, type Blocking, type Diagram, type Variable } from "./source";
+
+const FEW = 4; // blocks with the same reason that are listed at once
 
 export function ImportState() {
   const own = diagram.value;
@@ -15,10 +17,10 @@ export function ImportState() {
   const others = (own.blocking ?? []).filter((block) => !block.stops);
   return (
     <div class="import">
+      <Binding />
       {[...own.problems, ...(own.stopped ?? [])].map((problem) => <div class="note bad" role="alert"><Icon name="warning" /><span>{problem.text}</span></div>)}
       {grouped(stops).map((blocks) => <Stop key={blocks[0]!.path} blocks={blocks} />)}
       {(own.loops ?? []).map((loop) => <Loop key={loop.join()} loop={loop} />)}
-      <Binding />
       <Bindings />
       {own.whole && Object.keys(own.bind).length === 0 && <p class="pad q"><Icon name="done" kind="good" /> Nothing stops it: all {own.total} blocks are supported.</p>}
       {own.blocks !== undefined && <><Variables own={own} /><Folders /><Ports own={own} /></>}
@@ -46,11 +48,14 @@ function Stop({ blocks }: { blocks: Blocking[] }) {
     <div class={`note ${first!.stops ? "warn" : ""}`}>
       <Icon name="warning" />
       <span class="grow">{blocks.length > 1 && <b>{blocks.length} blocks: </b>}{sentence}
-        {blocks.map((block) => (
-          <span class="row stop" key={block.path} data-blocking={block.path}><button class="link cut" title={`${block.path}\nShow it in the tree`} onClick={() => reveal(block.path)}><b>{block.path}</b></button><span class="q">{block.type}</span><button class="btn small" title={`A channel or a formula in place of ${block.path}`} onClick={() => { binding.value = block.path; }}>Bind to a channel or formula</button></span>
-        ))}</span>
+        {blocks.slice(0, FEW).map((block) => <StopRow key={block.path} block={block} text={blocks.length > 1 ? "Bind…" : "Bind to a channel or formula"} />)}
+        {blocks.length > FEW && <details><summary>{blocks.length - FEW} more</summary>{blocks.slice(FEW).map((block) => <StopRow key={block.path} block={block} text="Bind…" />)}</details>}</span>
     </div>
   );
+}
+
+function StopRow({ block, text }: { block: Blocking; text: string }) {
+  return <span class="row stop" data-blocking={block.path}><button class="link cut" title={`${block.path}\nShow it in the tree`} onClick={() => reveal(block.path)}><b>{block.path}</b></button><span class="q">{block.type}</span><button class="btn small" title={`A channel or a formula in place of ${block.path}\n[model] bind`} onClick={() => { binding.value = block.path; }}>{text}</button></span>;
 }
 
 function Loop({ loop }: { loop: string[] }) {
@@ -98,7 +103,8 @@ function Folders() {
   const folders = textsAt(["model", "folders"]);
   return (
     <>
-      <div class="head mid"><h2>Libraries</h2><span class="sub">searched beside the model, too</span></div>
+      <div class="head mid"><h2>Libraries</h2><span class="sub">searched beside the model, too</span>
+        <span class="right"><label class="btn small" title="A library, a referenced model or a function (.slx, .mdl, .m); it is stored beside the model"><Icon name="plus" />Library<input type="file" multiple accept=".slx,.mdl,.m" hidden onChange={(event) => addLibraries([...(event.currentTarget.files ?? [])])} /></label></span></div>
       <div class="chips">
         {folders.map((folder) => <span class="chip"><Icon name="folder" kind="q" />{folder}<button class="link" aria-label={`Remove ${folder}`} onClick={() => setTexts(["model", "folders"], folders.filter((each) => each !== folder), `${folder} is not searched`)}>×</button></span>)}
         <span class="field small" style={{ width: "140px" }}><input aria-label="Folder of libraries" placeholder="folder to search" title="A folder with libraries, referenced models and functions, relative to the project&#10;[model] folders" onChange={(event) => {

@@ -5,6 +5,7 @@ import { Icon } from "../../icons";
 import { ErrorSplit, placeText, split } from "../../instruments/error-split";
 import { setKeys } from "../../settings";
 import { request, state } from "../../store";
+import { BlockActions } from "./block-actions";
 import { BlockTree } from "./block-tree";
 import { FormulaLines } from "./formula-lines";
 import { Fold } from "./fold";
@@ -23,12 +24,13 @@ export function Simulink() {
         <div class="head"><FunctionChoice />
           {own?.total !== undefined && <span class="right"><span class={`tag ${own.whole ? "g" : "w"}`} title={`${own.solver}, ${own.version ?? ""}`}>{own.supported} of {count(own.total)} supported</span></span>}</div>
         <BlockTree />
+        <BlockActions />
         <PartChoice />
       </section>
       <section class="pane state">
         <div class="head"><h2>What stops it</h2><span class="right">{stopping > 0 ? <span class="tag b">{stopping} to solve</span> : own !== null && <span class="tag g">{bound ? `${bound} bound` : "nothing"}</span>}</span></div>
         <div class="scroll"><ImportState /></div>
-        <div class="foot"><button class="btn primary" disabled={!own?.whole} title="Write the imported part as formula text, with the values of its parameters, and use that as the function&#10;[model] file" onClick={() => request("convert-function")}>Edit as formula text</button><span class="right q">{own?.parameters ? `${own.parameters.length} parameter${own.parameters.length === 1 ? "" : "s"}` : ""}</span></div>
+        <div class="foot"><button class="btn primary" disabled={!own?.whole} title="Write the imported part as formula text, with the values of its parameters, and use that as the function&#10;[model] file" onClick={() => request("convert-function")}>Edit as formula text</button><button class="btn" title="Read the model, its libraries and its files of values again, after they have changed on disk" onClick={() => request("reread-function")}>Read again</button><span class="right q">{own?.parameters ? `${own.parameters.length} parameter${own.parameters.length === 1 ? "" : "s"}` : ""}</span></div>
       </section>
       <section class="pane lines">
         <FormulaLines />

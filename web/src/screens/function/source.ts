@@ -103,3 +103,9 @@ export async function addValueFiles(added: File[]): Promise<void> {
   }
   setTexts(["model", "parameters"], names, `Values from ${added.map((file) => file.name).join(", ")}`);
 }
+
+/** Store libraries beside the model, and import it again. */
+export async function addLibraries(added: File[]): Promise<void> {
+  for (const file of added) if ((await upload(file)) === null) return;
+  if ((await request("reread-function")) !== null) message.value = `Added ${added.map((file) => file.name).join(", ")}`;
+}
