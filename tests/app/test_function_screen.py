@@ -113,6 +113,16 @@ def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
         page.wait_for_selector("[data-missing]", state="detached")
 
 
+def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
+    with started(None, tmp_path) as (address, _), browser_page(address) as page:
+        with page.expect_file_chooser() as chooser:
+            page.click("button:text-is('From a model…')")
+        chooser.value.set_files(EXAMPLE / "exhaust.mdl")
+        page.wait_for_selector("[data-blocking='Sensor/Radiation']")
+    assert 'file = "exhaust.mdl"' not in (tmp_path / "exhaust" / "kennfeld.toml").read_text("utf-8")  # not saved yet
+    assert (tmp_path / "exhaust" / "exhaust.mdl").is_file()
+
+
 def test_a_data_driven_model_is_trained(torque: Path) -> None:
     with function_screen(torque) as page:
         page.click("[data-fold=surrogates] > button")

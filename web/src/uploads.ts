@@ -15,3 +15,12 @@ export async function upload(file: File): Promise<string | null> {
   }
   return null;
 }
+
+/** Let the user choose a file. */
+export function pickFile(accept: string, take: (file: File) => unknown): void {
+  const field = document.createElement("input");
+  field.type = "file";
+  field.accept = accept;
+  field.onchange = () => { if (field.files?.[0]) take(field.files[0]); };
+  field.click();
+}

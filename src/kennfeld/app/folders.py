@@ -1,7 +1,6 @@
 """Paths that a page may name: files within an open folder, links resolved."""
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 from kennfeld.errors import ArgumentError
@@ -41,16 +40,3 @@ def free_path(folder: Path, name: str) -> Path:
         path = folder / f"{Path(plain).stem}-{number}{Path(plain).suffix}"
         number += 1
     return path
-
-
-def stamps(folder: Path, names: Iterable[str]) -> tuple[object, ...]:
-    """Return the time of change and the size of files of a folder; None for those that do not exist."""
-    return tuple(_stamp(folder / name) for name in names)
-
-
-def _stamp(path: Path) -> tuple[int, int] | None:
-    try:
-        state = path.stat()
-    except (OSError, ValueError):
-        return None
-    return state.st_mtime_ns, state.st_size

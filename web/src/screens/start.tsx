@@ -6,6 +6,7 @@ import { Footer } from "../frame";
 import { Icon } from "../icons";
 import { newFrom } from "./function/source";
 import { request, screen, state, type Screen } from "../store";
+import { pickFile } from "../uploads";
 
 interface Known { recent: { path: string; name: string; folder: string }[]; demos: { name: string; title: string }[] }
 const known = signal<Known>({ recent: [], demos: [] });
@@ -34,7 +35,7 @@ export function Start() {
           <form class="pad open-path" onSubmit={(event) => { event.preventDefault(); void openProject("new", { name: name.value }, "data"); }}>
             <label class="field" style={{ flex: 1 }}><Icon name="plus" kind="q" /><input aria-label="Name of the new project" placeholder="name" value={name.value} onInput={(event) => { name.value = event.currentTarget.value; }} /></label>
             <button class="btn" type="submit" disabled={!name.value.trim()}>Create</button>
-            <label class="btn" title="A new project named after a Simulink model (.slx, .mdl) or formula text (.kf), which becomes its function. Or drop the file here.">From a model…<input type="file" accept=".slx,.mdl,.kf" hidden onChange={(event) => { const [file] = event.currentTarget.files ?? []; if (file) void newFrom(file); event.currentTarget.value = ""; }} /></label>
+            <button class="btn" type="button" title="A new project named after a Simulink model (.slx, .mdl) or formula text (.kf), which becomes its function. Or drop the file here." onClick={() => pickFile(".slx,.mdl,.kf", newFrom)}>From a model…</button>
           </form>
           <div class="head mid"><h2>Open</h2><span class="sub">a kennfeld.toml, or a folder to start in</span></div>
           <form class="pad open-path" onSubmit={(event) => { event.preventDefault(); void openProject("open", { path: path.value }); }}>

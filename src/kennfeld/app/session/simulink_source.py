@@ -1,12 +1,11 @@
 """The Simulink model of a project as its file describes it, also if the project cannot be read otherwise."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kennfeld.app.folders import stamps
 from kennfeld.project.schema import is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only
@@ -67,7 +66,7 @@ class SimulinkSource:
 
     @property
     def _stamps(self) -> tuple[object, ...]:
-        return stamps(self.folder, (".", self.file, *self.parameters, *self.folders))
+        return _stamps(self.folder, (".", self.file, *self.parameters, *self.folders))
 
 
 def texts(value: Any) -> tuple[str, ...]:
@@ -78,6 +77,19 @@ def texts(value: Any) -> tuple[str, ...]:
     """
     values = value if isinstance(value, list) else [value]
     return tuple(each for each in values if isinstance(each, str))
+
+
+def _stamps(folder: Path, names: Iterable[str]) -> tuple[object, ...]:
+    """Return the time of change and the size of files of a folder; None for those that do not exist."""
+    return tuple(_stamp(folder / name) for name in names)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        state = path.stat()
+    except (OSError, ValueError):
+        return None
+    return state.st_mtime_ns, state.st_size
 
 
 def _table(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
