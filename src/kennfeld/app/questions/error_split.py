@@ -29,7 +29,8 @@ def split(session: Session, given: Given) -> Answer:
     error, before = (float(each.errors[recording.number][number][sample]) for each in (view.now, view.start))
     graph, criterion = view.model.problem.model.graph, view.model.problem.criteria[number]
     names = list(graph.names)
-    now, start = (view.model.nodes_at(recording, names, sample, e.parameters) for e in (view.now, view.start))
+    now = view.model.nodes_at(recording, names, sample, view.now.parameters)
+    start = now if view.now is view.start else view.model.nodes_at(recording, names, sample, view.start.parameters)
     value = float(now[names.index(criterion.node)])
     return Answer(
         {
