@@ -18,6 +18,16 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
     >>> nearest("Sped", ["Speed", "Load"])
     'Did you mean Speed?'
     """
+    similar = most_similar(name, candidates)
+    return f"Did you mean {similar}?" if similar else ""
+
+
+def most_similar(name: str, candidates: Iterable[str]) -> str:
+    """Return the most similar name, or an empty string if none is similar.
+
+    >>> most_similar("Sped", ["Speed", "Load"])
+    'Speed'
+    """
     names = list(candidates)
     folded = {candidate.casefold(): candidate for candidate in names}
     wanted = name.casefold()
@@ -26,7 +36,7 @@ def nearest(name: str, candidates: Iterable[str]) -> str:
         pairs = {*pairwise(wanted)}
         close = nlargest(_MAX_COMPARED, folded, key=lambda candidate: len(pairs.intersection(pairwise(candidate))))
     matches = difflib.get_close_matches(wanted, close, n=1, cutoff=0.6)
-    return f"Did you mean {folded[matches[0]]}?" if matches else ""
+    return folded[matches[0]] if matches else ""
 
 
 def holds_control_characters(text: str) -> bool:

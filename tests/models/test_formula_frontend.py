@@ -43,8 +43,9 @@ def test_figure_3_is_read_as_it_stands(parameters, blank):
 
 def test_a_place_is_kept_for_every_name():
     places = {name: str(location) for name, location in formula(FIGURE_3, "torque.kf").locations.items()}
-    assert places["etaSpark"] == places["CurveEtaDeltaSpark"] == "torque.kf line 4"
-    assert places["Ignition"] == "torque.kf line 3"
+    assert places["etaSpark"] == "torque.kf line 4"
+    assert places["CurveEtaDeltaSpark"] == "torque.kf line 4, column 17"
+    assert places["Ignition"] == "torque.kf line 3, column 28"
 
 
 def test_declarations_make_a_text_complete():

@@ -306,7 +306,8 @@ def test_a_map_that_is_looked_up_like_a_curve_is_told_by_its_axes(shop):
     """Not by what would lie on the axis that the function does not feed, such as the quantiles of a missing channel."""
     shop.add('[parameters.Gain]\nx = { count = 3 }\ny = { input = "Lod", count = 3 }\ninitial = 0.0')
     assert shop.errors() == [
-        "sensor.kf line 3: Gain is looked up with 1 coordinate, but it is a map with 2 axes. Correct one of them."
+        "sensor.kf line 3, column 12: Gain is looked up with 1 coordinate, but it is a map with 2 axes. "
+        "Correct one of them."
     ]
 
 
@@ -324,7 +325,7 @@ def test_a_section_of_a_parameter_that_the_function_does_not_use_is_a_warning(sh
 def test_a_parameter_that_nobody_defines_shows_a_section_to_copy(shop):
     shop.text = "input Speed\ninput Load\nPredict = Gain(Speed) * Load + offset + Extra(Speed, offset)\n"
     (finding,) = shop.findings()
-    assert str(finding.location) == "sensor.kf line 3"
+    assert str(finding.location) == "sensor.kf line 3, column 41"
     assert finding.excerpt.splitlines() == [
         "[parameters.Extra]",
         'x = { input = "Speed", count = 8 }',
@@ -339,14 +340,18 @@ def test_a_scalar_that_nobody_defines_shows_a_section_too(shop):
     shop.text += "more = Predict + ofset\n"
     (finding,) = shop.findings()
     assert str(finding) == (
-        "sensor.kf line 5: undefined name ofset: not a node, an input, or a parameter of any file or section. "
+        "sensor.kf line 5, column 18: undefined name ofset: not a node, an input, or a parameter of any file or "
+        "section. "
         "Did you mean offset? Or define it: [parameters.ofset] initial = 0.0."
     )
 
 
 def test_a_table_with_another_number_of_axes_is_a_finding(shop):
     shop.values("start.json", Scalar("Gain", 1), Scalar("offset", 0))
-    assert "sensor.kf line 3: Gain is looked up with 1 coordinate, but it is a scalar with 0 axes" in shop.error()
+    assert (
+        "sensor.kf line 3, column 12: Gain is looked up with 1 coordinate, but it is a scalar with 0 axes"
+        in shop.error()
+    )
 
 
 def test_value_blocks_are_kept(shop):

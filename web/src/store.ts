@@ -61,6 +61,7 @@ export interface AppState {
   scores: Score[];
   findings: Finding[];
   job: { state: string; message: string; seconds: number; run: number; iterations: number };
+  training: { state: "idle" | "running" | "trained" | "failed" | "stopped"; file: string; seconds: number; lines: string[] }; // of a surrogate
   parameters: Parameter[];
   freeValues: number;
   datasets: Dataset[];
@@ -100,7 +101,7 @@ export type Screen = (typeof SCREENS)[number];
 
 const EMPTY: AppState = {
   project: null, revision: 0, textRevision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [],
-  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
+  job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, training: { state: "idle", file: "", seconds: 0, lines: [] }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
   nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false,
 };
 

@@ -72,3 +72,30 @@ def named_lookups(graph: Graph) -> dict[str, tuple[str, ...]]:
             if graph.nodes[at].op == "lookup":
                 users[graph.nodes[at].payload] = (*users.get(graph.nodes[at].payload, ()), name)
     return users
+
+
+def named_sources(graph: Graph) -> dict[str, tuple[str, ...]]:
+    """Return for each named node the named nodes and inputs from which its own expression computes it.
+
+    A state reads what its next and its first value read. A second name of a node is computed from the first name.
+    """
+    names: dict[int, str] = {}
+    for name, at in graph.names.items():
+        names.setdefault(at, name)
+    return {name: (names[at],) if names[at] != name else _sources(graph, at, names) for name, at in graph.names.items()}
+
+
+def _sources(graph: Graph, root: int, names: Mapping[int, str]) -> tuple[str, ...]:
+    sources: dict[str, None] = {}
+    seen, stack = {root}, [root]
+    while stack:
+        op, args, payload = graph.nodes[stack.pop()]
+        for at in graph.states[payload][:2] if op == "state" else args:
+            if at in names:
+                sources[names[at]] = None
+            elif graph.nodes[at].op == "input":
+                sources[str(graph.nodes[at].payload)] = None
+            elif at not in seen:
+                seen.add(at)
+                stack.append(at)
+    return tuple(sources)

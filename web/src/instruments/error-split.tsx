@@ -4,7 +4,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { newest } from "../connection";
-import { MISSING, significant, signed } from "../drawing/numbers";
+import { MISSING, plain, significant, signed } from "../drawing/numbers";
 import { cursor, datasetNumber } from "../plots";
 import { open, request, screen, selection, settled } from "../store";
 import "./error-split.css";
@@ -56,7 +56,7 @@ export const shown = (value: number | null | undefined): string => (value === nu
 /** Where the cursor is, in words: `bench, point 479`. */
 export function placeText(own: Split): string {
   const data = settled.value.datasets[own.dataset];
-  return data === undefined ? "" : `${data.name}, ${data.timed ? `${significant(own.position, 6)} s` : `point ${own.sample + 1} of ${data.samples}`}`;
+  return data === undefined ? "" : `${data.name}, ${data.timed ? `${plain(own.position, 7)} s` : `point ${own.sample + 1} of ${data.samples}`}`;
 }
 
 /** Measurement and model at the cursor, and what would take the error away; with `nodes`, the value of each node, too. */
@@ -106,7 +106,7 @@ export function Corrections({ own, chosen = "", choose }: { own: Split; chosen?:
           <td class="mono cut">{each.nodes[0] ?? MISSING}</td>
           <td class="cut"><button class="link" title={`Open ${each.parameter} at the value that acts most`} onClick={(event) => { event.stopPropagation(); openAt(each); }}>{each.parameter}</button>{!each.free && <> <span class="tag" title="No pattern of [calibration] free matches it">fixed</span></>}</td>
           <td class="num">{each.slope === null || each.slope === 0 ? MISSING : signed(each.slope)}</td>
-          <td class={`num ${each.obstacle ? "" : "ink"}`} title={reason(each)}>{each.obstacle ? "out of reach" : <>{signed(each.change!)} <u>{each.unit}</u></>}</td>
+          <td class={`num ${each.obstacle ? "" : "ink"}`} title={reason(each)}>{each.obstacle ? "out of reach" : <>{signed(each.change!)} <u>{each.unit === "-" ? "" : each.unit}</u></>}</td>
           <td title={reason(each)}>{each.obstacle ? short(each) : each.share !== null && <><span class="bar q" style={{ width: `${Math.min(48, Math.max(2, each.share * 48))}px` }} /> <span class="q">{each.share > 9.99 ? "> 999" : Math.round(each.share * 100)} %</span></>}</td>
         </tr>
       ))}</tbody>

@@ -20,15 +20,17 @@ def split(session: Session, given: Given) -> Answer:
     """Return the error of a `criterion` at the sample of a `dataset` at `position`, and what makes it up.
 
     Each node and input with its value, at the start and at the present values; for each table the change that alone
-    would take the error away, to first order.
+    would take the error away, to first order. `step` samples later, if it is given.
     """
     view, number = session.require_view(), int(given.get("criterion", 0))
     recording = view.model.recordings[int(given["dataset"])]
-    sample = nearest(recording, float(given["position"]))
+    later = nearest(recording, float(given["position"])) + int(given.get("step", 0))
+    sample = min(max(later, 0), recording.count - 1)
     error, before = (float(each.errors[recording.number][number][sample]) for each in (view.now, view.start))
     graph, criterion = view.model.problem.model.graph, view.model.problem.criteria[number]
     names = list(graph.names)
-    now, start = (view.model.nodes_at(recording, names, sample, e.parameters) for e in (view.now, view.start))
+    now = view.model.nodes_at(recording, names, sample, view.now.parameters)
+    start = now if view.now is view.start else view.model.nodes_at(recording, names, sample, view.start.parameters)
     value = float(now[names.index(criterion.node)])
     return Answer(
         {
@@ -114,12 +116,15 @@ def worst(session: Session, given: Given) -> Answer:
         {
             "sample": sample,
             "position": float(recording.position[sample]),
+            "inputs": [each["value"] for each in _inputs(view, recording, sample)],
+            "measured": finite(float(recording.targets[number][recording.last_simulated(sample)])),
             "error": finite(float(error[sample])),
             "start": finite(float(start[sample])),
         }
         for sample in samples
     ]
-    return Answer({"samples": rows})
+    scores = [each.rmse for each in view.now.scores if each.criterion == number and each.use == recording.use]
+    return Answer({"samples": rows, "rmse": finite(scores[0]) if scores else None})
 
 
 def worst_samples(error: Float, count: int) -> list[int]:

@@ -33,6 +33,12 @@ def overview(session: Session) -> dict[str, Any]:
             "run": len(session.runs),
             "iterations": len(job.trace),
         },
+        "training": {
+            "state": session.training.state,
+            "file": session.training.file,
+            "seconds": round(session.training.seconds, 1),
+            "lines": session.training.lines[-12:],
+        },
         "runs": [{"number": run.number, "status": run.result.status} for run in session.runs],
         "seconds": session.seconds,
         "changedOnDisk": session.changed_on_disk,

@@ -19,7 +19,8 @@ Changes = Sequence[tuple[Sequence[str | int], Any]]
 def settings(session: Session, given: Given) -> Answer:
     """Return the tables of the project file, and the texts of the project file and the function."""
     text, file = session.state.texts[session.path.name], session.formula_file
-    function = session.text_of(file) if file and (session.path.parent / file).is_file() else ""
+    known = file in session.state.texts or (session.path.parent / file).is_file()
+    function = session.text_of(file) if file and known else ""
     return Answer({"settings": _plain(session.settings), "text": text, "file": file, "function": function})
 
 

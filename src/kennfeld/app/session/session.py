@@ -22,6 +22,7 @@ from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
 from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
+from kennfeld.app.session.surrogate_training import SurrogateTraining
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read as read_parameters
@@ -164,6 +165,7 @@ class Session:
         self.runs: list[Run] = []
         self.validation: CrossValidation | None = None  # the last one
         self.job = Job()
+        self.training = SurrogateTraining(changed)
         self._running: RunJob | None = None
         self._inbox: queue.SimpleQueue[TraceLine | BestValues | Ended] = queue.SimpleQueue()
         self.recoverable = self.recovery.exists  # a session ended without saving
@@ -254,7 +256,8 @@ class Session:
             self._running.stop()
 
     def close(self) -> None:
-        """End a running calibration."""
+        """End a running calibration or training."""
+        self.training.stop()
         if self._running is not None:
             self._running.kill()
 
@@ -264,7 +267,9 @@ class Session:
         self._changed()
 
     def pump(self) -> None:
-        """Handle the reports of the running job."""
+        """Handle the reports of the running job and training."""
+        if self.training.pump():
+            self.refresh()
         while not self._inbox.empty():
             message = self._inbox.get()
             job = self.job
@@ -426,6 +431,10 @@ class Session:
             self._assemble()
         elif not same_values(before.values, self.state.values):
             self._evaluate()
+
+    def refresh(self) -> None:
+        """Read the project again, after files that it names have changed."""
+        self._assemble()
 
     def _assemble(self) -> None:
         """Read the project again and build its model."""

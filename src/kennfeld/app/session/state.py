@@ -169,6 +169,20 @@ class SetKeys:
 
 
 @dataclass(frozen=True, eq=False)
+class Several:
+    """Several commands as one."""
+
+    title: str
+    commands: Sequence[Command]
+
+    def apply(self, state: SessionState) -> SessionState:
+        """Return the state after all of them, in order."""
+        for command in self.commands:
+            state = command.apply(state)
+        return state
+
+
+@dataclass(frozen=True, eq=False)
 class Entry:
     """A state in the history, and the command that led to it."""
 

@@ -1,6 +1,16 @@
 """Formula text (`.kf`): compile it to a graph, extend a model with it, and print any graph as formula text."""
 
 from kennfeld.models.formula.frontend import expression, extend, formula, read, surrogates_beside, text_of
-from kennfeld.models.formula.printer import spell_name, to_text
+from kennfeld.models.formula.printer import spell_name, to_lines, to_text
 
-__all__ = ["expression", "extend", "formula", "read", "spell_name", "surrogates_beside", "text_of", "to_text"]
+__all__ = [
+    "expression",
+    "extend",
+    "formula",
+    "read",
+    "spell_name",
+    "surrogates_beside",
+    "text_of",
+    "to_lines",
+    "to_text",
+]

@@ -126,9 +126,11 @@ def _units(names: NameTable, graph: Graph) -> Mapping[str, str]:
 
 
 def _locations(names: NameTable, source: Source) -> dict[str, Location]:
-    declared = {name: statement.at for name, statement in {**names.inputs, **names.declared}.items()}
-    defined = {name: definition.at for name, definition in names.definitions.items()}
-    return {name: source.location(at.line) for name, at in {**declared, **names.uses, **defined}.items()}
+    """Return the line of each definition and declaration, and the character at which other names are first used."""
+    declared = {name: source.location(d.at.line) for name, d in {**names.inputs, **names.declared}.items()}
+    used = {name: source.location(at.line, at.column) for name, at in names.uses.items()}
+    defined = {name: source.location(definition.at.line) for name, definition in names.definitions.items()}
+    return declared | used | defined
 
 
 def extend(model: Model, nodes: Mapping[str, str], location: Location) -> Model:

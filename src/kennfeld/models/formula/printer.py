@@ -45,10 +45,25 @@ def to_text(graph: Graph, step: float | None = None, headings: Mapping[str, str]
     output y
     y[Nm] = M(n, 2 * q) - K * prev(n, 0)
     """
+    return "\n".join([*(line.text for line in to_lines(graph, step, headings)), ""])
+
+
+class PrintedLine(NamedTuple):
+    """A line of formula text and the name of the node that it belongs to; empty for declarations and comments."""
+
+    text: str
+    node: str = ""
+
+
+def to_lines(
+    graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None
+) -> Sequence[PrintedLine]:
+    """Return the lines of `to_text`; those of auxiliary nodes belong to the node that they are written for."""
     _check(graph)
     graph = merge_equal_states(graph)
     declared = [] if step is None else [f"step {step!r}"]
-    return "\n".join([*declared, *_declarations(graph), *_Printer(graph).lines(headings or {}), ""])
+    declarations = [PrintedLine(text) for text in (*declared, *_declarations(graph))]
+    return [*declarations, *_Printer(graph).lines(headings or {})]
 
 
 def merge_equal_states(graph: Graph) -> Graph:
@@ -146,7 +161,8 @@ class _Printer:
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
-        self.output: list[str] = []
+        self.output: list[PrintedLine] = []
+        self._written = ""  # the name of the node that is written
         self._named: dict[int, str] = {}
         for name, at in graph.names.items():
             if not self._is_leaf(at):
@@ -159,19 +175,20 @@ class _Printer:
         self._begun: set[int] = set()
         self._done: dict[int, _Text] = {}
 
-    def lines(self, headings: Mapping[str, str]) -> list[str]:
+    def lines(self, headings: Mapping[str, str]) -> list[PrintedLine]:
         """Return the lines of all nodes; auxiliary nodes precede their first use unless they are part of a loop."""
         above = ""
         for name, at in self.graph.names.items():
             if (heading := " ".join(headings.get(name, "").split())) != above:
                 above = heading
-                self.output += ["", f"# {heading}"] if heading else [""]
+                self.output += [PrintedLine(text) for text in (["", f"# {heading}"] if heading else [""])]
+            self._written = name
             if self._named.get(at, name) == name:
                 self._write(at)
                 text = self._done[at].text
             else:
                 text = self._read(at).text
-            self.output.append(f"{spell_name(name)}{_unit(self.graph, name)} = {text}")
+            self.output.append(PrintedLine(f"{spell_name(name)}{_unit(self.graph, name)} = {text}", name))
         return self.output
 
     def _is_leaf(self, at: int) -> bool:
@@ -204,7 +221,7 @@ class _Printer:
         if at != root and text.depth > _MAX_DEPTH and at not in self._auxiliary:
             self._auxiliary[at] = next(self._free_names)
         if at in self._auxiliary:
-            self.output.append(f"{self._auxiliary[at]} = {text.text}")
+            self.output.append(PrintedLine(f"{self._auxiliary[at]} = {text.text}", self._written))
 
     def _read(self, at: int) -> _Text:
         """Return a node as it appears in another expression."""

@@ -2,13 +2,14 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 from kennfeld.atomic_files import write_whole
 from kennfeld.errors import InputError, Location
 from kennfeld.graph import CLOCK, Graph
-from kennfeld.models.formula import to_text
+from kennfeld.models.formula import to_lines
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.reader.model_tree import join_path, split_path
@@ -54,8 +55,8 @@ def write_formula(
         f"{source.name}{f', {subsystem}' if subsystem else ''}, converted by Kennfeld",
         *result.report.substitutions,
     ]
-    graph, headings = _arrange_by_subsystem(result.model)
-    text = "".join(f"# {' '.join(line.split())}\n" for line in head) + to_text(graph, result.model.step, headings)
+    lines = [f"# {' '.join(line.split())}" for line in head]
+    text = "\n".join([*lines, *(line.text for line in formula_lines(result.model)), ""])
     paths = [target]
     try:
         write_whole(target, text)
@@ -68,10 +69,38 @@ def write_formula(
     return tuple(paths)
 
 
-def _arrange_by_subsystem(model: Model) -> tuple[Graph, dict[str, str]]:
-    """Return the graph in the order of subsystems with short names, and the heading above each node."""
+@dataclass(frozen=True)
+class FormulaLine:
+    """A line of formula text.
+
+    Attributes:
+        text: the line.
+        node: name of the node in the model; empty for declarations and comments.
+        path: path of the block that it comes from.
+    """
+
+    text: str
+    node: str = ""
+    path: str = ""
+
+
+def formula_lines(model: Model) -> list[FormulaLine]:
+    """Return the formula text of an imported model, grouped by subsystem, each line with the block it comes from."""
+    graph, headings, original = _arrange_by_subsystem(model)
+    return [
+        FormulaLine(line.text, name := original.get(line.node, ""), _path(model, name))
+        for line in to_lines(graph, model.step, headings)
+    ]
+
+
+def _path(model: Model, name: str) -> str:
+    return model.locations[name].path if name in model.locations else ""
+
+
+def _arrange_by_subsystem(model: Model) -> tuple[Graph, dict[str, str], dict[str, str]]:
+    """Return the graph in the order of subsystems with short names, the heading above each node, and its own name."""
     graph = model.graph
-    paths = {name: model.locations[name].path if name in model.locations else "" for name in graph.names}
+    paths = {name: _path(model, name) for name in graph.names}
     ways = {name: split_path(path) for name, path in paths.items()}
     short = {name: _short_name(name, path, ways[name]) for name, path in paths.items()}
     uses = Counter([*short.values(), *graph.inputs, *graph.parameters, *CLOCK])
@@ -86,7 +115,7 @@ def _arrange_by_subsystem(model: Model) -> tuple[Graph, dict[str, str]]:
         MappingProxyType({new.get(name, name): unit for name, unit in graph.units.items()}),
         tuple(new[name] for name in graph.outputs),
     )
-    return arranged, {new[name]: above[name] for name in names}
+    return arranged, {new[name]: above[name] for name in names}, {new[name]: name for name in names}
 
 
 def _short_name(name: str, path: str, field_path: tuple[str, ...]) -> str:

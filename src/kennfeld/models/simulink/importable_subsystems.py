@@ -48,21 +48,40 @@ def inspect_simulink(
     """
     loaded = LoadedModel.of(path, parameters, folders)
     system, scope, prefix = loaded.system(subsystem)
-    report = ModelImport(loaded, system, scope, loaded.cuts(bind or {}, prefix)).inspect()
+    report = ModelImport(loaded, system, scope, loaded.cuts(bind or {}, prefix)).inspect().report
     if report.whole:
         return report
     search = _SubsystemSearch(loaded, report, len(split_path(prefix)) if prefix else 0)
     search.search(system, scope)
-    subsystems = sorted(search.subsystems, key=lambda subsystem: (-subsystem.blocks, subsystem.path))
     limit = [Finding(Location(), _LIMIT_REACHED, severity="warning")] if search.ended else []
-    return replace(report, subsystems=tuple(subsystems[:_MAX_SUBSYSTEMS]), remarks=(*report.remarks, *limit))
+    return replace(report, subsystems=search.largest, remarks=(*report.remarks, *limit))
+
+
+def find_subsystems(
+    path: str | Path, parameters: Iterable[ParameterSource] = (), folders: Iterable[str | Path] = ()
+) -> tuple[ImportableSubsystem, ...]:
+    """Return the subsystems of a file that can be imported on their own, also if the whole model can; largest first.
+
+    Args:
+        path: the `.slx` or `.mdl` file.
+        parameters: sources of variables as in `simulink`.
+        folders: folders to search for libraries.
+
+    Raises:
+        InputError: if the file cannot be read or has too many blocks.
+    """
+    loaded = LoadedModel.of(path, parameters, folders)
+    system, scope, _ = loaded.system(None)
+    search = _SubsystemSearch(loaded, ModelImport(loaded, system, scope).inspect().report, 0, nested=True)
+    search.search(system, scope)
+    return search.largest
 
 
 class _SubsystemSearch:
-    """Search with a budget: `blocks_left` and `asked` operations."""
+    """Search with a budget: `blocks_left` and `asked` operations; `nested` also tries what importable ones contain."""
 
-    def __init__(self, loaded: LoadedModel, report: ImportReport, depth: int) -> None:
-        self.loaded, self.depth = loaded, depth
+    def __init__(self, loaded: LoadedModel, report: ImportReport, depth: int, *, nested: bool = False) -> None:
+        self.loaded, self.depth, self.nested = loaded, depth, nested
         self.bad = {names for block in report.unsupported for names in _enclosing_paths(block.path)}
         self.bad |= {names for loop in report.loops for path in loop for names in _enclosing_paths(path)}
         self.blocks_left = _MAX_TRIALS_PER_BLOCK * report.total + 1000
@@ -78,10 +97,16 @@ class _SubsystemSearch:
                 continue
             inside = scope.inside(block, self.loaded.models)
             subsystem = None if split_path(block.path)[self.depth :] in self.bad else self._try_import(block, inside)
-            if subsystem is None:
+            if subsystem is None or self.nested:
                 waiting += [(inner, inside) for inner in reversed(block.system.blocks)]
-            elif subsystem.blocks - len(subsystem.inputs) - len(subsystem.outputs) >= _MIN_BLOCKS:
+            if subsystem is not None and _inner_blocks(subsystem) >= _MIN_BLOCKS:
                 self.subsystems.append(subsystem)
+
+    @property
+    def largest(self) -> tuple[ImportableSubsystem, ...]:
+        """The subsystems, largest first."""
+        ordered = sorted(self.subsystems, key=lambda subsystem: (-subsystem.blocks, subsystem.path))
+        return tuple(ordered[:_MAX_SUBSYSTEMS])
 
     @property
     def ended(self) -> bool:
@@ -109,6 +134,10 @@ class _SubsystemSearch:
             return None
         outputs = tuple(port.block.name for port in attempt.flat.outports)
         return ImportableSubsystem(block.path, report.total, tuple(compiler.inputs), outputs)
+
+
+def _inner_blocks(subsystem: ImportableSubsystem) -> int:
+    return subsystem.blocks - len(subsystem.inputs) - len(subsystem.outputs)
 
 
 def _enclosing_paths(path: str) -> Iterator[tuple[str, ...]]:

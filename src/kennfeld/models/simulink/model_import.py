@@ -124,12 +124,12 @@ class ModelImport:
         """Number of graph operations requested so far, over all attempts."""
         return self._asked_before + self._last.builder.asked
 
-    def inspect(self) -> ImportReport:
-        """Return the report alone, even if the model is too large or has no outputs."""
+    def inspect(self) -> ImportResult:
+        """Return model and report; the report alone if the model is too large or has no outputs."""
         try:
-            return self.run().report
+            return self.run()
         except InputError as error:
-            return replace(self.report(self._last), stopped=error.findings)
+            return ImportResult(None, replace(self.report(self._last), stopped=error.findings))
 
     def compile(self) -> BlockCompiler:
         """Lower the blocks; iteration counts that depend on signals are determined in earlier attempts."""

@@ -1,0 +1,131 @@
+"""The Simulink model of a project as its file describes it, also if the project cannot be read otherwise."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from kennfeld.project.schema import is_simulink_file
+
+if TYPE_CHECKING:  # half a second, for Simulink models only
+    from kennfeld.models.simulink.diagram import Diagram
+    from kennfeld.models.simulink.import_report import ImportableSubsystem
+
+
+@dataclass(frozen=True)
+class SimulinkSource:
+    """A model file, and what the project says of its import. Values that are not of the expected kind are skipped.
+
+    Attributes:
+        folder: the folder of the project, to which the other paths are relative.
+        file: the model file.
+        subsystem: the part that is imported, empty for all.
+        parameters: files with values of variables, those of `[calibration] initial` last.
+        folders: folders of libraries.
+        bind: block paths with the formulas in their place.
+        scalars: values of the project by name; a name with a colon promotes the field of a block.
+        step: the step in s, None for that of the model.
+    """
+
+    folder: Path
+    file: str
+    subsystem: str = ""
+    parameters: tuple[str, ...] = ()
+    folders: tuple[str, ...] = ()
+    bind: tuple[tuple[str, str], ...] = ()
+    scalars: tuple[tuple[str, float | None], ...] = ()
+    step: float | None = None
+
+    @staticmethod
+    def of(settings: Mapping[str, Any], folder: Path) -> "SimulinkSource | None":
+        """Return the model of these settings; None if the function is not a Simulink model."""
+        model = settings.get("model")
+        if not isinstance(model, dict) or not is_simulink_file(str(model.get("file", ""))):
+            return None
+        calibration, step = settings.get("calibration"), model.get("step")
+        initial = texts(calibration.get("initial")) if isinstance(calibration, dict) else ()
+        return SimulinkSource(
+            folder,
+            str(model["file"]),
+            str(model.get("subsystem", "")),
+            (*texts(model.get("parameters")), *initial),
+            texts(model.get("folders")),
+            tuple((str(path), str(text)) for path, text in _table(model, "bind").items()),
+            tuple(_scalars(_table(settings, "parameters"))),
+            float(step) if isinstance(step, int | float) else None,
+        )
+
+    def diagram(self) -> "Diagram":
+        """Import the model. Raises `InputError` if it cannot be read; files that have not changed are read once."""
+        return _diagram(self, self._stamps)
+
+    def parts(self) -> "Sequence[ImportableSubsystem]":
+        """Return the subsystems that can be imported by themselves. Raises `InputError` if it cannot be read."""
+        return _parts(self, self._stamps)
+
+    @property
+    def _stamps(self) -> tuple[object, ...]:
+        return _stamps(self.folder, (".", self.file, *self.parameters, *self.folders))
+
+
+def texts(value: Any) -> tuple[str, ...]:
+    """Return a text, or the texts of a list, as a tuple.
+
+    >>> texts("init.m"), texts(["a.m", {"hex": "ecu.hex"}]), texts(None)
+    (('init.m',), ('a.m',), ())
+    """
+    values = value if isinstance(value, list) else [value]
+    return tuple(each for each in values if isinstance(each, str))
+
+
+def _stamps(folder: Path, names: Iterable[str]) -> tuple[object, ...]:
+    """Return the time of change and the size of files of a folder; None for those that do not exist."""
+    return tuple(_stamp(folder / name) for name in names)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        state = path.stat()
+    except (OSError, ValueError):
+        return None
+    return state.st_mtime_ns, state.st_size
+
+
+def _table(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    table = settings.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _scalars(sections: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
+    for name, section in sections.items():
+        value = section.get("initial") if isinstance(section, dict) else None
+        number = float(value) if isinstance(value, int | float) and not any(axis in section for axis in "xyz") else None
+        if number is not None or ":" in name:
+            yield name, number
+
+
+@lru_cache(maxsize=4)
+def _diagram(source: SimulinkSource, stamps: tuple[object, ...]) -> "Diagram":
+    """Import a model; `stamps` tell whether its files have changed."""
+    from kennfeld.models.simulink.diagram import read_diagram
+
+    scalars = {name: value for name, value in source.scalars if value is not None}
+    return read_diagram(
+        source.folder / source.file,
+        source.subsystem or None,
+        [*(source.folder / name for name in source.parameters), scalars],
+        dict(source.bind),
+        [name for name, _ in source.scalars if ":" in name],
+        [source.folder / name for name in source.folders],
+        source.step,
+    )
+
+
+@lru_cache(maxsize=4)
+def _parts(source: SimulinkSource, stamps: tuple[object, ...]) -> "Sequence[ImportableSubsystem]":
+    """Search a model; `stamps` tell whether its files have changed."""
+    from kennfeld.models.simulink.importable_subsystems import find_subsystems
+
+    files = [source.folder / name for name in source.parameters]
+    return find_subsystems(source.folder / source.file, files, [source.folder / name for name in source.folders])

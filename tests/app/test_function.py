@@ -1,0 +1,184 @@
+"""The function of a project: formula text, Simulink models, and the way from one to the other."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.simulink_source import SimulinkSource
+from kennfeld.app.session.state import SetKeys, SetText
+from kennfeld.errors import ArgumentError, InputError
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
+
+
+@pytest.fixture
+def sensor(tmp_path: Path) -> Session:
+    """Return a session of the Simulink example."""
+    shutil.copytree(EXAMPLE, tmp_path / "sensor")
+    return Session(tmp_path / "sensor" / "kennfeld.toml")
+
+
+def set_keys(session: Session, *changes: tuple[tuple[str, ...], object]) -> None:
+    session.do(SetKeys("changed", session.path.name, changes))
+
+
+def states(session: Session) -> dict[str, str]:
+    return {block["path"]: block["state"] for block in QUESTIONS["diagram"](session, {}).head["blocks"]}
+
+
+def test_the_diagram_has_all_blocks_and_the_lines_that_come_from_them(sensor: Session) -> None:
+    own = QUESTIONS["diagram"](sensor, {}).head
+    blocks = {block["path"]: block for block in own["blocks"]}
+    assert (blocks["Gas"]["inner"], blocks["Gas/MapGas"]["depth"]) == (9, 1)
+    assert (blocks["Sensor/Rate"]["field"], blocks["Sensor/Rate"]["detail"]) == ("Gain", "1/TauSensor")
+    assert blocks["Sensor/Radiation"]["state"] == "bound"
+    lines = {line["path"]: line["text"] for line in own["lines"]}
+    assert lines["Sensor/Radiation"] == "Radiation = 0.15 * (t_wand - 20)"
+    assert {line["node"] for line in own["lines"]} - {""} == set(sensor.require_view().model.problem.model.graph.names)
+    assert own["whole"]
+    assert own["files"] == ["exhaust.m"]
+    assert own["problems"] == []
+
+
+def test_without_its_binding_and_its_script_the_diagram_says_what_is_missing(sensor: Session) -> None:
+    set_keys(sensor, (("model", "bind"), None), (("model", "parameters"), None))
+    own = QUESTIONS["diagram"](sensor, {}).head
+    assert [block["path"] for block in own["blocking"]] == ["Sensor/Radiation"]
+    assert {each["name"] for each in own["undefined"]} == {"MapGas", "KRetard", "TauSensor"}
+    assert states(sensor)["Gas/MapGas"] == "undefined"
+    assert states(sensor)["Sensor/Radiation"] == "unsupported"
+    assert not own["whole"]
+    assert own["lines"] == []
+    set_keys(sensor, (("parameters", "TauSensor", "initial"), 9.0))
+    assert {each["name"] for each in QUESTIONS["diagram"](sensor, {}).head["undefined"]} == {"MapGas", "KRetard"}
+
+
+def test_a_part_can_be_imported_alone(sensor: Session) -> None:
+    set_keys(sensor, (("model", "bind"), None))
+    [part] = QUESTIONS["parts"](sensor, {}).head["parts"]
+    assert (part["path"], part["outputs"]) == ("Gas", ("T_gas",))
+    set_keys(sensor, (("model", "subsystem"), "Gas"))
+    own = QUESTIONS["diagram"](sensor, {}).head
+    assert own["whole"]
+    assert own["blocks"][0]["path"] == "Speed"
+    assert "Sensor" in own["subsystems"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("text.slx", b"hello", "is not a Simulink file"),
+        ("cut.slx", b"PK\x03\x04 and no more", "damaged"),
+        ("missing.slx", None, "does not exist"),
+        ("protected.slxp", b"PK", "is a protected model"),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_one_message(
+    sensor: Session, name: str, content: bytes | None, said: str
+) -> None:
+    if content is not None:
+        (sensor.path.parent / name).write_bytes(content)
+    COMMANDS["choose-function"](sensor, {"file": name})
+    [problem] = QUESTIONS["diagram"](sensor, {}).head["problems"]
+    assert said in problem["text"]
+    assert sensor.stale
+    assert sensor.view is not None
+
+
+def test_an_unknown_block_is_named_and_the_blocks_are_still_shown(sensor: Session) -> None:
+    set_keys(sensor, (("model", "bind", "Sensor/Radiaton"), "1"))
+    own = QUESTIONS["diagram"](sensor, {}).head
+    assert "Did you mean Sensor/Radiation?" in own["problems"][0]["text"]
+    assert len(own["blocks"]) == 24
+
+
+def test_settings_of_another_kind_are_no_reason_to_fail(sensor: Session) -> None:
+    set_keys(sensor, (("model", "bind"), 3), (("model", "parameters"), 4), (("calibration", "initial"), 5))
+    source = SimulinkSource.of(sensor.settings, sensor.path.parent)
+    assert source is not None
+    assert (source.bind, source.parameters) == ((), ())
+
+
+def test_formula_text_that_a_model_is_converted_to_gives_the_same_errors(sensor: Session) -> None:
+    before = sensor.require_view().now
+    answer = COMMANDS["convert-function"](sensor, {})
+    assert answer.head["file"] == sensor.formula_file == "exhaust.kf"
+    assert not sensor.stale, sensor.findings
+    for old, new in zip(before.errors, sensor.require_view().now.errors, strict=True):
+        np.testing.assert_allclose(old, new, atol=1e-9)
+    sensor.save()
+    assert Session(sensor.path).require_view().now.scores == sensor.require_view().now.scores
+    sensor.undo()
+    assert sensor.settings["model"]["bind"] == {"Sensor/Radiation": "0.15 * (t_wand - 20)"}
+    COMMANDS["choose-function"](sensor, {"file": "exhaust.mdl"})
+    assert not sensor.stale
+
+
+def test_a_model_that_is_stopped_cannot_be_converted(sensor: Session) -> None:
+    set_keys(sensor, (("model", "bind"), None))
+    with pytest.raises(InputError, match="Sensor/Radiation"):
+        COMMANDS["convert-function"](sensor, {})
+
+
+def test_new_formula_text_is_the_function_until_it_is_undone(sensor: Session) -> None:
+    answer = COMMANDS["new-function"](sensor, {})
+    assert answer.head["file"] == "function.kf"
+    assert QUESTIONS["settings"](sensor, {}).head["function"].startswith("#")
+    assert QUESTIONS["functions"](sensor, {}).head["files"] == ["exhaust.mdl", "function.kf"]
+    assert COMMANDS["new-function"](sensor, {}).head["file"] == "function-2.kf"
+    sensor.undo()
+    sensor.undo()
+    assert not sensor.stale
+    assert sensor.settings["model"]["file"] == "exhaust.mdl"
+
+
+def test_a_model_that_was_changed_on_disk_is_read_again(sensor: Session) -> None:
+    path = sensor.path.parent / "exhaust.m"
+    path.write_text(path.read_text("utf-8").replace("KRetard", "KLate"))
+    COMMANDS["reread-function"](sensor, {})
+    assert sensor.stale
+    assert [each["name"] for each in QUESTIONS["diagram"](sensor, {}).head["undefined"]] == ["KRetard"]
+
+
+def test_a_formula_names_the_channels_that_it_reads(sensor: Session) -> None:
+    read = QUESTIONS["formula-reads"](sensor, {"text": "0.15 * (t_wund - Speed)"}).head
+    unknown, known = read["channels"]
+    assert (unknown["name"], unknown["known"], unknown["guess"]) == ("t_wund", False, "Did you mean t_wand?")
+    assert (known["name"], known["known"]) == ("n_mot", True)
+    assert known["least"] < known["greatest"]
+    assert "unclosed" in QUESTIONS["formula-reads"](sensor, {"text": "(1 + 2"}).head["problem"]
+
+
+def test_the_flow_names_what_each_node_reads(torque: Path, sensor: Session) -> None:
+    nodes = {node["name"]: node for node in QUESTIONS["flow"](Session(torque), {}).head["nodes"]}
+    assert nodes["etaSpark"]["sources"] == ("deltaSpark",)
+    assert (nodes["etaSpark"]["tables"], nodes["etaSpark"]["kind"]) == (["CurveEtaDeltaSpark"], "curve")
+    assert set(nodes["product"]["sources"]) == {"trqOpt", "etaSpark"}
+    nodes = {node["name"]: node for node in QUESTIONS["flow"](sensor, {}).head["nodes"]}
+    assert nodes["Sensor/Element"]["sources"] == ("T_sensor",)  # a second name
+    assert "T_sensor" in nodes["T_sensor"]["sources"]  # a state reads itself
+
+
+def test_a_misspelt_name_is_found_at_its_character(torque: Path) -> None:
+    session = Session(torque)
+    text = session.text_of("torque.kf").rstrip("\n")
+    session.do(
+        SetText("typed", "torque.kf", f"{text}\n8 limited = min(TorquePredict, MapOptTorqe(Speed, Rel_Airmass))\n")
+    )
+    [row] = QUESTIONS["spellings"](session, {}).head["spellings"]
+    assert row == {"line": 8, "column": 32, "word": "MapOptTorqe", "similar": "MapOptTorque"}
+    session.do(SetText("typed", "torque.kf", f"{text}\n8 limited = mix(TorquePredict, 3)\n"))
+    [row] = QUESTIONS["spellings"](session, {}).head["spellings"]
+    assert (row["word"], row["similar"]) == ("mix", "min")
+    session.undo()
+    session.undo()
+    assert QUESTIONS["spellings"](session, {}).head["spellings"] == []
+
+
+def test_formula_text_has_no_diagram(torque: Path) -> None:
+    with pytest.raises(ArgumentError, match="not a Simulink model"):
+        QUESTIONS["diagram"](Session(torque), {})

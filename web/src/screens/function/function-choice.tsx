@@ -1,0 +1,35 @@
+// Which file is the function, and how to begin another one.
+
+import { request } from "../../store";
+import { choose, files, functionFile, openFunction } from "./source";
+
+const NEW = "\0new"; // cannot be the name of a file
+
+export function FunctionChoice() {
+  const own = functionFile.value;
+  const known = own === "" || files.value.includes(own) ? files.value : [own, ...files.value];
+  return (
+    <span class="row choice">
+      <select class="field small" aria-label="File of the function" value={own} title="The file that is the function&#10;[model] file" onChange={(event) => {
+        const file = event.currentTarget.value;
+        event.currentTarget.value = own;
+        if (file === NEW) void request("new-function");
+        else choose(file);
+      }}>
+        {own === "" && <option value="">no function</option>}
+        {known.map((name) => <option value={name}>{name}</option>)}
+        <option value={NEW}>New formula text…</option>
+      </select>
+      <OpenModel text="Simulink…" />
+    </span>
+  );
+}
+
+/** Open a Simulink model from the user's machine. */
+export function OpenModel({ text, kind = "small" }: { text: string; kind?: string }) {
+  return (
+    <label class={`btn ${kind}`} title="Open a Simulink model, .slx or .mdl. It is stored beside the project. Or drop it on the page.">
+      {text}<input type="file" accept=".slx,.mdl,.slxp" hidden onChange={(event) => { const [file] = event.currentTarget.files ?? []; if (file) void openFunction(file); event.currentTarget.value = ""; }} />
+    </label>
+  );
+}

@@ -1,0 +1,149 @@
+// What an import needs and what stops it: unsupported blocks, variables and their files, ports, and what runs differently.
+
+import { MISSING, parseNumber, plain } from "../../drawing/numbers";
+import { Icon } from "../../icons";
+import { setKeys, valueAt } from "../../settings";
+import { state } from "../../store";
+import { Binding, Bindings, binding } from "./bindings";
+import { reveal } from "./block-tree";
+import { addLibraries, addValueFiles, diagram, setTexts, textsAt, type Blocking, type Diagram, type Variable } from "./source";
+
+const FEW = 4; // blocks with the same reason that are listed at once
+
+export function ImportState() {
+  const own = diagram.value;
+  if (own === null) return <p class="pad q">Reading the model</p>;
+  const stops = (own.blocking ?? []).filter((block) => block.stops);
+  const others = (own.blocking ?? []).filter((block) => !block.stops);
+  return (
+    <div class="import">
+      <Binding />
+      {[...own.problems, ...(own.stopped ?? [])].map((problem) => <div class="note bad" role="alert"><Icon name="warning" /><span>{problem.text}</span></div>)}
+      {grouped(stops).map((blocks) => <Stop key={blocks[0]!.path} blocks={blocks} />)}
+      {(own.loops ?? []).map((loop) => <Loop key={loop.join()} loop={loop} />)}
+      <Bindings />
+      {own.whole && Object.keys(own.bind).length === 0 && <p class="pad q"><Icon name="done" kind="good" /> Nothing stops it: all {own.total} blocks are supported.</p>}
+      {own.blocks !== undefined && <><Variables own={own} /><Folders /><Ports own={own} /></>}
+      {others.length > 0 && <details class="more"><summary>{others.length} unsupported blocks that no output depends on</summary>{grouped(others).map((blocks) => <Stop key={blocks[0]!.path} blocks={blocks} />)}</details>}
+      <Notes own={own} />
+    </div>
+  );
+}
+
+/** Blocks with the same reason and remedy, together. */
+function grouped(blocks: Blocking[]): Blocking[][] {
+  const groups = new Map<string, Blocking[]>();
+  for (const block of blocks) {
+    const key = `${block.why}\n${block.remedy}`;
+    groups.set(key, [...(groups.get(key) ?? []), block]);
+  }
+  return [...groups.values()];
+}
+
+/** Why blocks are not supported, with a button for each that binds it. */
+function Stop({ blocks }: { blocks: Blocking[] }) {
+  const [first] = blocks;
+  const sentence = `${first!.why}${/[.!?]$/.test(first!.why) ? "" : "."} ${first!.remedy}`.replaceAll("`folders`", "Libraries");
+  return (
+    <div class={`note ${first!.stops ? "warn" : ""}`}>
+      <Icon name="warning" />
+      <span class="grow">{blocks.length > 1 && <b>{blocks.length} blocks: </b>}{sentence}
+        {blocks.slice(0, FEW).map((block) => <StopRow key={block.path} block={block} text={blocks.length > 1 ? "Bind…" : "Bind to a channel or formula"} />)}
+        {blocks.length > FEW && <details><summary>{blocks.length - FEW} more</summary>{blocks.slice(FEW).map((block) => <StopRow key={block.path} block={block} text="Bind…" />)}</details>}</span>
+    </div>
+  );
+}
+
+function StopRow({ block, text }: { block: Blocking; text: string }) {
+  return <span class="row stop" data-blocking={block.path}><button class="link cut" title={`${block.path}\nShow it in the tree`} onClick={() => reveal(block.path)}><b>{block.path}</b></button><span class="q">{block.type}</span><button class="btn small" title={`A channel or a formula in place of ${block.path}\n[model] bind`} onClick={() => { binding.value = block.path; }}>{text}</button></span>;
+}
+
+function Loop({ loop }: { loop: string[] }) {
+  return (
+    <div class="note warn">
+      <Icon name="warning" />
+      <span class="grow">Algebraic loop: {loop.map((path, k) => <>{k > 0 && " → "}<button class="link" onClick={() => reveal(path)}>{path}</button></>)}. Insert a Unit Delay into the model, or bind one of its blocks.
+        <span class="row"><button class="btn small" onClick={() => { binding.value = loop[0]!; }}>Bind to a channel or formula</button></span></span>
+    </div>
+  );
+}
+
+function Variables({ own }: { own: Diagram }) {
+  const files = textsAt(["model", "parameters"]);
+  const missing = own.undefined ?? [];
+  const provided = (file: string) => (own.parameters ?? []).filter((each) => each.source.includes(file.split("/").at(-1)!)).length;
+  return (
+    <>
+      <div class="head mid"><h2>Variables</h2><span class="sub">{missing.length ? `${missing.length} without a value` : "all have a value"}</span>
+        <span class="right"><label class="btn small" title="Scripts (.m), .mat, .sldd, or calibration files with values of variables&#10;[model] parameters"><Icon name="plus" />File with values<input type="file" multiple hidden onChange={(event) => addValueFiles([...(event.currentTarget.files ?? [])])} /></label></span></div>
+      {files.length > 0 && <div class="chips">{files.map((file) => <span class="chip" title={`[model] parameters: ${file}`}><Icon name="file" kind="q" />{file} <i>{provided(file)} used</i><button class="link" aria-label={`Remove ${file}`} onClick={() => setTexts(["model", "parameters"], files.filter((each) => each !== file), `${file} no longer gives values`)}>×</button></span>)}</div>}
+      <table class="list">
+        <thead><tr><th>name</th><th>kind</th><th class="num">value</th><th>from</th></tr></thead>
+        <tbody>
+          {missing.map((each) => <tr key={each.name} data-missing={each.name} title={`Used by ${each.paths.join(", ")}${each.reason ? `\n${each.reason}` : ""}`}><td class="cut"><b class="warn">{each.name}</b></td><td class="q">missing</td><td class="num"><Value name={each.name} /></td><td class="cut"><button class="link" onClick={() => reveal(each.paths[0]!)}>{each.paths[0]}</button>{each.paths.length > 1 && <span class="q"> +{each.paths.length - 1}</span>}</td></tr>)}
+          {(own.parameters ?? []).map((each) => <tr key={each.name} title={limits(each)}><td class="cut"><b>{each.name}</b></td><td class="q">{each.kind} {each.shape.join(" × ")}</td><td class="num ink">{range(each)} <span class="q">{each.unit}</span></td><td class="mono cut" title={each.source}>{each.source || "in the block"}{each.locked && <span class="q"> locked</span>}</td></tr>)}
+        </tbody>
+      </table>
+    </>
+  );
+}
+
+/** A value for a variable that no file provides. */
+function Value({ name }: { name: string }) {
+  return <span class="field small num" style={{ width: "64px" }}><input aria-label={`Value of ${name}`} placeholder="value" inputMode="decimal" title={`A number; tables come from files\n[parameters.${name}] initial`} onChange={(event) => {
+    const value = parseNumber(event.currentTarget.value);
+    if (value !== null) void setKeys([[["parameters", name, "initial"], value]], `${name} is ${value}`);
+  }} /></span>;
+}
+
+const range = (each: Variable): string => (each.smallest === each.largest ? plain(each.smallest) : `${plain(each.smallest, 4)} … ${plain(each.largest, 4)}`);
+const limits = (each: Variable): string => (each.lower === null && each.upper === null ? "" : `limits ${each.lower ?? "−∞"} … ${each.upper ?? "∞"}`);
+
+function Folders() {
+  const folders = textsAt(["model", "folders"]);
+  return (
+    <>
+      <div class="head mid"><h2>Libraries</h2><span class="sub">searched beside the model, too</span>
+        <span class="right"><label class="btn small" title="A library, a referenced model or a function (.slx, .mdl, .m); it is stored beside the model"><Icon name="plus" />Library<input type="file" multiple accept=".slx,.mdl,.m" hidden onChange={(event) => addLibraries([...(event.currentTarget.files ?? [])])} /></label></span></div>
+      <div class="chips">
+        {folders.map((folder) => <span class="chip"><Icon name="folder" kind="q" />{folder}<button class="link" aria-label={`Remove ${folder}`} onClick={() => setTexts(["model", "folders"], folders.filter((each) => each !== folder), `${folder} is not searched`)}>×</button></span>)}
+        <span class="field small" style={{ width: "140px" }}><input aria-label="Folder of libraries" placeholder="folder to search" title="A folder with libraries, referenced models and functions, relative to the project&#10;[model] folders" onChange={(event) => {
+          const name = event.currentTarget.value.trim();
+          event.currentTarget.value = "";
+          if (name) setTexts(["model", "folders"], [...folders, name], `Libraries in ${name}`);
+        }} /></span>
+      </div>
+    </>
+  );
+}
+
+function Ports({ own }: { own: Diagram }) {
+  if (!own.inputs?.length) return null;
+  const channels = [...new Set(state.value.datasets.flatMap((data) => data.channels.map((each) => each.name)))];
+  return (
+    <>
+      <div class="head mid"><h2>Ports</h2><span class="sub">to the channels of the data</span></div>
+      <table class="list">
+        <thead><tr><th>inport</th><th>unit</th><th>channel</th><th /></tr></thead>
+        <tbody>{own.inputs.map((port) => {
+          const channel = String(valueAt(["channels", port.name]) ?? port.name);
+          return <tr key={port.name}><td><b>{port.name}</b></td><td class="q">{port.unit || MISSING}</td><td><span class="field small mono" style={{ width: "120px" }}><input aria-label={`Channel of ${port.name}`} list="channels" value={channel} title={`[channels] ${port.name}`} onChange={(event) => { const next = event.currentTarget.value.trim(); void setKeys([[["channels", port.name], next === "" || next === port.name ? null : next]], `${port.name} is read from ${next || port.name}`); }} /></span></td>
+            <td>{channels.includes(channel) ? <Icon name="done" kind="good" /> : channels.length > 0 && <span title="No recording has this channel"><Icon name="warning" kind="warn" /></span>}</td></tr>;
+        })}</tbody>
+      </table>
+      <datalist id="channels">{channels.map((name) => <option value={name} />)}</datalist>
+      <p class="pad q">Outputs: {own.outputs?.map((port) => `${port.name}${port.unit ? ` [${port.unit}]` : ""}`).join(", ") || MISSING}</p>
+    </>
+  );
+}
+
+function Notes({ own }: { own: Diagram }) {
+  const step = own.step ? `the fixed step ${plain(own.step)} s` : "the step of the data";
+  const notes = own.notes ?? [];
+  return (
+    <>
+      {own.solver !== undefined && <div class="note"><span class="q">?</span><span>Runs with solver {own.solver || "–"} and {step}.</span></div>}
+      {notes.length > 0 && <details class="more"><summary>{notes.length} {notes.length === 1 ? "remark" : "remarks"} on differences from Simulink</summary><ul>{notes.map((note) => <li>{note}</li>)}</ul></details>}
+    </>
+  );
+}
