@@ -53,7 +53,9 @@ def test_drawing_and_report_import_nothing_of_the_app(folder: str) -> None:
 
 
 def test_the_page_loads_little_before_it_can_be_used() -> None:
-    first = [STATIC / name for name in ("index.html", "app.js", "index.css")]
+    imported = re.findall(r"""from[`"']\./([\w-]+\.js)[`"']""", (STATIC / "app.js").read_text(encoding="utf-8"))
+    assert "jsxRuntime.js" in imported
+    first = [STATIC / name for name in ("index.html", "app.js", "index.css", *imported)]
     assert sum(path.stat().st_size for path in first) < 300_000
 
 

@@ -51,7 +51,7 @@ def test_a_misspelt_table_is_underlined_and_corrected(torque: Path) -> None:
         page.keyboard.type("8 limited = min(TorquePredict, MapOptTorqe(Speed, Rel_Airmass))")
         page.wait_for_selector(".cm-lintRange-error:has-text('MapOptTorqe')")
         page.click(".cks button.plain")
-        page.wait_for_function("document.activeElement.closest('.cm-editor') !== null")
+        page.wait_for_function("() => document.activeElement.closest('.cm-editor') !== null")
         page.click(".cks button:text-is('Use MapOptTorque')")
         page.wait_for_selector(".node-now >> nth=7")
         page.wait_for_selector(READY)
@@ -115,9 +115,9 @@ def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
 
 def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
     with started(None, tmp_path) as (address, _), browser_page(address) as page:
-        with page.expect_file_chooser() as chooser:
-            page.click("button:text-is('From a model…')")
-        chooser.value.set_files(EXAMPLE / "exhaust.mdl")
+        page.set_input_files("#drop input", str(EXAMPLE / "exhaust.mdl"))
+        page.wait_for_selector(READY)
+        page.click("[data-screen=function]")
         page.wait_for_selector("[data-blocking='Sensor/Radiation']")
     assert 'file = "exhaust.mdl"' not in (tmp_path / "exhaust" / "kennfeld.toml").read_text("utf-8")  # not saved yet
     assert (tmp_path / "exhaust" / "exhaust.mdl").is_file()

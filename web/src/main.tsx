@@ -5,12 +5,10 @@ import { shortcut } from "./commands";
 import { connect, listen } from "./connection";
 import { Header, Rail } from "./frame";
 import { Overlays } from "./overlays";
+import { lazy } from "./lazy";
 import { Data } from "./screens/data";
-import { Files } from "./screens/files";
-import { Function } from "./screens/function";
 import { Optimization } from "./screens/optimization";
 import { Parameters } from "./screens/parameters";
-import { Plots } from "./screens/plots";
 import { Results } from "./screens/results";
 import { Start } from "./screens/start";
 import { connected, message, request, screen, state, takeState, type Screen } from "./store";
@@ -27,8 +25,14 @@ import "./screens/start.css";
 
 const before = state.value;
 
+const LAZY = {
+  files: lazy(async () => (await import("./screens/files")).Files),
+  function: lazy(async () => (await import("./screens/function")).Function),
+  plots: lazy(async () => (await import("./screens/plots")).Plots),
+};
+
 const SHOWN: Record<Screen, () => JSX.Element> = {
-  data: Data, files: Files, function: Function, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: Plots,
+  data: Data, files: LAZY.files.Shown, function: LAZY.function.Shown, start: Start, parameters: Parameters, optimization: Optimization, results: Results, plots: LAZY.plots.Shown,
 };
 
 function Page() {
@@ -52,6 +56,7 @@ listen("state", (reply) => {
   takeState(reply);
   void takeUp();
   if (first && state.value.project === null) screen.value = "start";
+  if (first) requestIdleCallback(() => { for (const each of Object.values(LAZY)) each.load(); }, { timeout: 3000 });
 });
 connect((on) => {
   if (connected.value && !on && lost === null) lost = { path: state.value.project?.path ?? "", unsaved: state.value.unsaved.length > 0 };

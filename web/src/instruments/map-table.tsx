@@ -135,7 +135,7 @@ class Row extends Component<RowProps> {
     return (
       <tr>
         <th class={at ? "at" : ""}>{name}</th>
-        {looks.map((look, i) => <td data-cell={`${i},${j}`} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.note && <s class="cv" data-note={look.note} />}{look.text}</td>)}
+        {looks.map((look, i) => <td data-cell={`${i},${j}`} class={look.kind} style={{ "--c": look.colour, "--s": look.bar }}>{look.note ? <s class="cv" data-note={look.note} /> : null}{look.text}</td>)}
       </tr>
     );
   }

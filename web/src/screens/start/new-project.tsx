@@ -14,7 +14,7 @@ export function NewProject() {
     <section class="pane new">
       <div class="head"><h2>New project</h2><span class="sub" title={known.value.folder}>a folder in {known.value.folder}</span></div>
       <div class="pad">
-        <label class={`drop ${over.value ? "over-it" : ""}`} id="drop" onDragOver={(event) => { event.preventDefault(); over.value = true; }} onDragLeave={() => { over.value = false; }} onDrop={() => { over.value = false; }}>
+        <label class={`drop-zone ${over.value ? "over-it" : ""}`} id="drop" onDragOver={(event) => { event.preventDefault(); over.value = true; }} onDragLeave={() => { over.value = false; }} onDrop={() => { over.value = false; }}>
           <Icon name="file" kind="big" />
           <span><b>Drop recordings, a model or values here</b><br /><span class="q">MDF, CSV, Excel, MAT, Parquet; .kf, .slx, .mdl; DCM, CDFX, A2L with HEX. Or click to choose files.</span></span>
           <input type="file" multiple aria-label="Files of a new project" onChange={(event) => projectFrom([...(event.currentTarget.files ?? [])])} />
