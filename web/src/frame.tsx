@@ -69,7 +69,7 @@ function Rmse({ use }: { use: "training" | "test" }) {
       {scores.length > 1 ? (
         <span class="lab cut">{use} <select aria-label={`Criterion of the RMSE of the ${use} data`} value={score!.criterion} onChange={(event) => { criterion.value = event.currentTarget.value; }}>{scores.map((s) => <option value={s.criterion}>{s.criterion}</option>)}</select></span>
       ) : <span class="lab cut">{state.value.criteria.length > 1 && score ? <>{use} <b>{score.criterion}</b></> : `RMSE ${use}`}</span>}
-      <span class={`last ${edit === null ? "" : edit > 0 ? "bad" : "good"}`}>{edit === null ? "" : `last edit ${signed(edit, 3)}`}</span>
+      <span class={`last ${edit === null ? "" : edit > 0 ? "bad" : "good"}`} title="Change by the last edit">{edit === null ? "" : `${scores.length > 1 ? "" : "last edit "}${signed(edit, 3)}`}</span>
       <div class="val">
         <span class="from">{before === null ? MISSING : significant(before)}</span>
         <span class="q">→</span>
@@ -127,7 +127,7 @@ export function Footer({ children }: { children?: ComponentChildren }) {
   const text = !connected.value ? "Kennfeld does not answer; waiting for it to come back." : failure.value || message.value;
   return (
     <footer>
-      <span class={failure.value || !connected.value ? "bad" : "ink"} role="status">{text}</span>
+      <span class={failure.value || !connected.value ? "bad" : "ink"} role="status" title={text}>{text}</span>
       {state.value.seconds > 0 && <span>recomputed in {(state.value.seconds * 1000).toFixed(state.value.seconds < 0.01 ? 1 : 0)} ms</span>}
       <span class="keys">{children}</span>
     </footer>
