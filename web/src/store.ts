@@ -153,7 +153,7 @@ export function takeState(reply: Reply): void {
   if (isRunning(state.value.job) && !isRunning(next.job)) message.value = next.job.state === "validated" ? `Cross-validation: ${next.job.message}` : `Run ${next.job.run}: ${next.job.state}. ${next.job.message}`;
   batch(() => {
     state.value = next;
-    if (!next.parameters.some((p) => p.name === openName.value)) openName.value = next.parameters[0]?.name ?? "";
+    if (!next.parameters.some((p) => p.name === openName.value)) openName.value = (next.parameters.find((p) => p.kind !== "rbf") ?? next.parameters[0])?.name ?? "";
   });
   if (revision.value !== before && !dragging) void loadTable();
   setReady();

@@ -1,6 +1,6 @@
 // The whole dataset, small, with the stretch that the strips show; the stretch can be dragged.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, extent, line, widened } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { dataset, stretch, visible, zoom } from "../plots";
@@ -11,7 +11,7 @@ import { LEFT, RIGHT } from "./strip-pointer";
 export function Overview() {
   const host = useRef<HTMLDivElement>(null);
   const redraw = useRef<() => void>(() => {});
-  useEffect(() => {
+  useLayoutEffect(() => {
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => {
       const data = overview.value;
       const own = dataset.value;

@@ -1,6 +1,6 @@
 // A canvas that is drawn again when something that it shows changes.
 
-import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Pen } from "../drawing/canvas";
 import { theme } from "../store";
 
@@ -11,7 +11,7 @@ export function Picture({ label, draw, of, kind = "" }: { label: string; draw: D
   const redraw = useRef<() => void>(() => {});
   const latest = useRef(draw);
   latest.current = draw;
-  useEffect(() => {
+  useLayoutEffect(() => {
     const { redraw: again, close } = canvasIn(host.current!, (pen, width, height) => latest.current(pen, width, height));
     redraw.current = again;
     return close;

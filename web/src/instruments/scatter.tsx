@@ -1,6 +1,6 @@
 // A signal over another: a click puts the cursor on the nearest sample, a rectangle brushes the samples in it.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { area, canvasIn, extent, line, widened, type Area, type Pen, type Range } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring } from "../drawing/marks";
@@ -26,7 +26,7 @@ export function ScatterPlot(props: ScatterProps) {
   const redraw = useRef<() => void>(() => {});
   const latest = useRef(props);
   latest.current = props;
-  useEffect(() => {
+  useLayoutEffect(() => {
     let plot: Area | null = null;
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => { plot = draw(pen, wide, high, latest.current); });
     redraw.current = again;

@@ -1,6 +1,6 @@
 // A curve, or a slice of a map through the active point; its points can be dragged.
 
-import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Area, type Range } from "../drawing/canvas";
 import { plain, withUnit } from "../drawing/numbers";
 import { drawSlice, type SliceData } from "../drawing/slices";
@@ -51,7 +51,7 @@ export function Slice({ own, axis }: { own: Table; axis: 0 | 1 }) {
   const redraw = useRef<() => void>(() => {});
   latest.current = own;
 
-  useEffect(() => {
+  useLayoutEffect(() => {
     let plot: Area | null = null;
     let frozen: Range | null = null;
     let drag = "";

@@ -1,7 +1,7 @@
 // Stacked strips with one time axis: measured black, model blue, error red. One canvas for the lines, one for the marks.
 
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, decimals, extent, line, ticks, widened, type Area, type Pen } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { ring, rules } from "../drawing/marks";
@@ -23,7 +23,7 @@ export function Strips({ legends }: { legends: ComponentChildren }) {
   const marks = useRef<() => void>(() => {});
   const areas = useRef<Area[]>([]);
 
-  useEffect(() => {
+  useLayoutEffect(() => {
     const element = host.current!;
     const below = canvasIn(element, (pen, wide, high) => {
       width.value = wide - LEFT - RIGHT;

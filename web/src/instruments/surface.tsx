@@ -1,6 +1,6 @@
 // The surface of a map: drag the dot up or down, or turn the ground. A readout stays in the corner.
 
-import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, type Range } from "../drawing/canvas";
 import { token } from "../drawing/colours";
 import { plain, signed, significant } from "../drawing/numbers";
@@ -24,7 +24,7 @@ export function Surface({ own }: { own: Table }) {
   const latest = useRef(own);
   latest.current = own;
 
-  useEffect(() => {
+  useLayoutEffect(() => {
     const drawing = new Drawing();
     let frozen: Range | null = null; // the height axis stays while a dot is dragged
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, width, height) => {

@@ -18,7 +18,7 @@ import { SettingsButton } from "../instruments/settings-panel";
 import { ParameterSettings } from "./parameters/settings";
 import { CoverageChips } from "./parameters/coverage-chips";
 import { Properties } from "./properties";
-import { open, openName, referenceName, selection, state, table, type Parameter, type Table } from "../store";
+import { open, openName, referenceName, screen, selection, state, table, type Parameter, type Table } from "../store";
 
 const search = signal("");
 const filter = signal<"all" | "changed" | "at bound" | "no data">("all");
@@ -142,6 +142,7 @@ function Bar({ own }: { own: Table | null }) {
 }
 
 function Editor({ own }: { own: Table }) {
+  if (own.kind === "rbf") return <section class="pane tbl"><p class="pad q">A data-driven model with {count(own.values.length)} values, which are trained, not edited. <button class="btn small" onClick={() => { screen.value = "function"; }}>Training and errors</button></p></section>;
   return (
     <>
       <section class="pane tbl">

@@ -1,6 +1,6 @@
 // The errors of a criterion as a histogram, now and at the start; a brushed interval lights up its samples.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { area, canvasIn, line, type Area, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { brush, criterion, criterionNumber, part, type SignalName } from "../../plots";
@@ -22,7 +22,7 @@ const error = (): SignalName => ({ kind: "error", name: String(criterionNumber.v
 function Histogram() {
   const host = useRef<HTMLDivElement>(null);
   const redraw = useRef<() => void>(() => {});
-  useEffect(() => {
+  useLayoutEffect(() => {
     let plot: Area | null = null;
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => { plot = scatter.value === null ? null : draw(pen, wide, high, scatter.value); });
     redraw.current = again;

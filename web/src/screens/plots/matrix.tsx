@@ -1,6 +1,6 @@
 // The scatter matrix: each chosen signal over each other one, its distribution on the diagonal.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { area, canvasIn, extent, ticks, widened, type Area, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
 import { brushing, drawCursor, drawDots, drawRectangle, within } from "../../instruments/scatter";
@@ -14,7 +14,7 @@ interface Cell { plot: Area; x: SignalName; y: SignalName; xs: Float32Array; ys:
 export function Matrix() {
   const host = useRef<HTMLDivElement>(null);
   const redraw = useRef<() => void>(() => {});
-  useEffect(() => {
+  useLayoutEffect(() => {
     let cells: Cell[] = [];
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => { cells = points.value === null ? [] : draw(pen, wide, high, points.value); });
     redraw.current = again;

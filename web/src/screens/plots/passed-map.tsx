@@ -1,6 +1,6 @@
 // The grid points of a table with the weight of the brushed samples in each; a click lights up the samples of a point.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canvasIn, extent, type Box, type Pen } from "../../drawing/canvas";
 import { css, height as heightColour, token } from "../../drawing/colours";
 import { hatch } from "../../drawing/marks";
@@ -8,12 +8,19 @@ import { significant, withUnit } from "../../drawing/numbers";
 import { brush } from "../../plots";
 import { selection, table, theme, type Table } from "../../store";
 
-export function PassedMap({ weights }: { weights: Float32Array | undefined }) {
+interface Passed { weights: Float32Array | undefined }
+
+export function PassedMap(props: Passed) {
+  if (table.value !== null && ![1, 2].includes(table.value.axes.length)) return <p class="pad q">Curves and maps are shown here; choose one above.</p>;
+  return <PassedPicture {...props} />;
+}
+
+function PassedPicture({ weights }: Passed) {
   const host = useRef<HTMLDivElement>(null);
   const redraw = useRef<() => void>(() => {});
   const latest = useRef(weights);
   latest.current = weights;
-  useEffect(() => {
+  useLayoutEffect(() => {
     const { canvas, redraw: again, close } = canvasIn(host.current!, (pen, wide, high) => { if (table.value !== null) draw(pen, wide, high, table.value, latest.current); });
     redraw.current = again;
     canvas.style.cursor = "pointer";
@@ -21,7 +28,6 @@ export function PassedMap({ weights }: { weights: Float32Array | undefined }) {
     return close;
   }, []);
   useEffect(() => redraw.current(), [weights, table.value, brush.value, theme.value]);
-  if (table.value !== null && ![1, 2].includes(table.value.axes.length)) return <p class="pad q">Curves and maps are shown here; choose one above.</p>;
   return <div class="body canvas" ref={host} aria-label="Grid points that brushed samples pass; click one to light up its samples" />;
 }
 
