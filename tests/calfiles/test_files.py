@@ -30,6 +30,7 @@ def test_the_public_names_are_pinned():
         "merge",
         "read",
         "read_several",
+        "recognise",
         "unwritable",
         "write",
     ]

@@ -16,6 +16,7 @@ interface Known { recent: Recent[]; demos: Demo[]; folder: string; version: stri
 export const known = signal<Known>({ recent: [], demos: [], folder: "", version: "" });
 export const chosen = signal("");
 export const filter = signal("");
+export const opening = signal(false);
 
 const openPath = computed(() => state.value.project?.path ?? "");
 
@@ -38,7 +39,12 @@ export const shownProjects = computed(() => {
 export const selected = computed(() => shownProjects.value.find((each) => each.path === chosen.value) ?? shownProjects.value[0]);
 
 export async function openProject(question: string, given: Record<string, unknown>, next: Screen = "parameters"): Promise<void> {
-  if ((await request(question, given)) !== null) screen.value = next;
+  opening.value = true; // files that are dropped from now on belong to that project
+  try {
+    if ((await request(question, given)) !== null) screen.value = next;
+  } finally {
+    opening.value = false;
+  }
 }
 
 /** Make a project from dropped files: recordings, a function, or a calibration. */

@@ -22,12 +22,6 @@ export const searching = signal(false); // the list of signals is open
 
 const project = computed(() => state.value.project?.path ?? "");
 
-effect(() => {
-  const stored = read(`kennfeld.plots:${project.value}`);
-  chosen.value = stored.strips;
-  matrix.value = stored.matrix;
-});
-
 function read(key: string): { strips: Spec[] | null; matrix: SignalName[] | null } {
   try {
     const stored = JSON.parse(localStorage.getItem(key) ?? "{}");
@@ -186,3 +180,9 @@ async function load(number: number): Promise<void> {
   const reply = await request("signals", { dataset: number });
   if (reply !== null) listed.value = reply.head.signals as Listed[];
 }
+
+effect(() => {
+  const stored = read(`kennfeld.plots:${project.value}`);
+  chosen.value = stored.strips;
+  matrix.value = stored.matrix;
+});

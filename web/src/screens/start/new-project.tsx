@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { css, height } from "../../drawing/colours";
 import { Icon } from "../../icons";
-import { known, openProject, projectFrom } from "../../projects";
+import { known, opening, openProject, projectFrom } from "../../projects";
 
 const path = signal("");
 const name = signal("");
@@ -17,7 +17,7 @@ export function NewProject() {
         <label class={`drop-zone ${over.value ? "over-it" : ""}`} id="drop" onDragOver={(event) => { event.preventDefault(); over.value = true; }} onDragLeave={() => { over.value = false; }} onDrop={() => { over.value = false; }}>
           <Icon name="file" kind="big" />
           <span><b>Drop recordings, a model or values here</b><br /><span class="q">MDF, CSV, Excel, MAT, Parquet; .kf, .slx, .mdl; DCM, CDFX, A2L with HEX. Or click to choose files.</span></span>
-          <input type="file" multiple aria-label="Files of a new project" onChange={(event) => projectFrom([...(event.currentTarget.files ?? [])])} />
+          {!opening.value && <input type="file" multiple aria-label="Files of a new project" onChange={(event) => projectFrom([...(event.currentTarget.files ?? [])])} />}
         </label>
         <form class="open-path" onSubmit={(event) => { event.preventDefault(); void openProject("new", { name: name.value }, "data"); }}>
           <label class="field" style={{ flex: 1 }} title="Name or path of the folder of an empty project"><Icon name="plus" kind="q" /><input aria-label="Name of the new project" placeholder="name of an empty project" value={name.value} onInput={(event) => { name.value = event.currentTarget.value; }} /></label>
