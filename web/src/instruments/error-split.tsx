@@ -5,7 +5,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { newest } from "../connection";
 import { MISSING, plain, significant, signed } from "../drawing/numbers";
-import { cursor, datasetNumber } from "../plots";
+import { chooseCriterion, criterionNumber, cursor, datasetNumber } from "../plots";
 import { open, request, screen, selection, settled } from "../store";
 import "./error-split.css";
 
@@ -21,7 +21,6 @@ export interface Split {
 }
 
 export const split = signal<Split | null>(null);
-export const criterionNumber = signal(0);
 const mounted = signal(0); // panes that show it
 
 const load = newest(async (given: { dataset: number; position: number; criterion: number }) => {
@@ -39,7 +38,7 @@ effect(() => {
   const { criteria } = settled.value;
   if (mounted.value === 0) return;
   if (position.value === null || criteria.length === 0) split.value = null;
-  else load({ dataset: datasetNumber.value, position: position.value, criterion: Math.min(criterionNumber.value, criteria.length - 1) });
+  else load({ dataset: datasetNumber.value, position: position.value, criterion: criterionNumber.value });
 });
 
 /** Ask for the split while a component is shown. */
@@ -77,7 +76,7 @@ export function ErrorFacts({ own }: { own: Split }) {
   const { criteria } = settled.value;
   return (
     <dl class="facts pad">
-      {criteria.length > 1 && <><dt>criterion</dt><dd><select class="field small" aria-label="Criterion" value={own.criterion} onChange={(event) => { criterionNumber.value = Number(event.currentTarget.value); }}>{criteria.map((each, k) => <option value={k}>{each.node}</option>)}</select></dd></>}
+      {criteria.length > 1 && <><dt>criterion</dt><dd><select class="field small" aria-label="Criterion" value={own.criterion} onChange={(event) => chooseCriterion(Number(event.currentTarget.value))}>{criteria.map((each, k) => <option value={k}>{each.node}</option>)}</select></dd></>}
       <dt>measured</dt><dd>{shown(own.measured)} <u>{own.unit}</u></dd>
       <dt>{own.node}, start → now</dt><dd><span class="q">{shown(valueOf(own)?.start)}</span> → {shown(valueOf(own)?.now)} <u>{own.unit}</u></dd>
       <dt>error, start → now</dt><dd>{own.difference.now === null ? <span class="q" title="This sample is not scored: warm-up, a gap, or no measurement">not scored</span> : <><span class="q">{own.difference.start === null ? MISSING : signed(own.difference.start, 4)}</span> → <b class="bad" data-split="error">{signed(own.difference.now, 4)}</b> <u>{own.unit}</u></>}</dd>

@@ -5,7 +5,6 @@ import { useEffect } from "preact/hooks";
 import { fixed } from "../drawing/numbers";
 import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
-import { criterionNumber as splitCriterion } from "../instruments/error-split";
 import { Overview } from "../instruments/overview";
 import { Strips } from "../instruments/strips";
 import { back, chooseCriterion, clearMarks, criterionNumber, cursor, dataset, datasetNumber, fit, hover, only, part, range, shift, showDataset, stretch, tool, unitOfTime, visible, zoom, zoomAt } from "../plots";
@@ -24,8 +23,6 @@ const query = matchMedia("(min-width: 1700px)");
 const wide = signal(query.matches);
 query.addEventListener("change", () => { wide.value = query.matches; });
 
-effect(() => { splitCriterion.value = criterionNumber.value; });
-effect(() => { chooseCriterion(splitCriterion.value); });
 effect(() => { if (range.value !== null) part.value = "range"; });
 effect(() => { if (cursor.value !== null && screen.peek() === "plots") part.value = "sample"; });
 

@@ -3,8 +3,8 @@
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { MISSING, plain, significant, signed } from "../../drawing/numbers";
-import { ErrorFacts, criterionNumber, placeText, shown, split, useSplit } from "../../instruments/error-split";
-import { cursor, datasetNumber } from "../../plots";
+import { ErrorFacts, placeText, shown, split, useSplit } from "../../instruments/error-split";
+import { criterionNumber, cursor, datasetNumber } from "../../plots";
 import { request, revision, screen, settled, state } from "../../store";
 
 interface Worst { sample: number; position: number; inputs: (number | null)[]; measured: number | null; error: number; start: number | null }
@@ -14,7 +14,7 @@ const load = newest(async (given: { dataset: number; criterion: number }) => {
   const reply = await request("worst", given);
   if (reply !== null) worst.value = reply.head as unknown as { samples: Worst[]; rmse: number | null };
 });
-const asked = computed(() => `${datasetNumber.value} ${Math.min(criterionNumber.value, settled.value.criteria.length - 1)}`);
+const asked = computed(() => `${datasetNumber.value} ${settled.value.criteria.length ? criterionNumber.value : -1}`);
 
 effect(() => {
   void revision.value;

@@ -4,9 +4,9 @@ import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { area, extent, line, widened, type Pen } from "../../drawing/canvas";
 import { token } from "../../drawing/colours";
-import { criterionNumber, split } from "../../instruments/error-split";
+import { split } from "../../instruments/error-split";
 import { Picture } from "../../instruments/picture";
-import { cursor, datasetNumber } from "../../plots";
+import { criterion, cursor, datasetNumber } from "../../plots";
 import { request, revision, screen, settled } from "../../store";
 import { chosen, simulink } from "./source";
 
@@ -23,8 +23,8 @@ const load = newest(async ([dataset, begin, end, node, criterion]: [number, numb
 
 /** The node that is drawn: the chosen one, else that of the criterion. */
 export const drawnNode = computed(() => {
-  const { nodes, criteria } = settled.value;
-  return nodes.some((node) => node.name === chosen.value) ? chosen.value : criteria[Math.min(criterionNumber.value, criteria.length - 1)]?.node ?? "";
+  const { nodes } = settled.value;
+  return nodes.some((node) => node.name === chosen.value) ? chosen.value : criterion.value?.node ?? "";
 });
 
 const place = computed(() => split.value?.position ?? null);
