@@ -286,6 +286,7 @@ class Session:
     def _end(self, end: Ended) -> None:
         """Take over the values of a run that has ended."""
         job = self.job
+        job.preview = {}
         if end.validation is not None:
             self.validation = end.validation
             self.revision = next(_REVISIONS)
