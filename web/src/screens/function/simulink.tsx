@@ -57,7 +57,7 @@ function PartChoice() {
   const others = (own.subsystems ?? []).filter((path) => !alone.some((part) => part.path === path));
   const part = alone.find((each) => each.path === (own.subsystem || chosen.value));
   return (
-    <div class="part">
+    <div class="model-part">
       <label class="q" for="part">Take only a part</label>
       <select id="part" class="field" title="The subsystem that is the function&#10;[model] subsystem" value={own.subsystem} onChange={(event) => { const path = event.currentTarget.value; void setKeys([[["model", "subsystem"], path || null]], path ? `Only ${path} is imported` : "The whole model is imported"); }}>
         <option value="">the whole model</option>
