@@ -119,11 +119,21 @@ def test_dropped_files_become_what_they_are() -> None:
     settings = workspace.session.settings
     assert settings["dataset"] == [
         {"files": ["bench.csv"], "use": "training"},
-        {"files": ["more.csv"], "use": "test"},
+        {"files": ["more.csv"], "use": "training"},
     ]
     assert settings["calibration"]["initial"] == ["start.csv", "late.dcm", {"a2l": "ecu.a2l", "hex": "ecu.hex"}]
     assert settings["model"]["file"] == "model.kf"
     assert workspace.session.undo() == "Added bench.csv, start.csv, late.dcm"
+
+
+def test_recordings_that_a_project_gets_later_are_test_data() -> None:
+    workspace = AppWorkspace()
+    workspace.answer("new", {"name": "bench.csv", "free": True})
+    write_files(workspace.folder())
+    for name in ("bench.csv", "more.csv"):
+        workspace.answer("add-files", {"files": [name]})
+    assert workspace.session is not None
+    assert [entry["use"] for entry in workspace.session.settings["dataset"]] == ["training", "test"]
 
 
 def test_a_second_project_of_one_name_gets_a_number() -> None:

@@ -44,11 +44,11 @@ def _named(kinds: dict[str, str], kind: str) -> list[str]:
 
 
 def _datasets(settings: Any, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
-    """Return datasets for recordings: the first of a project is training data, the others are test data."""
+    """Return datasets for recordings: the first that a project gets are training data, later ones test data."""
     entries = settings.get("dataset", [])
     count = len(entries) if isinstance(entries, list) else 0
     return [
-        (("dataset", number + 1), {"files": [name], "use": "test" if number else "training"})
+        (("dataset", number + 1), {"files": [name], "use": "test" if count else "training"})
         for number, name in enumerate(_named(kinds, "recording"), count)
     ]
 
