@@ -1,11 +1,10 @@
 """A report in a browser: what pointer, keys, printing and the theme do to its figures."""
 
-import shutil
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from browser import browser
 from report_projects import a_cube, a_map, scattered
 
 from kennfeld.project import Project
@@ -15,27 +14,15 @@ SIZE = {"width": 1300, "height": 900}
 IMAGE = "canvas => canvas.toDataURL()"
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = shutil.which("chromium") or shutil.which("google-chrome")
-    if path is None:
-        pytest.skip("no Chromium on this machine")
-    with api.sync_playwright() as driver:
-        process = driver.chromium.launch(executable_path=path, args=["--headless", "--no-sandbox", "--disable-gpu"])
-        yield process
-        process.close()
-
-
 @pytest.fixture
-def show(browser, tmp_path):
+def show(tmp_path):
     """Open the report of a project; a message on the console fails the test."""
     contexts, problems = [], []
 
     def show(project: Project, theme: str = "light") -> Any:
         path = tmp_path / "report.html"
         path.write_text(document(project, project.calibrate(), project.check()), encoding="utf-8")
-        context = browser.new_context(viewport=SIZE, color_scheme=theme)
+        context = browser().new_context(viewport=SIZE, color_scheme=theme)
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: problems.append(str(error)))
