@@ -43,7 +43,7 @@ export const height = (share: number): Rgb => mix(HEIGHTS, share);
 export const diverging = (share: number): Rgb => mix(isDark() ? DIVERGING_DARK : DIVERGING, (share + 1) / 2);
 
 /** Return the colour of a line among several of one family, 0 to 1. */
-export const family = (share: number): Rgb => mix(isDark() ? FAMILY_DARK : FAMILY, share);
+export const family = (share: number, dark = isDark()): Rgb => mix(dark ? FAMILY_DARK : FAMILY, share);
 
 /** Return the colour of an amount, 0 to 1, which lets the paper through: samples in blue, errors in amber. */
 export const amount = (share: number, hue: keyof typeof AMOUNTS): string => css(AMOUNTS[hue], Math.max(0, Math.min(1, share)));

@@ -22,7 +22,7 @@ export function drawFamily(host: HTMLElement, plane: Plane, before: number[], af
   const ghosts = changed ? chosen.map((k) => lineLayer("edge", along.points, row(before, k), { width: 0.9 })) : [];
   const lines = chosen.map((k) => ({ ...familyLayer(share(k), along.points, row(after, k)), at: k }));
   host.append(make("div", { class: "legend tight" }, make("span", {}, `${withUnit(across.title, across.unit)}:`),
-    ...chosen.map((k) => make("span", { class: "key" }, swatch(css(family(share(k)))), plain(across.points[k]!, 4))),
+    ...chosen.map((k) => make("span", { class: "key" }, swatch(`light-dark(${css(family(share(k), false))}, ${css(family(share(k), true))})`), plain(across.points[k]!, 4))),
     changed ? make("span", { class: "hint" }, "before in grey") : null));
   new Chart(host, [{ title: withUnit(f.name, f.unit), layers: [...ghosts, ...lines] }], {
     height: (width) => Math.max(240, Math.min(380, width * 0.68)), fixed: true, legend: false, title: withUnit(along.title, along.unit), margin: 0.02,
