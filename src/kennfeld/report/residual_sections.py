@@ -39,7 +39,7 @@ def _pictures(
     name = after.bound.dataset.name
     strip = figures.strip(before, after, count)
     drawn = "" if strip["whole"] else f" {after.model.size} samples are drawn as an envelope of minima and maxima."
-    zoom = "Drag to zoom, double-click to reset; click a name to hide or show it."
+    zoom = "Drag to zoom, double-click to reset; arrow keys move and zoom. Click a name to hide or show it."
     worst = [w.sample for w in of.worst if w.dataset == name]
     scatter = figures.scatter(before, after, count, worst)
     dots = len(scatter["number"])

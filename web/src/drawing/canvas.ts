@@ -35,7 +35,7 @@ export function redrawAll(): void {
 export function canvasIn(host: HTMLElement, draw: (pen: Pen, width: number, height: number) => void, tall?: (width: number) => number) {
   const canvas = document.createElement("canvas");
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", host.getAttribute("aria-label") ?? "");
+  canvas.setAttribute("aria-label", host.closest("[aria-label]")?.getAttribute("aria-label") ?? "");
   host.prepend(canvas);
   let [width, height] = [host.clientWidth, tall?.(host.clientWidth) ?? host.clientHeight];
   const now = () => {
