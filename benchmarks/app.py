@@ -19,7 +19,7 @@ from benchmarks.table import Table
 SAMPLES = 500_000
 STRIP_SAMPLES, STRIPS = 1_000_000, 20
 REPEATS = 15
-PROJECT = """
+SENSOR = """
 [model]
 file = "sensor.kf"
 
@@ -29,7 +29,10 @@ files = ["drive.parquet"]
 [[criterion]]
 node = "Temperature"
 target = { channel = "measured" }
-
+"""
+PROJECT = (
+    SENSOR
+    + """
 [parameters.MapSettled]
 x = { input = "Speed", begin = 700, end = 4200, count = 20 }
 y = { input = "Load", begin = 5, end = 95, count = 20 }
@@ -39,26 +42,20 @@ initial = 300
 x = { input = "Speed", begin = 700, end = 4200, count = 8 }
 initial = 2
 """
+)
 FUNCTION = """
 settled[degC] = MapSettled(Speed, Load)
 Temperature[degC] = PT1(settled, CurveTime(Speed))
 """
-STRIP_PROJECT = """
-[model]
-file = "sensor.kf"
-
-[[dataset]]
-files = ["drive.parquet"]
-
-[[criterion]]
-node = "Temperature"
-target = { channel = "measured" }
-
+STRIP_PROJECT = (
+    SENSOR
+    + """
 [parameters.MapTemperature]
 x = { input = "Speed", begin = 700, end = 4200, count = 20 }
 y = { input = "Load", begin = 5, end = 95, count = 20 }
 initial = 300
 """
+)
 STRIP_FUNCTION = "Temperature[degC] = MapTemperature(Speed, Load)"
 LAUNCH = (
     "from pathlib import Path; from kennfeld.app.launch import launch; launch(Path('kennfeld.toml'), browser=False)"

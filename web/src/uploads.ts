@@ -21,12 +21,3 @@ export async function upload(files: File[]): Promise<string[]> {
 
 /** The address of a file of the folder, for a link. */
 export const address = (name: string): string => `/file/${name.split("/").map(encodeURIComponent).join("/")}`;
-
-/** Let the user choose a file. */
-export function pickFile(accept: string, take: (file: File) => unknown): void {
-  const field = document.createElement("input");
-  field.type = "file";
-  field.accept = accept;
-  field.onchange = () => { if (field.files?.[0]) take(field.files[0]); };
-  field.click();
-}

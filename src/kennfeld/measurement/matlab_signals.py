@@ -110,7 +110,7 @@ class _SignalFinder:
                 self._assign(_UntimedNumbers(place, name, node), [*own, *outer])
 
     def _visit(self, path: str, node: Node, clocks: list[TimeBase]) -> None:
-        """Collect from a variable or field that is no array of numbers."""
+        """Collect from a variable or field that is not an array of numbers."""
         if isinstance(node, MatUnreadable):
             self.unreadable[path] = node.kind
         elif isinstance(node, MatStructArray):

@@ -31,7 +31,7 @@ _UNSUPPORTED = ("weight", "weight_channel", "settle", "average", "step")  # keys
 
 @dataclass(frozen=True)
 class LagsForm(Form):
-    """A number of samples, or a list of them; or "auto", if the current sample is no lag."""
+    """A number of samples, or a list of them; or "auto", if the current sample is not a lag."""
 
     least: int
 

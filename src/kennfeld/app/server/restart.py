@@ -73,7 +73,7 @@ def _read_private(path: Path) -> dict[str, Any]:
 
 
 def remember_server(project: Path | None, known: KnownServer) -> None:
-    """Keep port and key of a server. A folder that cannot be written is no error."""
+    """Keep port and key of a server. A folder that cannot be written is not an error."""
     path = _file(project)
     part = path.with_name(f".{secrets.token_hex(8)}")
     with suppress(OSError):

@@ -91,7 +91,7 @@ class Instances:
                     self._expand(part, depth + 1, element.name)
 
     def _elements(self, use: _TypeUse, definition: object) -> Iterator[_TypeUse]:
-        """Yield the element of each index, the first one running fastest; the instance itself if it is no array."""
+        """Yield the element of each index, the first running fastest; the instance itself if it is not an array."""
         if not use.sizes:
             yield use
             return
