@@ -64,6 +64,7 @@ def browser_page(address: str, size: Sequence[int] = (1280, 800)) -> Iterator[An
         page.goto(address)
         page.wait_for_selector(READY)
         yield page
-        assert [each for each in problems if not any(word in each for word in ENDED)] == []
+        unexpected = [each for each in problems if not any(word in each for word in ENDED)]
+        assert not unexpected, unexpected
     finally:
         context.close()

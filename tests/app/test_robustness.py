@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import socket
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -24,11 +25,17 @@ def type_value(page: Any, cell: str, value: str) -> None:
     page.wait_for_selector(READY)
 
 
+def kill(process: subprocess.Popen[str], page: Any) -> None:
+    """End a server at once, as soon as its page has loaded the screens that are not shown yet."""
+    page.wait_for_load_state("networkidle")
+    process.kill()
+    process.wait()
+
+
 def test_a_restarted_server_is_picked_up_with_unsaved_edits(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
         type_value(page, "1,1", "99")
-        process.kill()
-        process.wait()
+        kill(process, page)
         page.wait_for_selector("text=does not answer")
         with started(torque, tmp_path) as (again, _):
             assert again.partition("?")[0] == address.partition("?")[0]
@@ -44,8 +51,7 @@ def test_a_project_that_the_page_had_opened_is_opened_again(torque: Path, tmp_pa
         page.fill("[aria-label='Path of a project']", str(torque))
         page.keyboard.press("Enter")
         type_value(page, "0,2", "77")
-        process.kill()
-        process.wait()
+        kill(process, page)
         with started(None, tmp_path):
             page.wait_for_selector("text=Your unsaved edits are back")
             page.wait_for_selector("[data-cell='0,2']:has-text('77')")
@@ -53,8 +59,7 @@ def test_a_project_that_the_page_had_opened_is_opened_again(torque: Path, tmp_pa
 
 def test_a_page_that_cannot_prove_itself_says_what_to_do(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
-        process.kill()
-        process.wait()
+        kill(process, page)
         for file in (tmp_path / ".kennfeld" / "servers").iterdir():
             file.write_text(file.read_text().replace('"key": "', '"key": "x'))
         with started(torque, tmp_path):
