@@ -50,7 +50,7 @@ def test_chunks_end_at_the_last_sample_that_counts(last, more):
 def test_thinned_samples_are_taken_in_the_order_of_visits():
     x = np.arange(1000.0)
     order = np.random.default_rng(0).permutation(1000).astype(np.uint32)
-    made = Samples([x], [x + 0.5], [Piece(0, 1000, np.array([3.0]))], order).thinned(100)
+    made = Samples([x], [x + 0.5], [Piece(0, 1000, np.array([3.0]))], order).thinned(0.1)
     assert (made.count, made.order, made.pieces[0].scores.tolist()) == (100, None, [30.0])
     visits = np.linspace(0, 999, 100).astype(int)
     assert made.inputs.take(np.arange(100))[0].tolist() == x[order[visits]].tolist()

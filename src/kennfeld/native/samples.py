@@ -96,14 +96,13 @@ class Samples:
             counts += np.isfinite(self.targets_of(np.arange(first, min(first + BLOCK, piece.last)))).sum(axis=1)
         return counts
 
-    def thinned(self, most: int) -> "Samples":
-        """Return about `most` evenly spaced samples of all pieces, with the total weight of all samples.
+    def thinned(self, share: float) -> "Samples":
+        """Return about this share of the samples of each piece, evenly spaced, with the total weight of all samples.
 
         Only for pieces without memory.
         """
-        if self.count <= most:
+        if share >= 1:
             return self
-        share = most / self.count
         picked, pieces, at = [], [], 0
         for piece in self.pieces:
             length = piece.last - piece.first
@@ -143,6 +142,21 @@ class Samples:
             last = self._last_scored(piece)
             cuts += [(number, at, min(at + length, last)) for at in range(piece.first, last, length)]
         return [Chunk(i, number, first, last) for i, (number, first, last) in enumerate(cuts)]
+
+
+def join_samples(parts: Iterable[tuple[Float, Float, Sequence[Piece]]]) -> Samples:
+    """Return the samples of several parts, one after the other.
+
+    Args:
+        parts: inputs and targets, shapes (inputs, samples) and (outputs, samples), and the pieces of each part.
+    """
+    inputs, targets, pieces, end = [], [], [], 0
+    for data, wanted, own in parts:
+        pieces += [replace(piece, first=piece.first + end, last=piece.last + end) for piece in own]
+        inputs.append(data)
+        targets.append(wanted)
+        end += wanted.shape[1]
+    return Samples(np.concatenate(inputs, axis=1), np.concatenate(targets, axis=1), pieces)
 
 
 def shares(work: Sequence[int], count: int) -> list[range]:

@@ -1,13 +1,18 @@
 """The compiled form of a calibration problem: kernel, samples and roughness."""
 
-from collections.abc import Sequence
+import pickle
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache, partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
@@ -16,15 +21,19 @@ from kennfeld.graph.traversal import rewrite
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
-from kennfeld.native.samples import Piece, Samples
+from kennfeld.native.samples import Piece, Samples, join_samples
+from kennfeld.optimize.partitioned_sums import PartitionedSums
+from kennfeld.optimize.partitions import Partition, Recordings, StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
+from kennfeld.preprocessing.stored_samples import read_samples, sample_columns
 
 MAX_SMOOTHED_SAMPLES = 20_000
 
@@ -54,11 +63,36 @@ class RejectedTrials:
         self.count, self.first = 0, []
 
 
+@dataclass(frozen=True)
+class DataForm:
+    """What the compiled code of a problem depends on of its training data.
+
+    Attributes:
+        weighting: criteria with sample weights.
+        restarts: True if steady-state points are held until the model has settled.
+        step: time step in s, if it is the same everywhere.
+    """
+
+    weighting: SampleWeights
+    restarts: bool
+    step: float | None
+
+    @classmethod
+    def of(cls, problem: Problem) -> "DataForm":
+        """Return the form of the data of a problem."""
+        training, partitions = problem.training, problem.partitions
+        weighting = SampleWeights.of(problem.criteria, training)
+        restarts = any(bound.hold is not None for bound in training)
+        return cls(weighting, restarts, even_step(training) if partitions is None else partitions.step)
+
+
 class CompiledProblem:
     """A problem ready for evaluation: data-only parts computed, samples sorted, kernel compiled.
 
     With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
     smoothed, and at most `MAX_SMOOTHED_SAMPLES` samples of steady-state data are used.
+
+    With data in partitions, each is prepared where it is evaluated; `samples` are then those of the excerpts.
 
     Attributes:
         problem: the problem.
@@ -72,17 +106,20 @@ class CompiledProblem:
     """
 
     def __init__(
-        self, problem: Problem, smooth_like: "CompiledProblem | None" = None, sums_of: SumsFactory | None = None
+        self,
+        problem: Problem,
+        smooth_like: "CompiledProblem | None" = None,
+        sums_of: SumsFactory | None = None,
+        form: DataForm | None = None,
     ) -> None:
         self.problem = problem
         self.rejected: RejectedTrials = RejectedTrials() if smooth_like is None else smooth_like.rejected
         parameters, free = problem.parameters, problem.free_names
-        self.weighting = SampleWeights.of(problem.criteria, problem.training)
-        self._restarts = any(bound.hold is not None for bound in problem.training)
-        self._step = _even_step(problem.training)
+        self.form = form or DataForm.of(problem)
+        self.weighting = self.form.weighting
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         weighted = self.weighting.extend(problem.graph)
-        graph = _with_step(restart_states(weighted) if self._restarts else weighted, self._step)
+        graph = _with_step(restart_states(weighted) if self.form.restarts else weighted, self.form.step)
         self._lowered = lower_lookups(graph, parameters, free if smooth_like else ())
         scored = [*problem.differences, *self.weighting.inputs.values()]
         self._split = partition_graph(self._lowered.graph, scored, fitted)
@@ -90,8 +127,7 @@ class CompiledProblem:
         self.kernel = Kernel(reduced, self._kernel_outputs(reduced.graph), parameters, fitted)
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
         self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
-        self.samples = self._gathered() if smooth_like is None else self._shared(smooth_like)
-        self.sums = self.sums_over(self.samples)
+        self._smooth_like = smooth_like
         self.values = self.kernel.values
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
@@ -105,9 +141,95 @@ class CompiledProblem:
             for i, (name, c) in enumerate(zip(self.problem.differences, self.problem.criteria, strict=True))
         ]
 
+    @cached_property
+    def samples(self) -> Samples:
+        """The training data as the kernel reads them."""
+        if self._smooth_like is None:
+            return self._gathered()
+        if self._is_thinned and self.problem.partitions is not None:
+            share = MAX_SMOOTHED_SAMPLES / self.problem.partitions.samples
+            return join_samples(self.each(_thinned_samples, share))
+        samples = self._shared(self._smooth_like)
+        return samples.thinned(MAX_SMOOTHED_SAMPLES / max(samples.count, 1)) if self._is_thinned else samples
+
+    @property
+    def _is_thinned(self) -> bool:
+        return self._smooth_like is not None and not self.kernel.line.states
+
+    @cached_property
+    def sums(self) -> Sums:
+        """Cost and derivatives over the training data."""
+        if self.problem.partitions is None or self._is_thinned:
+            return self.sums_over(self.samples)
+        return PartitionedSums(self.each, len(self._lowered.axes), stateful=bool(self.kernel.line.states))
+
+    @property
+    def sample_count(self) -> int:
+        """Number of training samples; with partitions, including those that are not evaluated."""
+        partitions = self.problem.partitions
+        return self.samples.count if partitions is None or self._is_thinned else partitions.samples
+
+    def each(self, task: Callable[..., Any], *arguments: Any) -> Iterator[Any]:
+        """Yield `task(compiled, *arguments)` for each partition of the training data, in order.
+
+        Without partitions, once for all data. `task` is a function of a module; the compiled problem that it is given
+        has the samples and the datasets of one partition.
+        """
+        partitions = self.problem.partitions
+        if partitions is None:
+            yield task(self, *arguments)
+        else:
+            yield from partitions.map(run_on_compiled, self._shared_form, partitions.training, task, *arguments)
+
+    @cached_property
+    def _shared_form(self) -> bytes:
+        assert self.problem.partitions is not None
+        content = self.problem.skeleton, self.form, self._smooth_like is not None
+        return self.problem.partitions.share(content)
+
+    @cached_property
+    def data_key(self) -> str:
+        """A digest of all that the samples of given data depend on."""
+        problem, tables = self.problem, {*self._lowered.shapes}
+        fixed = {n: problem.parameters[n].values for n in sorted(tables) if n not in problem.free_names}
+        graphs = self._split.prepared, self._split.graph, self._lowered.axes, dict(self._lowered.shapes)
+        layout = tuple(self.kernel.layout.inputs), self.weighting.inputs, self.form.restarts, self.form.step
+        texts = problem.criteria, dict(problem.channels), problem.model.step
+        return digest_of(graphs, layout, fixed, texts, _code())
+
+    def over_partition(self, recordings: Recordings, partition: Partition) -> "CompiledProblem":
+        """Return the same over one partition, whose samples are kept on disk and mapped into memory."""
+        other = copy(self)
+        other.problem = self.problem.over(StoredDatasets(recordings, partition))
+        recipes = [recordings.recipes[part.dataset].key for part in partition.parts]
+        path = recordings.files.path(digest_of(self.data_key, partition.key, recipes))
+        rows = len(self.kernel.layout.inputs), len(self.kernel.outputs)
+        samples = read_samples(path, *rows)
+        if samples is None:
+            samples = other._gathered()
+            if recordings.files.keep(path, sample_columns(samples), {}):
+                samples = read_samples(path, *rows) or samples
+        touch(path)
+        other.samples = samples
+        other.sums = other.sums_over(samples)
+        return other
+
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""
         return self._sums_of(self.kernel, samples)
+
+    def sums_with(self, select: Callable[..., Samples], *arguments: Any) -> Sums:
+        """Return the sums over `select(compiled, *arguments)`, the samples in another selection or with other weights.
+
+        `select` is a function of a module; with partitions, it is called for each of them.
+        """
+        if self.problem.partitions is None:
+            return self.sums_over(select(self, *arguments))
+
+        def each(task: Callable[..., Any], *rest: Any) -> Iterator[Any]:
+            return self.each(_run_on_selection, select, arguments, task, *rest)
+
+        return PartitionedSums(each, len(self._lowered.axes), stateful=bool(self.kernel.line.states))
 
     def full(self, values: Float) -> Float:
         """Return the free values, Float[free], followed by the fixed ones."""
@@ -120,9 +242,12 @@ class CompiledProblem:
     @property
     def weights(self) -> float:
         """Sum of weight / scale^2 over all scored samples; the cost divided by it is a mean square."""
+        return float(sum(self.each(_partial_weights))) or 1.0
+
+    def own_weights(self) -> float:
+        """Return this sum over the own samples."""
         scales = np.array([output.scale for output in self.kernel.outputs])
-        parts = [self._counts(piece) @ (piece.scores / scales**2) for piece in self.samples.pieces]
-        return float(sum(parts)) or 1.0
+        return float(sum(self._counts(piece) @ (piece.scores / scales**2) for piece in self.samples.pieces))
 
     def _counts(self, piece: Piece) -> Float:
         """Return the sum of sample weights that each output scores in a piece."""
@@ -158,10 +283,11 @@ class CompiledProblem:
 
     def over(self, problem: Problem) -> "CompiledProblem":
         """Return the same for a problem that differs in datasets and start only; compiled again if the step changes."""
-        if _even_step(problem.training) != self._step:
-            return CompiledProblem(problem, sums_of=self._sums_of)
+        form = DataForm.of(problem)
+        if form.step != self.form.step:
+            return CompiledProblem(problem, sums_of=self._sums_of, form=form)
         other = self.with_start(problem)
-        other.weighting = SampleWeights.of(problem.criteria, problem.training)
+        other.weighting = form.weighting
         other.samples = other._gathered()
         other.sums = other.sums_over(other.samples)
         return other
@@ -170,7 +296,8 @@ class CompiledProblem:
         problem = self.problem
         sources = []
         for bound in problem.gathered:
-            further = self.weighting.columns(bound) | (sample_ages(bound.hold, bound.count) if self._restarts else {})
+            ages = sample_ages(bound.hold, bound.count) if self.form.restarts else {}
+            further = self.weighting.columns(bound) | ages
             starts = bound.starts if bound.hold is None else group_points(bound.starts)
             whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
             targets = [
@@ -190,10 +317,61 @@ class CompiledProblem:
             samples = other.samples
         else:
             samples = other.samples.with_inputs([theirs[name] for name in mine])
-        return samples if self.kernel.line.states else samples.thinned(MAX_SMOOTHED_SAMPLES)
+        return samples
 
 
-def _even_step(bounds: Sequence[BoundDataset]) -> float | None:
+def run_on_compiled(shared: bytes, item: bytes, arguments: bytes) -> Any:
+    """Run a function of a compiled problem on one partition; see `CompiledProblem.each`."""
+    recordings, _ = shared_content(shared)
+    task, *rest = pickle.loads(arguments)
+    with _compiling:
+        compiled = _compiled_once(shared)
+    return task(compiled.over_partition(recordings, pickle.loads(item)), *rest)
+
+
+_compiling = threading.Lock()
+
+
+@lru_cache(maxsize=4)
+def _compiled_once(shared: bytes) -> CompiledProblem:
+    """Return the compiled problem without data."""
+    _, (skeleton, form, smoothed) = shared_content(shared)
+    exact = CompiledProblem(skeleton, form=form)
+    return CompiledProblem(skeleton, smooth_like=exact, form=form) if smoothed else exact
+
+
+@cache
+def _code() -> str:
+    """Return the digest of the source that lays out samples; a change makes those on disk invalid."""
+    package = Path(__file__).parent.parent
+    return digest_of_sources(package / "preprocessing", package / "native", package / "graph")
+
+
+def _run_on_selection(
+    compiled: CompiledProblem,
+    select: Callable[..., Samples],
+    selection: Sequence[Any],
+    task: Callable[..., Any],
+    *rest: Any,
+) -> Any:
+    other = copy(compiled)
+    other.samples = select(compiled, *selection)
+    other.sums = other.sums_over(other.samples)
+    return task(other, *rest)
+
+
+def _partial_weights(compiled: CompiledProblem) -> float:
+    return compiled.own_weights()
+
+
+def _thinned_samples(compiled: CompiledProblem, share: float) -> tuple[Float, Float, tuple[Piece, ...]]:
+    """Return inputs and targets of some samples, shapes (inputs, samples) and (outputs, samples), and their pieces."""
+    samples = compiled.samples.thinned(share)
+    visits = np.arange(samples.count)
+    return samples.inputs_of(visits), samples.targets_of(visits), samples.pieces
+
+
+def even_step(bounds: Sequence[BoundDataset]) -> float | None:
     """Return the time step if it is the same everywhere, else None."""
     clocks = [bound.clock["dt"] for bound in bounds if "dt" in bound.clock and bound.clock["dt"].size]
     steps = {float(step) for dt in clocks for step in (dt.min(), dt.max())}

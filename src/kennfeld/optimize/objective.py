@@ -45,7 +45,7 @@ class LeastSquaresObjective:
         self._free = compiled.values.free
         self._order = breakpoint_order(compiled.problem.free_axes, compiled.values)
         outputs = compiled.kernel.outputs
-        entries = compiled.samples.count * len(outputs) * self._free
+        entries = compiled.sample_count * len(outputs) * self._free
         self.uses_qr = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         # a robust loss would change the weights of the residuals
         self.supports_acceleration = self.uses_qr and all(output.loss == "square" for output in outputs)
@@ -202,10 +202,10 @@ class _Sensitivity:
         """
         if self._everywhere is None:
             self._everywhere = np.zeros(self._compiled.values.free)
-            samples = _all_scored(self._compiled.samples) if self._compiled.sums.stateful else None
-            if samples is not None:
-                matrix = self._compiled.sums_over(samples).normal(values).matrix
-                self._everywhere = self._largest(np.nan_to_num(np.diag(matrix), posinf=0.0))
+            compiled = self._compiled
+            if compiled.sums.stateful and any(compiled.each(_has_unscored)):
+                diagonal = sum(compiled.each(_curvature_everywhere, values))
+                self._everywhere = self._largest(np.nan_to_num(diagonal, posinf=0.0))
         return self._everywhere
 
     def _largest(self, each: Float) -> Float:
@@ -224,9 +224,24 @@ class _Sensitivity:
     @cached_property
     def _target_squares(self) -> float:
         """The weighted sum of squares of all targets."""
-        scales = np.array([output.scale for output in self._compiled.kernel.outputs])
-        blocks = _target_blocks(self._compiled.samples)
-        return float(sum((piece.scores / scales**2) @ np.nansum(block**2, axis=1) for piece, _, block in blocks))
+        return float(sum(self._compiled.each(_sum_target_squares)))
+
+
+def _sum_target_squares(compiled: CompiledProblem) -> float:
+    scales = np.array([output.scale for output in compiled.kernel.outputs])
+    blocks = _target_blocks(compiled.samples)
+    return float(sum((piece.scores / scales**2) @ np.nansum(block**2, axis=1) for piece, _, block in blocks))
+
+
+def _has_unscored(compiled: CompiledProblem) -> bool:
+    return _all_scored(compiled.samples) is not None
+
+
+def _curvature_everywhere(compiled: CompiledProblem, values: Float) -> Float:
+    """Return the curvature along each free value with all samples scored, Float[free]."""
+    samples = _all_scored(compiled.samples)
+    sums = compiled.sums if samples is None else compiled.sums_over(samples)
+    return np.diag(sums.normal(values).matrix).copy()
 
 
 def _all_scored(samples: Samples) -> Samples | None:

@@ -1,20 +1,22 @@
 """A calibration problem: model, data, parameters and criteria, with nothing compiled yet."""
 
-from collections.abc import Mapping, Sequence
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.constraints import Equality, Limit, Pin, Shape
-from kennfeld.criteria import Criterion
+from kennfeld.criteria import Criterion, Target
 from kennfeld.dataset import Dataset
 from kennfeld.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models import Model
+from kennfeld.optimize.partitions import Partitions, StoredDatasets, shared_content, without_values
 from kennfeld.optimize.table_penalties import Restraint
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
@@ -22,6 +24,7 @@ from kennfeld.preprocessing.settling import average_window, needs_average
 
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
 
+T = TypeVar("T")  # Python 3.11
 Factor = float | Literal["auto"]
 Smoothness = Mapping[str, Factor | Sequence[Factor]]
 
@@ -43,10 +46,11 @@ class Problem:
         limits: limits of outputs.
         unknown_shifts: by dataset, the channels whose shift is to be estimated.
         restraints: of tables whose smoothness was chosen.
+        partitions: the data, if they are evaluated in partitions; `datasets` are then excerpts of them.
     """
 
     model: Model
-    datasets: tuple[Dataset, ...]
+    datasets: Sequence[Dataset]
     parameters: ParameterSet
     criteria: tuple[Criterion, ...]
     free: tuple[str, ...] = ("*",)
@@ -57,6 +61,7 @@ class Problem:
     limits: tuple[Limit, ...] = ()
     unknown_shifts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     restraints: Mapping[str, Restraint] = field(default_factory=dict)
+    partitions: Partitions | None = None
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
@@ -108,6 +113,48 @@ class Problem:
     def bind(self, dataset: Dataset) -> BoundDataset:
         """Bind the channels of a dataset to the inputs of the model."""
         return bind_inputs(dataset, self.graph, self.channels, self.model.step)
+
+    @cached_property
+    def skeleton(self) -> "Problem":
+        """The problem without samples, as it is sent to workers; targets are channels or nodes."""
+        criteria = tuple(replace(c, target=self._resolved(c)) for c in self.criteria)
+        datasets = tuple(without_values(data) for data in self.datasets)
+        return replace(self, criteria=criteria, datasets=datasets, partitions=None)
+
+    def _resolved(self, criterion: Criterion) -> Target:
+        target = criterion.target
+        if target.kind != "name":
+            return target
+        return replace(target, kind="channel" if self.target_node(criterion) is None else "node")
+
+    def over(self, datasets: Sequence[Dataset]) -> "Problem":
+        """Return the problem of some of its data, with the graph that all of them need."""
+        problem = replace(self, datasets=datasets)
+        problem.__dict__.update(graph=self.graph, _made=self._made)
+        return problem
+
+    @cached_property
+    def _made(self) -> dict[str, Any]:
+        return {}
+
+    def once(self, name: str, make: Callable[["Problem"], T]) -> T:
+        """Return `make(problem)`, made once for this problem and those `over` some of its data, which share it."""
+        if name not in self._made:
+            self._made[name] = make(self)
+        result: T = self._made[name]
+        return result
+
+    def each(self, task: Callable[..., Any], *arguments: Any, test: bool = False) -> Iterator[Any]:
+        """Yield `task(problem, *arguments)` for each partition of the training data, in order, then of the test data.
+
+        Without partitions, once for the whole problem. `task` is a function of a module.
+        """
+        if self.partitions is None:
+            yield task(self, *arguments)
+            return
+        partitions = [*self.partitions.training, *(self.partitions.test if test else ())]
+        shared = self.partitions.share(self.skeleton)
+        yield from self.partitions.map(run_on_problem, shared, partitions, task, *arguments)
 
     @property
     def differences(self) -> list[str]:
@@ -166,6 +213,13 @@ class Problem:
         factors = self.smoothness.get(name, 0.0)
         single = isinstance(factors, str) or not isinstance(factors, Sequence)
         return (factors,) * len(self.parameters[name].axes) if single else factors  # type: ignore[return-value]
+
+
+def run_on_problem(shared: bytes, item: bytes, arguments: bytes) -> Any:
+    """Run a function of a problem on one partition; see `Problem.each`."""
+    recordings, skeleton = shared_content(shared)
+    task, *rest = pickle.loads(arguments)
+    return task(skeleton.over(StoredDatasets(recordings, pickle.loads(item))), *rest)
 
 
 def difference(criterion: int) -> str:

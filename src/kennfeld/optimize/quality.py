@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -127,8 +128,8 @@ class Scorer:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._nodes = NodeSimulator(problem.graph, problem.parameters, problem.differences)
-        self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
+        self._nodes = problem.once("differences", _compile_differences)
+        self._bounds: list[BoundDataset] | None = None
 
     def errors(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
         """Return model minus target, Float[criteria, samples]; NaN at samples that are not scored."""
@@ -137,40 +138,63 @@ class Scorer:
 
     def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
         """Return the quality of each criterion on each dataset."""
+        if self._problem.partitions is None:
+            sums = self.sums(before, after)
+        else:
+            parts = self._problem.each(sum_quality, before, after, test=True)
+            sums = merge_sums(row for part in parts for row in part)
+        places = {data.name: at for at, data in enumerate(self._problem.datasets)}
+        return tuple(row.quality for row in sorted(sums, key=lambda row: (places[row.dataset], row.number)))
+
+    def sums(self, before: ParameterSet, after: ParameterSet) -> list["QualitySums"]:
+        """Return the sums over the errors of each criterion on each dataset."""
+        if self._bounds is None:
+            self._bounds = [self._problem.bind(dataset) for dataset in self._problem.datasets]
         rows = []
         for bound in self._bounds:
             targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
             old, new = (self._sum_errors(bound, targets, parameters) for parameters in (before, after))
             for i, criterion in enumerate(self._problem.criteria):
-                variation = spread(targets[i])
-                row = Quality(
-                    criterion=criterion.node,
-                    dataset=bound.dataset.name,
-                    use=bound.dataset.use,
-                    samples=new[i].count,
-                    rmse_before=old[i].rmse,
-                    rmse_after=new[i].rmse,
-                    r2_after=1.0 - new[i].squares / variation if variation > 0 else float("nan"),
-                    max_abs_after=new[i].largest if new[i].count else float("nan"),
-                )
-                rows.append(row)
-        return tuple(rows)
+                names = i, criterion.node, bound.dataset.name, bound.dataset.use
+                rows.append(QualitySums(*names, old[i], new[i], Moments.of(targets[i])))
+        return rows
 
-    def _sum_errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
-        sums = [_Errors() for _ in targets]
+    def _sum_errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["Errors"]:
+        sums = [Errors() for _ in targets]
         for samples, values in self._nodes.blocks(bound, parameters):
             for errors, target, value in zip(sums, targets, values, strict=True):
                 errors.add(value, target[samples])
         return sums
 
 
+def _compile_differences(problem: Problem) -> NodeSimulator:
+    return NodeSimulator(problem.graph, problem.parameters, problem.differences)
+
+
+def sum_quality(problem: Problem, before: ParameterSet, after: ParameterSet) -> list["QualitySums"]:
+    """Return the sums over the errors of a problem, such as one of a single partition."""
+    return merge_sums(Scorer(problem).sums(before, after))
+
+
+def merge_sums(rows: Iterable["QualitySums"]) -> list["QualitySums"]:
+    """Return one row for each criterion and dataset, in the order of their first rows."""
+    merged: dict[tuple[str, int], QualitySums] = {}
+    for row in rows:
+        key = row.dataset, row.number
+        merged[key] = merged[key].with_more(row) if key in merged else row
+    return list(merged.values())
+
+
 @dataclass
-class _Errors:
+class Errors:
+    """Sums over the errors of a criterion."""
+
     count: int = 0
     squares: float = 0.0
     largest: float = 0.0
 
     def add(self, values: Float, target: Float) -> None:
+        """Add samples; those without a target do not count."""
         scored = np.isfinite(target)
         with np.errstate(over="ignore", invalid="ignore"):
             error = values[scored] - target[scored]
@@ -178,6 +202,70 @@ class _Errors:
             self.squares += float(np.sum(error**2))
             self.largest = float(np.abs(error).max(initial=self.largest))
 
+    def with_more(self, other: "Errors") -> "Errors":
+        """Return the sums over the samples of both."""
+        largest = float(np.maximum(self.largest, other.largest))  # NaN if either is
+        return Errors(self.count + other.count, self.squares + other.squares, largest)
+
     @property
     def rmse(self) -> float:
+        """The root of the mean square; NaN without samples."""
         return float(np.sqrt(self.squares / self.count)) if self.count else float("nan")
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Count, mean, and sum of squared distances from the mean."""
+
+    count: int
+    mean: float
+    squares: float
+
+    @classmethod
+    def of(cls, target: Float) -> "Moments":
+        """Return the moments of a target where it is known."""
+        known = target[np.isfinite(target)]
+        first = float(known[0]) if known.size else 0.0
+        mean = first + float(np.mean(known - first)) if known.size else 0.0
+        return cls(known.size, mean, spread(target))
+
+    def with_more(self, other: "Moments") -> "Moments":
+        """Return the moments of both (T. F. Chan et al.: Algorithms for computing the sample variance, 1983)."""
+        count, distance = self.count + other.count, other.mean - self.mean
+        if not count:
+            return self
+        share = other.count / count
+        squares = self.squares + other.squares + distance**2 * self.count * share
+        return Moments(count, self.mean + distance * share, squares)
+
+
+class QualitySums(NamedTuple):
+    """Sums from which the quality of a criterion, by number, on a dataset follows."""
+
+    number: int
+    criterion: str
+    dataset: str
+    use: str
+    before: Errors
+    after: Errors
+    target: Moments
+
+    def with_more(self, other: "QualitySums") -> "QualitySums":
+        """Return the sums over the samples of both."""
+        errors = self.before.with_more(other.before), self.after.with_more(other.after)
+        return QualitySums(*self[:4], *errors, self.target.with_more(other.target))
+
+    @property
+    def quality(self) -> Quality:
+        """The quality."""
+        after, variation = self.after, self.target.squares
+        return Quality(
+            criterion=self.criterion,
+            dataset=self.dataset,
+            use=self.use,
+            samples=after.count,
+            rmse_before=self.before.rmse,
+            rmse_after=after.rmse,
+            r2_after=1.0 - after.squares / variation if variation > 0 else float("nan"),
+            max_abs_after=after.largest if after.count else float("nan"),
+        )

@@ -91,13 +91,25 @@ def check_fittable(problem: Problem, *, globally: bool) -> Findings:
     if not any(bound.count for bound in problem.training):
         findings.error(Location("datasets"), "no training data", "Use at least one dataset for training.")
     else:
-        for c in problem.criteria:
-            if not any(np.isfinite(problem.target(c, bound)).any() for bound in problem.training):
+        for c, known in zip(problem.criteria, have_targets(problem), strict=True):
+            if not known:
                 message = f"no sample of the training data has its target {c.target}"
                 findings.error(Location(f"criterion on {c.node}"), message)
     if globally:
         findings.add(*unbounded(problem))
     return findings
+
+
+def have_targets(problem: Problem) -> list[bool]:
+    """Return for each criterion if a training sample has its target; excerpts of partitions usually tell."""
+    known = _own_targets(problem)
+    if not all(known) and problem.partitions is not None:
+        known = [any(own) for own in zip(*problem.each(_own_targets), strict=True)]
+    return known
+
+
+def _own_targets(problem: Problem) -> list[bool]:
+    return [any(np.isfinite(problem.target(c, b)).any() for b in problem.training) for c in problem.criteria]
 
 
 def check_limits(problem: Problem) -> list[Finding]:

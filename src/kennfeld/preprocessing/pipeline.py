@@ -85,10 +85,18 @@ def load_datasets(settings: DataSettings, request: ChannelRequest, calculated: C
     return loaded
 
 
-def prepare_dataset(reader: RecordingReader, units: Units, request: ChannelRequest) -> Dataset | None:
+def prepare_dataset(
+    reader: RecordingReader, units: Units, request: ChannelRequest, *, whole: bool = True
+) -> Dataset | None:
     """Return one dataset, from its files to its scored samples.
 
     Problems are added to the findings of the reader; if one of them is an error, the result must not be used.
+
+    Args:
+        reader: reads the files.
+        units: converts the channels.
+        request: the channels that the project reads.
+        whole: False for a part of the files, which may have no sample that is scored, and no plateau.
 
     Returns:
         The dataset; None if no file could be read, or no channel for the plateaus.
@@ -111,7 +119,7 @@ def prepare_dataset(reader: RecordingReader, units: Units, request: ChannelReque
     dataset = shift_channels(dataset, {name: s for name, s in entry.known_shifts.items() if name not in graphs})
     dataset = _add_calculated(dataset, entry, channels, reader.settings)
     dataset, errors = _mask_unscored(dataset, entry, channels.where)
-    findings += errors
+    findings += errors if whole else []
     if not entry.steady:
         if request.step is None:
             return dataset
@@ -119,7 +127,12 @@ def prepare_dataset(reader: RecordingReader, units: Units, request: ChannelReque
         return refine_step(dataset, request.step, request.inputs, entry.location, remedy.format)
     if reader.failed or any(condition.channel not in dataset for condition in entry.steady):
         return None
-    dataset, remark = steady_points(dataset, entry)
+    try:
+        dataset, remark = steady_points(dataset, entry)
+    except InputError:
+        if whole:
+            raise
+        return None
     findings.append(remark)
     return _hold_points(dataset, entry, request.step)
 

@@ -205,7 +205,7 @@ def join_recordings(entry: DatasetEntry, paths: Sequence[str], recordings: Seque
         )
         for part in recordings
     ]
-    name = entry.name or _default_name(paths, entry.files[0])
+    name = entry.name or default_name(paths, entry.files[0])
     return replace(
         concatenate(name, complete),
         use=entry.use,
@@ -243,7 +243,7 @@ def compare_recorded_units(entry: DatasetEntry, recordings: Sequence[Dataset]) -
             units[channel.name] = channel.unit
 
 
-def _default_name(paths: Sequence[str], pattern: str) -> str:
+def default_name(paths: Sequence[str], pattern: str) -> str:
     """Return the stem of the file; for several files their pattern without its wildcards."""
     name = Path((paths[0] if len(paths) == 1 else pattern).partition("#")[0]).name
     stem = Path(name.removesuffix(".gz")).stem

@@ -1,7 +1,6 @@
 """Builds the axes of a project's tables: given, evenly spaced, shared by a group, or quantiles of the training data."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.validation import check_shared_axes
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis
-from kennfeld.preprocessing.calculated import evaluate_expression
+from kennfeld.project.data_column import DataColumn
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import GroupAxisEntry
@@ -51,6 +50,9 @@ def _location(file: ProjectFile, key: AxisKey) -> Location:
     return file.location("parameters", key.owner, key.direction) if key.direction else file.location("axes", key.owner)
 
 
+QuantileSource = Callable[[DataColumn, Float], Float]  # of all training samples, if the datasets are excerpts
+
+
 class Axes:
     """Builds the axes of a project file.
 
@@ -64,8 +66,10 @@ class Axes:
         datasets: Sequence[Dataset] | None,
         initial: ParameterSet,
         findings: Findings,
+        quantiles_of: QuantileSource | None = None,
     ) -> None:
         self._file, self._function, self._datasets, self._findings = file, function, datasets, findings
+        self._quantiles_of = quantiles_of
         self._initial = {axis.name: axis for axis in initial.axes}
         self._groups: dict[str, Axis | None] = {}
 
@@ -118,32 +122,47 @@ class Axes:
 
     def _quantiles(self, entry: GroupAxisEntry, quantity: str) -> Float | None:
         """Return the quantiles of the training data as breakpoints, minimum and maximum included."""
-        values = self._values(entry, quantity)
-        if values is None:
+        column = self._column(entry, quantity)
+        if column is None:
             return None
-        values = values[np.isfinite(values)]
-        if not values.size:
+        quantiles = self._distribution(column, np.linspace(0.0, 1.0, entry.quantiles))
+        if quantiles is None:
+            return None
+        if not quantiles.size:
             self._findings.error(entry.location, f"{quantity} has no values in the training data", "Write breakpoints.")
             return None
-        points = np.unique(np.quantile(values, np.linspace(0.0, 1.0, entry.quantiles)))
+        points = np.unique(quantiles)
         if points.size < entry.quantiles:
             message = f"only {points.size} of {entry.quantiles} quantiles of {quantity} differ"
             self._findings.warning(entry.location, message, "Write a smaller count, or begin, end and count.")
         return points
 
-    def _values(self, entry: GroupAxisEntry, quantity: str) -> Float | None:
-        """Return the values of a quantity at all training samples."""
+    @property
+    def _training(self) -> list[Dataset]:
+        return [data for data in self._datasets or () if data.use == "training" and data.weight > 0]
+
+    def _distribution(self, column: DataColumn, probabilities: Float) -> Float | None:
+        """Return quantiles of a column at all training samples, empty if it has no values; None if no data have it."""
+        columns = [values for data in self._training if (values := column.values(data)) is not None]
+        if not columns:
+            return None
+        if self._quantiles_of is not None:
+            return self._quantiles_of(column, probabilities)
+        values = np.concatenate(columns)
+        values = values[np.isfinite(values)]
+        return np.asarray(np.quantile(values, probabilities)) if values.size else values
+
+    def _column(self, entry: GroupAxisEntry, quantity: str) -> DataColumn | None:
+        """Return the data of a quantity."""
         if self._function is None or self._datasets is None:
             return None
-        graph = self._function.graph
-        training = [data for data in self._datasets if data.use == "training" and data.weight > 0]
+        graph, training = self._function.graph, self._training
         if not quantity:
             self._findings.error(entry.location, "quantiles require an input", 'Write input = "...".')
             return None
         channel = self._file.channels.get(quantity, quantity) if quantity in graph.inputs else quantity
-        columns = [data[channel].values for data in training if channel in data]
-        if columns:
-            return np.concatenate(columns)
+        if any(channel in data for data in training):
+            return DataColumn(channel)
         if quantity in graph.names:
             return self._node(entry, quantity, graph, training)
         if training and quantity not in graph.inputs:
@@ -151,7 +170,7 @@ class Axes:
             self._findings.error(entry.location, f"unknown input, node or channel {quantity}", remedy)
         return None
 
-    def _node(self, entry: GroupAxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> Float | None:
+    def _node(self, entry: GroupAxisEntry, name: str, graph: Graph, training: Sequence[Dataset]) -> DataColumn | None:
         """Return the values of a node that depends on data alone."""
         part = GraphBuilder.of(graph).finish({"value": graph.names[name]})
         if part.parameters:
@@ -160,9 +179,4 @@ class Axes:
             return None
         if part.clocks and any(data.time is None for data in training):
             return None  # reported where the data are bound to the function
-        names, columns = self._file.channels, []
-        for data in training:
-            if all(names.get(name, name) in data for name in part.inputs):
-                inputs = (replace(data[names.get(name, name)], name=name) for name in part.inputs)
-                columns.append(evaluate_expression(part, replace(data, channels=tuple(inputs))))
-        return np.concatenate(columns) if columns else None
+        return DataColumn(graph=part, channels=dict(self._file.channels))

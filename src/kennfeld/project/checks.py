@@ -241,6 +241,22 @@ def check_method(file: ProjectFile, problem: Problem) -> list[Finding]:
     return findings
 
 
+def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
+    """Report settings that need all samples in one process."""
+    remedy = "Remove partition and scheduler from [cluster], or this setting."
+    automatic = 'smoothness = "auto"'
+    reasons = [(entry.location, "limits of outputs") for entry in file.limits]
+    reasons += [(file.location("parameters", name, "smoothness"), automatic) for name in problem.automatic_names]
+    reasons += [(entry.location, automatic) for entry in file.steps if _is_automatic(entry.smoothness)]
+    return [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
+
+
+def _is_automatic(setting: object) -> bool:
+    if isinstance(setting, Mapping):
+        return any(_is_automatic(inner) for inner in setting.values())
+    return setting == "auto"
+
+
 def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
     """Warn, once, if derivatives do not account for events of the model."""
     if file.optimizer.method == "global":

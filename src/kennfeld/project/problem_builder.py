@@ -17,7 +17,7 @@ from kennfeld.optimize.limit_nodes import channels_of
 from kennfeld.optimize.options import Step
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import infeasible
-from kennfeld.optimize.validation import check_limits, delay_findings, matrix_findings, step_findings
+from kennfeld.optimize.validation import check_limits, delay_findings, have_targets, matrix_findings, step_findings
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import Calculated, parse_calculated
@@ -25,7 +25,7 @@ from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.preprocessing.units import is_unit_missing
 from kennfeld.project.axes import Axes, check_free_axes
-from kennfeld.project.checks import check_method, check_settling, check_weights, weight_channels
+from kennfeld.project.checks import check_method, check_partitions, check_settling, check_weights, weight_channels
 from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
 from kennfeld.project.initial_calibration import read_initial
 from kennfeld.project.model import (
@@ -37,6 +37,7 @@ from kennfeld.project.model import (
     read_surrogates,
 )
 from kennfeld.project.parameter_tables import Tables, build_tables
+from kennfeld.project.partitioned_loading import PartitionedLoading
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import build_steps, uncovered_values
 
@@ -76,6 +77,11 @@ def assemble(file: ProjectFile, load: Loader = load_datasets) -> ProjectProblem:
     return ProjectProblem(findings, valid, time.perf_counter() - began, locations, steps)
 
 
+def failed(findings: Sequence[Finding]) -> ProjectProblem:
+    """Return a problem whose files cannot be read at all."""
+    return ProjectProblem(tuple(findings), None, 0.0, {})
+
+
 class ProblemBuilder:
     """Builds a problem from a project file, adding to `findings`."""
 
@@ -100,7 +106,9 @@ class ProblemBuilder:
         self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
         findings.add(*calculated.findings, *self.loaded.findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
-        axes = Axes(file, self.function, whole, initial or ParameterSet(), findings)
+        partitioned = self._load if isinstance(self._load, PartitionedLoading) else None
+        quantiles = None if partitioned is None else partitioned.quantiles
+        axes = Axes(file, self.function, whole, initial or ParameterSet(), findings, quantiles)
         # without all values it is unknown what a section overrides, and false errors would follow
         unknown = initial is None or (self.function is None and is_simulink(file))
         tables = None if initial is None or unknown else build_tables(file, initial, axes, self.function, findings)
@@ -116,6 +124,9 @@ class ProblemBuilder:
         if findings.has_errors or tables is None or self.function is None:
             return None
         problem = self._problem(self.function, tables, criteria, constraints)
+        if partitioned is not None:
+            problem = replace(problem, partitions=partitioned.partitions(problem))
+            findings.add(*check_partitions(file, problem))
         findings.add(*check_free_axes(file, problem))
         findings.add(*delay_findings(problem.model, problem.free_size))
         findings.add(*matrix_findings(file.location("calibration", "free"), problem.free_size))
@@ -347,8 +358,8 @@ class ProblemBuilder:
                 self.findings.error(location, message, "Check these channels, or max_gap.")
         if not any(bound.count for bound in problem.training):
             return
-        for entry, criterion in zip(self.file.criteria, problem.criteria, strict=True):
-            if not any(np.isfinite(problem.target(criterion, bound)).any() for bound in problem.training):
+        for entry, known in zip(self.file.criteria, have_targets(problem), strict=True):
+            if not known:
                 message = f"no training sample has a target for {entry.node}"
                 remedy = "Check its target channel and the conditions of the datasets."
                 self.findings.error(entry.location, message, remedy)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from kennfeld.preprocessing.pipeline import Loader
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
+    from kennfeld.task_runner import TaskRunner
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,7 @@ class Project:
     formats: tuple[str, ...]
     file: ProjectFile = field(repr=False)
     load: "Loader | None" = field(default=None, repr=False)
+    report: Callable[[str], None] = field(default=lambda line: None, repr=False)
 
     @classmethod
     def read(cls, path: str | Path, unsaved: Mapping[str, str] | None = None, load: "Loader | None" = None) -> Self:
@@ -77,7 +79,66 @@ class Project:
     def _assembly(self) -> "ProjectProblem":
         from kennfeld.project.problem_builder import assemble
 
+        if self.file.cluster.partition_size:
+            return self._assembled_in_partitions()
         return assemble(self.file) if self.load is None else assemble(self.file, self.load)
+
+    def _assembled_in_partitions(self) -> "ProjectProblem":
+        from kennfeld.preprocessing.prepared_files import PreparedFiles
+        from kennfeld.project.partitioned_loading import PartitionedLoading
+        from kennfeld.project.problem_builder import assemble, failed
+
+        cluster = self.file.cluster
+        folder = (self.file.folder / cluster.folder).absolute()
+        files = PreparedFiles(folder, round(1e9 * cluster.folder_size))
+        try:
+            loading = PartitionedLoading(self.file.path.name, self._runner, files, cluster.partition_size)
+        except InputError as error:
+            return failed(error.findings)
+        return assemble(self.file, loading)
+
+    @cached_property
+    def _runner(self) -> "TaskRunner":
+        """What evaluates partitions: this process, processes that are started here, or a cluster."""
+        from kennfeld.dask_runner import ClusterAddress, DaskRunner
+        from kennfeld.task_runner import SerialRunner
+
+        cluster, folder = self.file.cluster, self.file.folder
+        if not cluster.scheduler and (cluster.workers or 1) == 1:
+            return SerialRunner()
+        names = (cluster.tls_authority, cluster.tls_certificate, cluster.tls_key)
+        certificates = tuple(str(folder / name) if name else "" for name in names)
+        scheduler = cluster.scheduler
+        if scheduler and "://" not in scheduler and (folder / scheduler).is_file():
+            scheduler = str(folder / scheduler)
+        address = ClusterAddress(scheduler, cluster.workers or 1, certificates)  # type: ignore[arg-type]
+        return DaskRunner.start(address, self.report)
+
+    def on_cluster(
+        self,
+        scheduler: str | None = None,
+        workers: int | None = None,
+        report: Callable[[str], None] = lambda line: None,
+    ) -> Self:
+        """Return the same project on another cluster than `[cluster]` names.
+
+        Args:
+            scheduler: address of a Dask scheduler.
+            workers: number of processes on this machine, if there is no scheduler.
+            report: takes lines about what the cluster does.
+        """
+        cluster = self.file.cluster
+        if scheduler is not None:
+            cluster = replace(cluster, scheduler=scheduler, workers=None)
+        elif workers is not None and not cluster.scheduler:
+            cluster = replace(cluster, workers=workers)
+        return replace(self, file=replace(self.file, cluster=cluster), report=report)
+
+    def close(self) -> None:
+        """End the processes that evaluate partitions, or leave the cluster."""
+        if "_runner" in self.__dict__:
+            self._runner.close()
+            del self.__dict__["_runner"]
 
     def check(self) -> list[Finding]:
         """Return all problems of the project and of the files that it names, errors and warnings, without raising."""

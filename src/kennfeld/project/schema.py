@@ -43,6 +43,7 @@ from kennfeld.search_settings import SearchSettings
 
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"
+DEFAULT_PARTITION = 1_000_000  # samples, on a cluster
 _INNER = "calculated"
 _REDUCTION = IntegerForm(least=1)
 _REDUCTIONS = EitherForm(_REDUCTION, TableOfForm(_REDUCTION, names=DIRECTIONS))
@@ -301,6 +302,54 @@ class OptimizerEntry(SearchSettings):
             yield "max_evaluations", message, 'Write method = "global", or max_iterations.'
 
 
+@dataclass(frozen=True)
+class ClusterEntry:
+    """`[cluster]`."""
+
+    scheduler: str = key(
+        'address of a Dask scheduler, `"tcp://host:8786"`, or the file that it wrote with `--scheduler-file`', ""
+    )
+    workers: int | None = key(
+        "without a scheduler: number of processes on this machine that evaluate partitions",
+        None,
+        least=1,
+        default_text="1",
+    )
+    partition: int | None = key(
+        "evaluates the data in [partitions](cluster.md#partitions) of about this many samples; 0 reads all data into "
+        "this process",
+        None,
+        least=0,
+        default_text="1000000 with a scheduler, else 0",
+    )
+    folder: str = key(
+        "where prepared partitions are kept, on a disk that the workers share or on one of each; safe to delete",
+        ".kennfeld/partitions",
+        holds="folder",
+    )
+    folder_size: float = key(
+        "size limit of this folder; the least recently used are removed", 200.0, above=0, unit="GB"
+    )
+    tls_authority: str = key("for a scheduler at `tls://`: file of the certificate authority", "", holds="file")
+    tls_certificate: str = key("file of the own certificate", "", holds="file")
+    tls_key: str = key("file of its key", "", holds="file")
+
+    @property
+    def partition_size(self) -> int:
+        """Samples of a partition; 0 if data are not evaluated in partitions."""
+        if self.partition is None:
+            return DEFAULT_PARTITION if self.scheduler else 0
+        return self.partition
+
+    def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
+        """Yield keys that contradict each other."""
+        if self.scheduler and "workers" in present:
+            yield "workers", "workers contradicts scheduler, whose workers are used", "Remove one."
+        for name in ("tls_authority", "tls_certificate", "tls_key"):
+            if name in present and not self.scheduler:
+                yield name, f"{name} requires a scheduler", 'Write scheduler = "tls://...", or remove it.'
+
+
 class ChannelsForm(TableOfForm):
     """Channels of inputs. A table `calculated` among them is an alternative spelling of `[calculated]`."""
 
@@ -394,6 +443,7 @@ class ProjectFile(SectionsFile):
     equalities: tuple[EqualityEntry, ...] = key("sums of values that are given exactly", (), name="equality")
     steps: tuple[StepEntry, ...] = key("searches in sequence, each from the result of the one before", (), name="step")
     optimizer: OptimizerEntry = key("the search", OptimizerEntry())
+    cluster: ClusterEntry = key("[large data and several machines](cluster.md)", ClusterEntry())
 
     @property
     def name(self) -> str:

@@ -37,13 +37,22 @@ def grid_points_within(table: Parameter, part: Range) -> Bool:
 
 def uncovered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
     """Return masks of the values that no training sample touches, by table; none of an expansion."""
-    coverage = Coverage(problem.model.graph, problem.parameters, names)
     kept = {name: problem.parameters[name] for name in names}
     seen = {name: np.full(table.values.shape, table.kind == "rbf") for name, table in kept.items()}
-    for bound in problem.training:
-        for name, mask in touched(coverage, problem.parameters, bound, _counting(problem)).items():
+    for part in problem.each(_covered_values, tuple(names)):
+        for name, mask in part.items():
             seen[name] |= mask
     return {name: ~mask for name, mask in seen.items()}
+
+
+def _covered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
+    """Return masks of the values that a training sample touches, by table."""
+    coverage = Coverage(problem.model.graph, problem.parameters, names)
+    seen: dict[str, Bool] = {}
+    for bound in problem.training:
+        for name, mask in touched(coverage, problem.parameters, bound, _counting(problem)).items():
+            seen[name] = seen[name] | mask if name in seen else mask
+    return seen
 
 
 def _counting(problem: Problem) -> Callable[[BoundDataset], Bool]:

@@ -15,8 +15,9 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Checkpoint, Result, TraceLine
-from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent, pickle_content
+from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.portable_pickle import pickle_content
 
 STEP_INTERVAL = 0.1  # s between reported steps
 VALUES_INTERVAL = 0.5  # s between reported values

@@ -13,8 +13,9 @@ from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, TraceLine
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner
-from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent, pickle_content
+from kennfeld.optimize.search.worker_process import ParentConnection, WorkerProcess, connect_to_parent
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.portable_pickle import pickle_content
 
 READY = "ready"
 POLL_INTERVAL = 0.1  # s; Windows does not deliver Ctrl-C during a wait without timeout

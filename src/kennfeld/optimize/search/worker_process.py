@@ -5,8 +5,6 @@ user's script again on systems without `fork`, unless it is guarded. A worker th
 outlives a process that is killed. Ctrl-C reaches the main process only, which forwards it to the workers.
 """
 
-import copyreg
-import io
 import os
 import pickle
 import queue
@@ -14,29 +12,12 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
 from contextlib import suppress
-from types import MappingProxyType
 from typing import IO, Any
 
+from kennfeld.portable_pickle import pickle_content
+
 STOP = "stop"
-
-
-def pickle_content(content: Any) -> bytes:
-    """Pickle content that may contain the read-only mappings of a model."""
-    stream = io.BytesIO()
-    pickler = pickle.Pickler(stream, protocol=pickle.HIGHEST_PROTOCOL)
-    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _reduce_proxy}
-    pickler.dump(content)
-    return stream.getvalue()
-
-
-def _reduce_proxy(proxy: Mapping[Any, Any]) -> tuple[Callable[..., Any], tuple[dict[Any, Any]]]:
-    return _read_only, (dict(proxy),)
-
-
-def _read_only(mapping: dict[Any, Any]) -> Mapping[Any, Any]:
-    return MappingProxyType(mapping)  # the type itself cannot be pickled
 
 
 class WorkerProcess:

@@ -17,7 +17,15 @@ from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.trust.active_limits import describe_distances, describe_output_limits
 from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
-from kennfeld.optimize.trust.noise import Group, groups, noise_of_criteria, persistence_of_criteria
+from kennfeld.optimize.trust.noise import (
+    Group,
+    Ranges,
+    groups,
+    merge_groups,
+    noise_of_criteria,
+    persistence_of_criteria,
+    ranges_of,
+)
 from kennfeld.optimize.trust.null_space import null_space
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.weak_directions import table_changes, weak_directions
@@ -116,7 +124,11 @@ class TrustAssessment:
     def _residual_groups(self, values: Float) -> list[Group]:
         problem, parameters = self.problem, self.compiled.parameters(values)
         errors = [self.scorer.errors(bound, parameters) for bound in problem.training]
-        return groups(problem.criteria, problem.training, errors, self.compiled.weighting)
+        own = groups(problem.criteria, problem.training, errors, self.compiled.weighting)
+        if problem.partitions is None:
+            return own
+        ranges = ranges_of(own) if self.compiled.weighting.inputs else None
+        return merge_groups(self.compiled.each(_partial_groups, values, ranges))
 
     def _directions(
         self,
@@ -163,10 +175,21 @@ def count_touching_samples(compiled: CompiledProblem, full: Float) -> Int:
     Samples that are only simulated, because of `where`, the warmup or a missing target, do not count. A steady-state
     point that is held until the model has settled counts once for all samples over which it is averaged.
     """
-    bounds = compiled.problem.gathered
+    return np.asarray(sum(compiled.each(_count_touching, full)))
+
+
+def _count_touching(compiled: CompiledProblem, full: Float) -> Int:
+    bounds = compiled.problem.gathered if compiled.sums.stateful else ()
     averaged = any(bound.hold is not None and bound.hold.window > 1 for bound in bounds)
-    parts = averaged and compiled.sums.stateful
-    return compiled.sums.touched(full, _owners(compiled, bounds) if parts else None)
+    return compiled.sums.touched(full, _owners(compiled, bounds) if averaged else None)
+
+
+def _partial_groups(compiled: CompiledProblem, values: Float, ranges: Ranges | None) -> list[Group]:
+    """Return the groups of residuals of one partition."""
+    problem, parameters = compiled.problem, compiled.parameters(values)
+    scorer = Scorer(problem)
+    errors = [scorer.errors(bound, parameters) for bound in problem.training]
+    return groups(problem.criteria, problem.training, errors, compiled.weighting, ranges)
 
 
 def _owners(compiled: CompiledProblem, bounds: tuple[BoundDataset, ...]) -> Int:

@@ -305,7 +305,7 @@ class _Measured:
 
     def _rescored(self, groups: Sequence[Group]) -> Sums:
         factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}
-        return self._compiled.sums_over(rescore(self._compiled, factors))
+        return self._compiled.sums_with(rescore, factors)
 
     @property
     def finite(self) -> bool:

@@ -32,6 +32,8 @@ MIN_GROUP_FREEDOM = 10.0  # the same for one of several groups; with fewer, the 
 MAX_CLASSES = 8  # of samples by their own weight
 MAX_WEIGHT_RATIO = 1.5  # of the largest to the smallest weight in one class
 
+Ranges = dict[tuple[int, float], list[tuple[float, float]]]  # of the weights of samples: above, up to
+
 
 @dataclass(frozen=True)
 class Group:
@@ -57,7 +59,11 @@ class Group:
 
 
 def groups(
-    criteria: Sequence[Criterion], bounds: Sequence[BoundDataset], errors: Sequence[Float], weighting: SampleWeights
+    criteria: Sequence[Criterion],
+    bounds: Sequence[BoundDataset],
+    errors: Sequence[Float],
+    weighting: SampleWeights,
+    ranges: Ranges | None = None,
 ) -> list[Group]:
     """Return the groups of the training data.
 
@@ -66,6 +72,7 @@ def groups(
         bounds: the training data.
         errors: model minus target for each dataset, NaN if not scored; shape (criteria, samples).
         weighting: sample weights.
+        ranges: those of the weights of samples, by criterion and weight of the dataset; by default those of these data.
     """
     result: list[Group] = []
     for i, criterion in enumerate(criteria):
@@ -78,8 +85,39 @@ def groups(
             length = (1.0, 0) if steady else persistence(residual * np.sqrt(weights), bound.starts)
             members.setdefault(bound.dataset.weight, []).append(_Member(residual, weights, length))
         for weight, datasets in members.items():
-            result += _split(i, criterion, weight, datasets)
+            result += _split(i, criterion, weight, datasets, (ranges or {}).get((i, criterion.weight * weight)))
     return result
+
+
+def ranges_of(groups: Sequence[Group]) -> Ranges:
+    """Return the ranges of the weights of samples in each group, by criterion and weight of the dataset."""
+    ranges: Ranges = {}
+    for group in groups:
+        ranges.setdefault((group.criterion, group.score), []).append((group.above, group.most))
+    return {key: [*pairwise([0.0, *(most for _, most in own[:-1]), float("inf")])] for key, own in ranges.items()}
+
+
+def merge_groups(parts: Iterable[Sequence[Group]]) -> list[Group]:
+    """Return the groups of all data from those of its parts, which have the same ranges of weights."""
+    merged: dict[tuple[int, float, float, float], Group] = {}
+    for group in (group for part in parts for group in part):
+        key = group.criterion, group.score, group.above, group.most
+        merged[key] = group if key not in merged else _merge(merged[key], group)
+    return [merged[key] for key in sorted(merged, key=lambda key: key[:1])]
+
+
+def _merge(first: Group, second: Group) -> Group:
+    count, pair = first.count + second.count, (first, second)
+    total = sum(g.typical * g.count for g in pair)
+    return replace(
+        first,
+        count=count,
+        squares=first.squares + second.squares,
+        weight=sum(g.weight * g.typical * g.count for g in pair) / total,
+        slope=sum(g.slope * g.typical * g.count for g in pair) / total,
+        persistence=sum(g.persistence * g.count for g in pair) / count,
+        typical=total / count,
+    )
 
 
 class _Member(NamedTuple):
@@ -88,14 +126,20 @@ class _Member(NamedTuple):
     persistence: tuple[float, int]  # and the number of known samples; (1, 0) for steady-state points
 
 
-def _split(number: int, criterion: Criterion, weight: float, members: Sequence[_Member]) -> list[Group]:
+def _split(
+    number: int,
+    criterion: Criterion,
+    weight: float,
+    members: Sequence[_Member],
+    ranges: Sequence[tuple[float, float]] | None,
+) -> list[Group]:
     whole = np.concatenate([member.residual for member in members])
     own = np.concatenate([member.weights for member in members])
     known = np.isfinite(whole)
     whole, own = whole[known], own[known]
     length = _mean((member.persistence for member in members), 1.0)
     result = []
-    for above, most in classes(own):
+    for above, most in classes(own) if ranges is None else ranges:
         inside = (own > above) & (own <= most)
         r, w = whole[inside], own[inside]
         if not r.size:

@@ -1,0 +1,135 @@
+"""Sums over the partitions of the data, added in their order."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.errors import ArgumentError
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.samples import Samples
+from kennfeld.optimize.sums import NormalEquations, Sums
+
+
+class _Compiled(Protocol):
+    """The compiled problem over one partition."""
+
+    kernel: Kernel
+
+    @property
+    def samples(self) -> Samples: ...
+    @property
+    def sums(self) -> Sums: ...
+
+
+Each = Callable[..., Iterator[Any]]
+
+
+class NormalSum(NamedTuple):
+    """Half the gradient J'Wr and the Gauss-Newton matrix J'WJ; see `NormalEquations`."""
+
+    gradient: Float  # Float[free]
+    matrix: Float  # Float[free, free]
+
+
+class PackedNormal(NamedTuple):
+    """The same of one partition, of the symmetric matrix the upper triangle alone, row by row."""
+
+    gradient: Float  # Float[free]
+    triangle: Float  # Float[free * (free + 1) / 2]
+
+
+def pack(normal: NormalEquations) -> PackedNormal:
+    """Return a copy of normal equations as they are sent."""
+    upper = np.triu_indices(normal.gradient.size)
+    return PackedNormal(normal.gradient.copy(), normal.matrix[upper])
+
+
+def add_packed(parts: Iterator[PackedNormal]) -> NormalSum:
+    """Add the normal equations of partitions in order."""
+    gradient, triangle = (part.copy() for part in next(parts))
+    for part in parts:
+        gradient += part.gradient
+        triangle += part.triangle
+    matrix = np.zeros((gradient.size, gradient.size))
+    matrix[np.triu_indices(gradient.size)] = triangle
+    matrix += np.triu(matrix, 1).T
+    return NormalSum(gradient, matrix)
+
+
+class PartitionedSums:
+    """The `Sums` of a problem whose data are in partitions.
+
+    Args:
+        each: yields the results of a function of the compiled problem of each partition, in order.
+        axes: number of axes of the lowered graph.
+        stateful: True if the model has states.
+    """
+
+    def __init__(self, each: Each, axes: int, *, stateful: bool) -> None:
+        self._each, self.stateful = each, stateful
+        self.widths = np.zeros(max(axes, 1))
+
+    def prepare(self) -> None:
+        """Do nothing: every process compiles what it calls."""
+
+    def cost(self, values: Float) -> float:
+        """Return the sum of weighted losses; not finite if the model's output is not."""
+        return float(sum(self._each(partial_cost, self.widths, values)))
+
+    def normal(self, values: Float) -> NormalSum:
+        """Return half the gradient and the Gauss-Newton matrix."""
+        return add_packed(self._each(partial_normal, self.widths, values))
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """Return residuals and Jacobian, one partition after the other."""
+        residuals, jacobians = zip(*self._each(partial_rows, self.widths, values), strict=True)
+        return np.concatenate(residuals), np.concatenate(jacobians)
+
+    def rows_at(self, values: Float, visits: Int) -> Float:
+        """Return the rows of the Jacobian at increasing visits as in `rows`, Float[visits, outputs, free]."""
+        shapes = [*self._each(partial_shape)]
+        outputs, free = shapes[0][1:]
+        return self.rows(values)[1].reshape(-1, outputs, free)[visits]
+
+    def touched(self, values: Float, owners: Int | None = None) -> Int:
+        """Count for each free value the scored samples whose step depends on it, Int[free].
+
+        Raises:
+            ArgumentError: there are owners, which a partition cannot tell from its own samples.
+        """
+        if owners is not None:
+            raise ArgumentError("owners of samples must be assigned within each partition")
+        return np.asarray(sum(self._each(partial_touched, self.widths, values)))
+
+
+def _at_widths(compiled: _Compiled, widths: Float) -> Sums:
+    sums = compiled.sums
+    sums.widths[:] = widths
+    return sums
+
+
+def partial_cost(compiled: _Compiled, widths: Float, values: Float) -> float:
+    """Return the cost of one partition."""
+    return _at_widths(compiled, widths).cost(values)
+
+
+def partial_normal(compiled: _Compiled, widths: Float, values: Float) -> PackedNormal:
+    """Return the normal equations of one partition."""
+    return pack(_at_widths(compiled, widths).normal(values))
+
+
+def partial_rows(compiled: _Compiled, widths: Float, values: Float) -> tuple[Float, Float]:
+    """Return residuals and Jacobian of one partition."""
+    return _at_widths(compiled, widths).rows(values)
+
+
+def partial_shape(compiled: _Compiled) -> tuple[int, int, int]:
+    """Return the numbers of visits, outputs and free values of one partition."""
+    return compiled.samples.count, len(compiled.kernel.outputs), compiled.kernel.values.free
+
+
+def partial_touched(compiled: _Compiled, widths: Float, values: Float) -> Int:
+    """Count the samples of one partition that depend on each free value."""
+    return _at_widths(compiled, widths).touched(values)

@@ -1,0 +1,309 @@
+"""Prepared recordings: the samples of one file, from reading to the scored samples, kept on disk for the next use.
+
+A dataset of many files is prepared file by file, on any machine. What is kept is mapped into memory, so that a second
+use reads only what it needs. An entry is known by the recording, the settings that prepared it and the source of the
+code that did; it is safe to delete at any time.
+"""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Float, Int
+from kennfeld.column_file import ColumnFile, read_columns, write_columns
+from kennfeld.content_digest import digest_of, digest_of_sources
+from kennfeld.dataset import Channel, Clock, Dataset, Settling
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.preprocessing.calculated import parse_calculated
+from kennfeld.preprocessing.pipeline import prepare_dataset
+from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
+from kennfeld.preprocessing.recording_sources import RecordingSource, local_file
+from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader
+from kennfeld.preprocessing.units import Units
+
+EXCERPT = 2000  # samples of a file
+ENDING = ".columns"
+_ATTRIBUTES = ("use", "weight", "weight_channel", "max_gap", "warmup")
+
+
+@dataclass(frozen=True)
+class StoredSettings:
+    """The settings of a project that the preparation of its recordings reads, without the project file."""
+
+    file: str
+    folder: Path
+    channels: Mapping[str, str]
+    calculated: Mapping[str, str]
+    units: Mapping[str, str]
+    datasets: tuple[DatasetEntry, ...] = ()
+
+    @classmethod
+    def of(cls, file: str, settings: DataSettings) -> "StoredSettings":
+        """Return the settings of a project file of this name."""
+        channels, calculated, units = (dict(each) for each in (settings.channels, settings.calculated, settings.units))
+        return cls(file, settings.folder.absolute(), channels, calculated, units)
+
+    def location(self, *keys: str | int) -> Location:
+        """Return the location of a section or key."""
+        first, *inner = keys
+        return Location(self.file, path=" ".join([f"[{first}]", *map(str, inner)]))
+
+
+@dataclass(frozen=True)
+class DatasetRecipe:
+    """How each file of a dataset becomes samples.
+
+    Attributes:
+        settings: those of the project.
+        entry: those of the dataset, which has a name.
+        request: the channels to read.
+        units: the unit of channels that the function states none for, and the file it is from.
+    """
+
+    settings: StoredSettings
+    entry: DatasetEntry
+    request: ChannelRequest
+    units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of all that the prepared samples depend on, except the file."""
+        settings, request = self.settings, self.request
+        texts = settings.channels, settings.calculated, settings.units
+        channels = sorted(request.required), sorted(request.optional), request.inputs, request.units, request.step
+        entry = replace(self.entry, location=Location(), files=(), name="", use="training", weight=1.0)
+        return digest_of(texts, channels, entry, self.units, _code())
+
+    def prepare(self, source: RecordingSource) -> "PreparedFile":
+        """Read a file and prepare its samples; problems are findings of the result."""
+        try:
+            with local_file(source) as path:
+                return self._prepare(path)
+        except InputError as error:
+            return PreparedFile(None, error.findings)
+
+    def _prepare(self, path: str) -> "PreparedFile":
+        calculated = parse_calculated(self.settings)
+        entry = replace(self.entry, files=(path,), cache=False)
+        channels = DatasetChannels.of(entry, self.request, calculated)
+        reader = RecordingReader(self.settings, entry, channels, [*channels.findings])
+        units = Units(self.settings.units, self.request.units, dict(self.units))
+        dataset = None
+        try:
+            dataset = prepare_dataset(reader, units, self.request, whole=False)
+        except InputError as error:
+            reader.findings += error.findings
+        except ArgumentError as error:
+            reader.findings.append(Finding(entry.location, str(error)))
+        formulas = {*self.request.in_formulas, *channels.in_formulas}
+        formulas |= {name for graph in calculated.graphs.values() for name in graph.inputs}
+        findings = tuple(dict.fromkeys([*reader.findings, *units.remarks(formulas)]))
+        more = tuple(reader.offered), tuple(reader.clocks), tuple(channels.used)
+        return PreparedFile(None if reader.failed else dataset, findings, *more, units.first)
+
+
+@dataclass(frozen=True)
+class PreparedFile:
+    """The samples of a file, None if it has none, and what was noticed on the way.
+
+    Attributes:
+        dataset: the samples.
+        findings: problems and remarks.
+        offered: channel names of the file, if channels are missing.
+        clocks: the columns that time was read from.
+        used: the channels that the project reads or calculates.
+        units: the unit of each channel that the function states none for, and the file it is from.
+    """
+
+    dataset: Dataset | None
+    findings: tuple[Finding, ...] = ()
+    offered: tuple[str, ...] = ()
+    clocks: tuple[str, ...] = ()
+    used: tuple[str, ...] = ()
+    units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """True if one of the findings is an error."""
+        return any(finding.severity == "error" for finding in self.findings)
+
+    def of(self, entry: DatasetEntry) -> "PreparedFile":
+        """Return the same with the name, the use and the weight of its dataset, which an entry on disk may not have."""
+        if self.dataset is None:
+            return self
+        return replace(self, dataset=replace(self.dataset, name=entry.name, use=entry.use, weight=entry.weight))
+
+    def excerpt(self, most: int) -> Dataset | None:
+        """Return at most about `most` samples: the first ones of a recording, else spread over all points.
+
+        With the extremes of every channel of steady-state points.
+        """
+        data = self.dataset
+        if data is None or data.samples <= most:
+            return data
+        if data.time is not None or data.settling is not None:
+            return cut(data, 0, most)
+        even = np.linspace(0, data.samples - 1, most).astype(np.int64)
+        picked = np.unique(np.concatenate([even, *(_extremes(channel.values) for channel in data.channels)]))
+        return data.select(picked)
+
+
+def _extremes(values: Float) -> Int:
+    """Return the samples with the smallest and the largest value."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros(0, dtype=np.int64)
+    low, high = np.where(known, values, np.inf).argmin(), np.where(known, values, -np.inf).argmax()
+    return np.array([low, high], dtype=np.int64)
+
+
+def cut(data: Dataset, first: int, last: int) -> Dataset:
+    """Return the samples from `first` to before `last`, without copying them."""
+    channels = tuple(replace(channel, values=channel.values[first:last]) for channel in data.channels)
+    inner = data.starts[(data.starts > first) & (data.starts < last)] - first
+    starts = np.concatenate([np.zeros(1, dtype=np.int64), inner])
+    time = None if data.time is None else data.time[first:last]
+    scored = None if data.scored is None else data.scored[first:last]
+    return replace(data, channels=channels, time=time, starts=starts, scored=scored)
+
+
+@dataclass(frozen=True)
+class PreparedFiles:
+    """The folder of prepared recordings.
+
+    Attributes:
+        folder: on a disk of this machine, or one that several machines share.
+        most: bytes; the least recently used files are removed beyond that.
+    """
+
+    folder: Path
+    most: int
+
+    def file(self, recipe: DatasetRecipe, source: RecordingSource) -> PreparedFile:
+        """Return a prepared recording; it is read if it is not here yet."""
+        path = self.path(digest_of(recipe.key, source.address, source.state))
+        stored = read_columns(path)
+        prepared = None if stored is None else _from_columns(stored)
+        if prepared is None:
+            prepared = recipe.prepare(source)
+            if not prepared.failed:
+                self.keep(path, _columns(prepared), _notes(prepared))
+        else:
+            touch(path)
+        return prepared.of(recipe.entry)
+
+    def path(self, key: str) -> Path:
+        """Return the path of an entry."""
+        return self.folder / f"{key}{ENDING}"
+
+    def keep(self, path: Path, columns: Iterator[NDArray[Any]], notes: Mapping[str, Any]) -> bool:
+        """Write an entry; return False if the disk does not take it."""
+        try:
+            write_columns(path, columns, notes)
+        except OSError:
+            return False
+        self._limit_size(path)
+        return True
+
+    def _limit_size(self, newest: Path) -> None:
+        """Remove the least recently used entries, except the newest, until the folder is within its size limit."""
+        entries = []
+        for path in self.folder.glob(f"*{ENDING}"):
+            with suppress(OSError):  # another process may remove it
+                status = path.stat()
+                entries.append((status.st_mtime_ns, status.st_size, path))
+        total = 0
+        for _, size, path in sorted(entries, reverse=True):
+            total += size
+            if total > self.most and path != newest:
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
+
+
+def touch(path: Path) -> None:
+    """Mark an entry as used now."""
+    with suppress(OSError):
+        os.utime(path)
+
+
+@cache
+def _code() -> str:
+    """Return the digest of the source that prepares recordings; a change makes entries invalid."""
+    package = Path(__file__).parent.parent
+    return digest_of_sources(package / "measurement", package / "preprocessing", package / "models" / "formula")
+
+
+def _columns(prepared: PreparedFile) -> Iterator[NDArray[Any]]:
+    data = prepared.dataset
+    if data is None:
+        return
+    yield data.starts
+    yield from (channel.values for channel in data.channels)
+    if data.time is not None:
+        yield data.time
+    if data.scored is not None:
+        yield data.scored
+
+
+def _notes(prepared: PreparedFile) -> dict[str, Any]:
+    own = {name: getattr(prepared, name) for name in ("offered", "clocks", "used", "units")}
+    return own | {
+        "findings": [asdict(finding) for finding in prepared.findings],
+        "dataset": None if prepared.dataset is None else _attributes(prepared.dataset),
+    }
+
+
+def _attributes(data: Dataset) -> dict[str, Any]:
+    return {name: getattr(data, name) for name in _ATTRIBUTES} | {
+        "name": data.name,
+        "channels": [[channel.name, channel.unit, channel.description] for channel in data.channels],
+        "time": data.time is not None,
+        "scored": data.scored is not None,
+        "findings": [asdict(finding) for finding in data.findings],
+        "settling": None if data.settling is None else asdict(data.settling),
+        "clock": None if data.clock is None else asdict(data.clock),
+    }
+
+
+def _from_columns(stored: ColumnFile) -> PreparedFile | None:
+    """Return a stored recording; None if it was written by another version."""
+    notes, columns = stored.notes, list(stored.columns)
+    try:
+        data = None if notes["dataset"] is None else _dataset(notes["dataset"], columns)
+        offered, clocks, used = (tuple(notes[name]) for name in ("offered", "clocks", "used"))
+        units = {name: (unit, file) for name, (unit, file) in notes["units"].items()}
+        return PreparedFile(data, _findings(notes["findings"]), offered, clocks, used, units)
+    except (KeyError, TypeError, ValueError, IndexError, ArgumentError):
+        return None
+
+
+def _dataset(notes: dict[str, Any], columns: list[NDArray[Any]]) -> Dataset:
+    scored = columns.pop() if notes["scored"] else None
+    time = columns.pop() if notes["time"] else None
+    starts, *values = columns
+    channels = tuple(
+        Channel(name, column, unit, description)
+        for (name, unit, description), column in zip(notes["channels"], values, strict=True)
+    )
+    return Dataset(
+        notes["name"],
+        channels,
+        time,
+        starts,
+        scored=scored,
+        findings=_findings(notes["findings"]),
+        settling=None if notes["settling"] is None else Settling(**notes["settling"]),
+        clock=None if notes["clock"] is None else Clock(**notes["clock"]),
+        **{name: notes[name] for name in _ATTRIBUTES},
+    )
+
+
+def _findings(notes: list[dict[str, Any]]) -> tuple[Finding, ...]:
+    return tuple(Finding(**note | {"location": Location(**note["location"])}) for note in notes)

@@ -1,0 +1,122 @@
+"""Where recordings lie: on a disk that all machines see, or in an object store, by fsspec.
+
+A file is known by its address and its state: size and time of its last change, or what the store says instead. A file
+that has changed is another one.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from kennfeld.errors import InputError, Location
+from kennfeld.preprocessing.recordings import find_recordings
+
+_MARK = "://"
+
+
+@dataclass(frozen=True)
+class RecordingSource:
+    """A recording in the state in which it was listed; a sheet may follow its address after a `#`."""
+
+    address: str
+    state: str
+
+    @property
+    def name(self) -> str:
+        """The last part of the address, for messages."""
+        return self.address.rpartition("/")[2]
+
+
+def is_remote(address: str) -> bool:
+    """Return whether an address names an object store, such as `s3://bucket/drive.mf4`, not a file of this system."""
+    return _MARK in address
+
+
+def find_sources(folder: Path, pattern: str) -> list[RecordingSource]:
+    """Return the recordings that a path, an address or a pattern matches, in the order of their names.
+
+    Raises:
+        InputError: the library of an object store is missing, or the store refuses.
+    """
+    if not is_remote(pattern):
+        return [
+            RecordingSource(str(Path(path).absolute()), state_of(path)) for path in find_recordings(folder, pattern)
+        ]
+    whole, _, sheet = pattern.partition("#")
+    system, path = _open_store(whole)
+    try:
+        names = sorted(system.glob(path)) if any(mark in path for mark in "*?[") else [path]
+        protocol = whole.partition(_MARK)[0]
+        addresses = [name if _MARK in name else f"{protocol}{_MARK}{name}" for name in names]
+        return [RecordingSource(f"{a}#{sheet}" if sheet else a, state_of(a)) for a in addresses]
+    except FileNotFoundError:
+        return []
+    except Exception as error:  # of many kinds, one for each store
+        raise InputError.of(Location(pattern), f"cannot be listed ({error or type(error).__name__})") from error
+
+
+def state_of(address: str) -> str:
+    """Return the state of a file; an empty one if it cannot be found."""
+    whole = address.rpartition("#")[0] if "#" in address.rpartition("/")[2] else address
+    if is_remote(address):
+        system, path = _open_store(whole)
+        return str(system.ukey(path))
+    for file in (Path(address), Path(whole)):
+        if file.is_file():
+            status = file.stat()
+            return f"{status.st_size}-{status.st_mtime_ns}"
+    return ""
+
+
+@contextmanager
+def local_file(source: RecordingSource) -> Iterator[str]:
+    """Yield the path of a recording on this machine; one from an object store is copied for the time of the block.
+
+    Raises:
+        InputError: it has changed since it was listed, or cannot be read.
+    """
+    try:
+        state = state_of(source.address)
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError.of(Location(source.address), f"cannot be read ({error or type(error).__name__})") from error
+    if state != source.state:
+        message = "has changed since it was listed" if state else "there is no such file on this machine"
+        remedy = "Use paths that all workers see, and keep the files while a calibration runs."
+        raise InputError.of(Location(source.address), message, remedy)
+    if not is_remote(source.address):
+        yield source.address
+        return
+    whole, _, sheet = source.address.partition("#")
+    system, path = _open_store(whole)
+    with TemporaryDirectory(prefix="kennfeld-") as folder:
+        copy = Path(folder) / path.rpartition("/")[2]
+        try:
+            system.get_file(path, str(copy))
+        except Exception as error:
+            raise InputError.of(
+                Location(source.address), f"cannot be read ({error or type(error).__name__})"
+            ) from error
+        yield f"{copy}#{sheet}" if sheet else str(copy)
+
+
+def _open_store(address: str) -> tuple[Any, str]:
+    """Return the file system of an address, and the path in it."""
+    try:
+        from fsspec.core import url_to_fs
+
+        system, path = url_to_fs(address)
+        return system, str(path)
+    except (ImportError, ValueError) as error:
+        protocol = address.partition(_MARK)[0]
+        packages = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "abfs": "adlfs", "az": "adlfs", "http": "aiohttp"}
+        package = packages.get(protocol.removesuffix("s") if protocol == "https" else protocol, "fsspec")
+        raise InputError.of(
+            Location(address),
+            f"cannot be read: {error}",
+            f"Install {package} where Kennfeld runs, also on the workers.",
+        ) from error
