@@ -201,7 +201,8 @@ class CompiledProblem:
         """Return the same over one partition, whose samples are kept on disk and mapped into memory."""
         other = copy(self)
         other.problem = self.problem.over(StoredDatasets(recordings, partition))
-        recipes = [recordings.recipes[part.dataset].key for part in partition.parts]
+        used = [recordings.recipes[part.dataset] for part in partition.parts]
+        recipes = [(recipe.key, recipe.entry.weight) for recipe in used]
         path = recordings.files.path(digest_of(self.data_key, partition.key, recipes))
         rows = len(self.kernel.layout.inputs), len(self.kernel.outputs)
         samples = read_samples(path, *rows)

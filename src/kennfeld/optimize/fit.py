@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.errors import Finding
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
@@ -28,6 +28,7 @@ from kennfeld.optimize.validation import check_fittable
 from kennfeld.optimize.worsening import admissible_share, find_worsening
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.task_runner import RunnerLostError
 from kennfeld.threads import blas_threads
 
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
@@ -36,6 +37,8 @@ NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 MAX_DEPARTURES = 3  # searches that may start again from a point at which values cannot move
 MAX_LISTED = 5
 UNDERFLOW = 1e-290  # a cost below has lost digits
+REJOIN = "Start the cluster, and run the command again."
+KEPT = "The result has the best values so far; their errors are unknown."
 REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
 UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
@@ -67,6 +70,7 @@ class FitRun:
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
+        self.best: tuple[float, Float] | None = None  # cost and values of the best accepted step
         self.weights = self.exact.weights
 
     def with_start(self, problem: Problem) -> "FitRun":
@@ -77,13 +81,38 @@ class FitRun:
         other.problem, other.exact = problem, self.exact.with_start(problem)
         other.objective = LeastSquaresObjective(other.exact)
         other.continuation = self.continuation and self.continuation.with_start(other.exact)
-        other.trace = []
+        other.trace, other.best = [], None
         return other
 
     def result(self, search: Search | None = None) -> Result:
         """Run `minimise` and assess its end."""
         with blas_threads(self.exact.values.free):
-            return self._result(search)
+            try:
+                return self._result(search)
+            except RunnerLostError as error:
+                if self.best is None:
+                    raise InputError.of(Location("[cluster]"), f"{error}, before the first step", REJOIN) from error
+                return self._result_without_data(*self.best, f"{error}. {KEPT}")
+
+    def _result_without_data(self, cost: float, values: Float, message: str) -> Result:
+        """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""
+        movable = int(linear_limits(self.problem, self.exact.values).movable.sum())
+        spent = time.perf_counter() - self.began
+        return Result(
+            status="stopped",
+            message=message,
+            parameters=self.parameters(values),
+            start=self.problem.parameters,
+            quality=(),
+            trace=tuple(self.trace),
+            iterations=len(self.trace),
+            evaluations=len(self.trace),
+            cost_before=self.trace[0].cost if self.trace else float("nan"),
+            cost_after=cost,
+            free_values=movable,
+            fixed_values=self.exact.start.size - movable,
+            seconds=Seconds(self.read + spent, self.read, self.compile, spent - self.compile),
+        )
 
     def _result(self, search: Search | None) -> Result:
         scorer = self.scorer
@@ -175,6 +204,10 @@ class FitRun:
         seconds = time.perf_counter() - self.began
         entry = TraceLine(stage=stage, start=1, rmse=rmse, seconds=seconds, **vars(line))
         self.trace.append(entry)
+        if compiled in (None, self.exact):
+            own = np.inf if stage.startswith("smooth") else line.cost  # the cost of a smoothed model is another one
+            if self.best is None or own <= self.best[0]:
+                self.best = own, values.copy()
         if self.watch is not None and compiled in (None, self.exact):  # dense axes have values of their own
             self.watch(entry, values)
         if self.progress is not None:

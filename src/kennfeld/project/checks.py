@@ -242,13 +242,20 @@ def check_method(file: ProjectFile, problem: Problem) -> list[Finding]:
 
 
 def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
-    """Report settings that need all samples in one process."""
+    """Report settings that need all samples in one process, and how many the report shows."""
+    assert problem.partitions is not None
     remedy = "Remove partition and scheduler from [cluster], or this setting."
     automatic = 'smoothness = "auto"'
     reasons = [(entry.location, "limits of outputs") for entry in file.limits]
     reasons += [(file.location("parameters", name, "smoothness"), automatic) for name in problem.automatic_names]
     reasons += [(entry.location, automatic) for entry in file.steps if _is_automatic(entry.smoothness)]
-    return [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
+    findings = [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
+    count, whole = sum(data.samples for data in problem.fitted_datasets), problem.partitions.samples
+    if count < whole:
+        message = f"{len(problem.partitions.training)} partitions of {whole} training samples"
+        scope = f"the figures of the report show an excerpt of {count} samples"
+        findings.append(Finding(file.location("cluster"), f"{message}; {scope}", severity="remark"))
+    return findings
 
 
 def _is_automatic(setting: object) -> bool:

@@ -71,6 +71,11 @@ class Project:
         return tuple(self.file.surrogates)
 
     @property
+    def is_partitioned(self) -> bool:
+        """True if data are evaluated in partitions; their simulation is not a part of the results."""
+        return bool(self.file.cluster.partition_size) and self.load is None
+
+    @property
     def seconds_read(self) -> float:
         """Time spent on reading model, data and calibration files, in s; 0 before they are read."""
         return self._assembly.seconds if "_assembly" in self.__dict__ else 0.0
@@ -79,7 +84,7 @@ class Project:
     def _assembly(self) -> "ProjectProblem":
         from kennfeld.project.problem_builder import assemble
 
-        if self.file.cluster.partition_size:
+        if self.is_partitioned:
             return self._assembled_in_partitions()
         return assemble(self.file) if self.load is None else assemble(self.file, self.load)
 

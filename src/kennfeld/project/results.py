@@ -96,6 +96,10 @@ class ResultSource(Protocol):
     def surrogates(self) -> Collection[str]:
         """Names of the surrogates, which have files of their own."""
 
+    @property
+    def is_partitioned(self) -> bool:
+        """True if data are evaluated in partitions; their simulation is not a part of the results."""
+
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
     ) -> list[Dataset]:
@@ -128,7 +132,7 @@ def write(
         InputError: the folder cannot be written.
     """
     target = Path(folder)
-    simulation = project.simulate(result.parameters, result.shifts)
+    simulation = None if project.is_partitioned else project.simulate(result.parameters, result.shifts)
     with _scratch(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
             remarks = _write_values(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
@@ -136,7 +140,8 @@ def write(
                 findings.add(*remarks)
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
-        _save(simulation, scratch / "simulation.parquet")
+        if simulation is not None:
+            _save(simulation, scratch / "simulation.parquet")
         names = sorted(path.name for path in scratch.iterdir() if path.name != LOCK)
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():

@@ -160,7 +160,12 @@ class ReportData:
 
     @property
     def stale(self) -> bool:
-        """True if the errors of the result cannot be reproduced, since the project or its data have changed."""
+        """True if the errors of the result cannot be reproduced, since the project or its data have changed.
+
+        Of data in partitions, only an excerpt is here, which cannot tell.
+        """
+        if self.problem.partitions is not None:
+            return False
         rmse = {(s.criterion, s.bound.dataset.name): _of_known(s.error, _rms) for s in reversed(self.after)}
         return any(
             key not in rmse or not np.isclose(rmse[key], row.rmse_after, rtol=1e-3, equal_nan=True)

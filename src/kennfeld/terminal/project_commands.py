@@ -4,7 +4,8 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from kennfeld.optimize.result import Result
     from kennfeld.project import Project
 
+SCHEDULER = option("--scheduler", "Dask scheduler to use, instead of that in [cluster].", "ADDRESS")
 FOLDS = ("auto", "files", "blocks", "random")
 
 
@@ -64,18 +66,31 @@ def check(path: ProjectFile) -> int:
     Each is printed on stderr, with location and fix. Nothing is fitted.
     """
     from kennfeld.optimize.projection import movable
-    from kennfeld.project import Project
     from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
         return _check_training(path)
-    project = Project.read(path)
-    verdict = _print_warnings(project.check())
-    problem = project.problem()
+    with _open(path) as project:
+        verdict = _print_warnings(project.check())
+        problem = project.problem()
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
+    if problem.partitions is not None:
+        samples = [f"{problem.partitions.samples} training samples in {len(problem.partitions.training)} partitions"]
     print_lines(f"{path}: {verdict}")
     print_lines(f"{movable(problem)} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
     return DONE
+
+
+@contextmanager
+def _open(path: Path, scheduler: str | None = None, workers: int | None = None) -> "Iterator[Project]":
+    """Yield a project; what it has started ends with the block."""
+    from kennfeld.project import Project
+
+    project = Project.read(path).on_cluster(scheduler, workers, print_findings)
+    try:
+        yield project
+    finally:
+        project.close()
 
 
 def _check_training(path: Path) -> int:
@@ -106,8 +121,10 @@ def calibrate(
         Path | None, option("-o --output", "Folder for the results.", "DIR", "results/ next to the project file")
     ] = None,
     workers: Annotated[
-        int | None, option("--workers", "Number of processes for several starts.", "N", "one per core", min=1)
+        int | None,
+        option("--workers", "Number of processes for several starts, or for partitions.", "N", "one per core", min=1),
     ] = None,
+    scheduler: Annotated[str | None, SCHEDULER] = None,
     resume: Annotated[
         bool, option("--resume", "Resume from the checkpoints in the results folder (see save_every).")
     ] = False,
@@ -122,18 +139,17 @@ def calibrate(
 
     Ctrl-C, SIGTERM and SIGHUP stop the search; the best values so far are written.
     """
-    from kennfeld.project import Project
-
     if folds is not None and folds < 2:
         raise InputError.of(Location("--cross-validate"), f"must be >= 2, got {folds}")
     if parts not in FOLDS:
         message = f"unknown kind of folds {parts!r}"
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
-    project, folder = Project.read(path), output or path.parent / "results"
-    status = _calibrate(project, folder, workers, resume)
-    if folds is None or status == INTERRUPTED:
-        return status
-    return max(status, _cross_validate(project, folder, folds, parts))
+    folder = output or path.parent / "results"
+    with _open(path, scheduler, workers) as project:
+        status = _calibrate(project, folder, workers, resume)
+        if folds is None or status == INTERRUPTED:
+            return status
+        return max(status, _cross_validate(project, folder, folds, parts))
 
 
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
@@ -259,12 +275,12 @@ def report(
 
     Without results, it covers the initial values only.
     """
-    from kennfeld.project import Project
     from kennfeld.project.results import write_text
     from kennfeld.report import from_folder
 
     folder = results or path.parent / "results"
-    text = from_folder(Project.read(path), folder)
+    with _open(path) as project:
+        text = from_folder(project, folder)
     print_lines(f"Written to {write_text(text, output or folder / 'report.html')}")
     return DONE
 

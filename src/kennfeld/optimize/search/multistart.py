@@ -77,6 +77,8 @@ class _Multistart:
         # the processor cores that this process may use; not known on all systems
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.workers = min(self.options.workers or cores, self.options.starts)
+        if self.problem.partitions is not None:  # each start uses all workers
+            self.workers = 1
         self.trace: list[TraceLine] = []
         self.outcomes: dict[int, StartOutcome] = {}
         self.resumed_names: list[str] = []
@@ -120,6 +122,7 @@ class _Multistart:
         packed = ready.exact.values.pack(with_values(self.whole.parameters, best.values))[: start.size]
         projected, _ = project(packed, limits)
         values = packed if projected is None else projected
+        ready.trace, ready.best = list(self.trace), (best.row.cost_after, values)
         rows = [outcome.row for outcome in self.outcomes.values()]
         effort = (sum(row.iterations for row in rows), sum(row.evaluations for row in rows))
         return SolverResult(values, ready.objective.cost(values), *self._status_and_message(best), *effort)

@@ -1,7 +1,8 @@
 """Running a single start through the steps of a sequence, or through one step if there is no sequence."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from kennfeld.optimize.tuning.automatic_settings import choose_smoothness, with_
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS
+from kennfeld.task_runner import RunnerLostError
 from kennfeld.threads import blas_threads
 
 SKIPPED = "Stopped on request before it began."
@@ -98,6 +100,8 @@ class StartRunner:
                 raise
             except (Stop, KeyboardInterrupt):
                 return state.finish("stopped", STOPPED)
+            except RunnerLostError as error:
+                return state.finish_without_data(str(error))
             except Exception as error:
                 if self.options.starts == 1:
                     raise
@@ -153,6 +157,7 @@ class _StartState:
         self.step, self.count = point.step, point.iteration
         self.iterations = self.evaluations = 0
         self.smoothness: dict[str, dict[str, float]] = {}
+        self._latest: Callable[[], tuple[float, TableValues]] = lambda: (float("nan"), {})
 
     def run(self) -> StartOutcome:
         self.cost_before = self.runner.cost(self.point.origin)
@@ -170,6 +175,18 @@ class _StartState:
         row = StartResult(self.point.start, status, message, self.cost_before, after, self.iterations, self.evaluations)
         if status != "stopped" and np.isfinite(after):
             self.keep(Checkpoint(self.point.start, self.step, self.count, "end", self.step_cost, self.values, row))
+        return StartOutcome(row, self.values, self.smoothness)
+
+    def _best_values(self, run: FitRun, parameters: ParameterSet) -> tuple[float, TableValues]:
+        if run.best is None:
+            return self.cost_before, {}
+        return run.best[0], _values_on_full_grids(run, run.best[1], parameters)
+
+    def finish_without_data(self, message: str) -> StartOutcome:
+        """Return the best values so far; their cost cannot be evaluated any more."""
+        cost, values = self._latest()
+        self.values |= values
+        row = StartResult(self.point.start, "stopped", message, self.cost_before, cost, self.count, self.count)
         return StartOutcome(row, self.values, self.smoothness)
 
     def _run_step(self) -> SolverResult:
@@ -190,6 +207,7 @@ class _StartState:
             if every and self.count % every == 0:
                 self._save(line.stage, run.objective.cost(values), _values_on_full_grids(run, values, parameters))
 
+        self._latest = partial(self._best_values, run, parameters)
         run.watch = watch
         run.progress = self._report
         end, _ = run.minimise()

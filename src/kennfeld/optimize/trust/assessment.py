@@ -31,6 +31,7 @@ from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.weak_directions import table_changes, weak_directions
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.task_runner import RunnerLostError
 from kennfeld.threads import blas_threads
 
 MAX_DIRECTIONS = 12
@@ -74,7 +75,7 @@ class TrustAssessment:
         with blas_threads(self.values.size), ignore_floating_errors():
             try:
                 trust = self._trust()
-            except (np.linalg.LinAlgError, ArithmeticError):  # never lose a result over its uncertainty
+            except (np.linalg.LinAlgError, ArithmeticError, RunnerLostError):  # never lose a result over this
                 trust = Trust(informed=self.informed)
         del self.compiled, self.scorer, self.outputs
         return trust

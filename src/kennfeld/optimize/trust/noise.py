@@ -265,11 +265,9 @@ def rescore(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Sample
     samples, weighting = copy(compiled.samples), compiled.weighting
     rows = list(samples.inputs.parts)
     for number, name in weighting.inputs.items():
-        criterion = compiled.problem.criteria[number]
         own = [(group, factor) for group, factor in factors.items() if group.criterion == number]
-        rows[compiled.kernel.layout.inputs[name]] = [
-            _scale_weights(criterion, bound, weighting.columns(bound)[name], own) for bound in compiled.problem.gathered
-        ]
+        row = compiled.kernel.layout.inputs[name]
+        rows[row] = [_scale_weights(samples, np.concatenate(rows[row]), number, own)]
     samples.inputs = ColumnTable(rows, samples.inputs.count)
     samples.data = samples.inputs.headed(samples.order)
     scores = {
@@ -283,12 +281,13 @@ def rescore(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Sample
     return samples
 
 
-def _scale_weights(
-    criterion: Criterion, bound: BoundDataset, weights: Float, factors: Sequence[tuple[Group, float]]
-) -> Float:
-    score = criterion.weight * bound.dataset.weight
+def _scale_weights(samples: Samples, weights: Float, number: int, factors: Sequence[tuple[Group, float]]) -> Float:
+    """Return the weights of all samples for a criterion, each multiplied by the factor of its group."""
+    scores = np.zeros(weights.size)
+    for piece in samples.pieces:
+        visits = slice(piece.first, piece.last)
+        scores[visits if samples.order is None else samples.order[visits]] = piece.scores[number]
     result = np.zeros(weights.size)
     for group, factor in factors:
-        if group.score == score:
-            result += np.where(group.contains(weights), factor * weights, 0.0)
+        result += np.where((scores == group.score) & group.contains(weights), factor * weights, 0.0)
     return result

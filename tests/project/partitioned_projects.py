@@ -1,0 +1,107 @@
+"""Projects with several recordings, for tests of partitions."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from kennfeld.project import Project
+
+STEADY = """
+[model]
+file = "torque.kf"
+
+[[dataset]]
+name = "bench"
+files = ["bench_*.csv"]
+
+[[dataset]]
+name = "road"
+files = ["road.csv"]
+use = "test"
+
+[parameters.M]
+x = { input = "n", count = 6 }
+y = { input = "rl", count = 5 }
+initial = 100.0
+smoothness = 0.01
+lock = "no-data"
+
+[parameters.C]
+x = { input = "zw", count = 4 }
+initial = 1.0
+smoothness = 0.01
+
+[[criterion]]
+node = "TorqueModel"
+target = { channel = "torque" }
+"""
+
+TIMED = """
+[model]
+file = "lag.kf"
+
+[[dataset]]
+name = "drives"
+files = ["drive_*.csv"]
+warmup = 1.0
+where = "u > 0.05"
+
+[parameters.K]
+x = { input = "u", begin = 0, end = 1, count = 5 }
+initial = 1.0
+smoothness = 1e-4
+
+[parameters.T]
+initial = 1.0
+bounds = [0.05, 10]
+
+[[criterion]]
+node = "Lagged"
+target = { channel = "y" }
+loss = "huber"
+delta = 2.0
+scale = 0.05
+"""
+
+
+def write_steady(folder: Path, files: int = 4, samples: int = 700, text: str = STEADY) -> Path:
+    """Write steady-state points in files of different lengths; the coordinate of `C` depends on a free parameter."""
+    random = np.random.default_rng(1)
+    (folder / "torque.kf").write_text(
+        "input n[rpm]\ninput rl[%]\ninput zw\nTorqueModel = M(n, rl) * C(zw + 0.01*M(n, rl))\n"
+    )
+    for number in range(files + 1):
+        n, rl, zw = random.uniform(size=(3, samples + 90 * number)) * [[4000], [90], [10]] + [[800], [10], [0]]
+        torque = (0.01 * n + 2 * rl) * (1 - 0.002 * (zw - 5) ** 2) + random.normal(0, 1, n.size)
+        torque[::17] = np.nan
+        name = f"bench_{number}.csv" if number < files else "road.csv"
+        rows = (",".join(f"{x:.8g}" for x in row).replace("nan", "") for row in zip(n, rl, zw, torque, strict=True))
+        (folder / name).write_text("\n".join(["n,rl,zw,torque", *rows]))
+    (folder / "kennfeld.toml").write_text(text)
+    return folder / "kennfeld.toml"
+
+
+def write_timed(folder: Path, files: int = 3, samples: int = 400, text: str = TIMED) -> Path:
+    """Write recordings of a lag behind a curve."""
+    random = np.random.default_rng(2)
+    (folder / "lag.kf").write_text("input u\nLagged = PT1(K(u), T)\n")
+    for number in range(files):
+        count = samples + 50 * number
+        u = np.clip(np.cumsum(random.normal(0, 0.05, count)) % 1.0, 0, 1)
+        y = np.zeros(count)
+        for k in range(1, count):
+            y[k] = y[k - 1] + 0.1 / (0.7 + 0.1) * (3 * u[k] ** 2 - y[k - 1])
+        y += random.normal(0, 0.02, count)
+        rows = (f"{0.1 * k:.1f},{u[k]:.8g},{y[k]:.8g}" for k in range(count))
+        (folder / f"drive_{number}.csv").write_text("\n".join(["time,u,y", *rows]))
+    (folder / "kennfeld.toml").write_text(text)
+    return folder / "kennfeld.toml"
+
+
+def in_partitions(path: Path, size: int, **cluster: object) -> Project:
+    """Read a project whose data are evaluated in partitions of this size."""
+    project = Project.read(path)
+    return replace(
+        project, file=replace(project.file, cluster=replace(project.file.cluster, partition=size, **cluster))
+    )

@@ -1,0 +1,268 @@
+"""Projects whose data are evaluated in partitions give what they give in one piece, however the partitions are cut."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from partitioned_projects import STEADY, in_partitions, write_steady, write_timed
+
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.strategies.smoothing_continuation import Continuation
+from kennfeld.preprocessing.prepared_files import ENDING
+from kennfeld.project import Project, partitioned_loading
+
+WRITERS = [write_steady, write_timed]
+
+
+def close(left, right, tolerance=1e-10):
+    return np.allclose(left, right, rtol=tolerance, atol=tolerance * np.abs(right).max(initial=0.0))
+
+
+def compiled_pair(folder, write, size):
+    path = write(folder)
+    return (CompiledProblem(project.problem()) for project in (Project.read(path), in_partitions(path, size)))
+
+
+@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize("size", [300, 1000, 10**6])
+def test_sums_are_those_of_all_data(tmp_path, write, size):
+    plain, parted = compiled_pair(tmp_path, write, size)
+    values = plain.start * 1.01
+    assert close(parted.start, plain.start, 0)
+    assert close(parted.sums.cost(values), plain.sums.cost(values))
+    whole, added = plain.sums.normal(values), parted.sums.normal(values)
+    assert close(added.gradient, whole.gradient)
+    assert close(added.matrix, whole.matrix)
+    assert np.array_equal(parted.sums.touched(values), plain.sums.touched(values))
+    assert parted.weights == pytest.approx(plain.weights, rel=1e-12)
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_rows_are_those_of_all_data(tmp_path, write):
+    plain, parted = compiled_pair(tmp_path, write, 500)
+    residual, jacobian = plain.sums.rows(plain.start)
+    others, further = parted.sums.rows(plain.start)
+    assert close(np.sort(others), np.sort(residual))
+    assert close(further.T @ further, jacobian.T @ jacobian)
+    visits = np.array([0, 5, 700])
+    assert np.array_equal(parted.sums.rows_at(plain.start, visits)[:, 0], further[visits])
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_derivatives_of_faint_values_are_judged_alike(tmp_path, write):
+    plain, parted = compiled_pair(tmp_path, write, 500)
+    one, other = LeastSquaresObjective(plain), LeastSquaresObjective(parted)
+    assert close(other.mean_curvature(np.ones(one.start.size)), one.mean_curvature(np.ones(one.start.size)))
+    assert np.array_equal(other.faint(other.start), one.faint(one.start))
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_a_calibration_ends_at_the_same_values(tmp_path, write):
+    path = write(tmp_path)
+    plain, parted = Project.read(path).calibrate(), in_partitions(path, 600).calibrate()
+    assert parted.status == plain.status == "converged"
+    assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-7)
+    assert parted.cost_before == pytest.approx(plain.cost_before, rel=1e-12)
+    for one, other in zip(plain.quality, parted.quality, strict=True):
+        assert (one.criterion, one.dataset, one.use, one.samples) == (
+            other.criterion,
+            other.dataset,
+            other.use,
+            other.samples,
+        )
+        assert other.rmse_before == pytest.approx(one.rmse_before, rel=1e-9)
+        assert other.rmse_after == pytest.approx(one.rmse_after, rel=1e-4)
+        assert other.r2_after == pytest.approx(one.r2_after, rel=1e-4)
+        assert other.max_abs_after == pytest.approx(one.max_abs_after, rel=1e-2)
+
+
+def test_uncertainties_are_those_of_all_data(tmp_path):
+    path = write_steady(tmp_path)
+    plain, parted = Project.read(path).calibrate().trust, in_partitions(path, 600).calibrate().trust
+    assert parted.noise["TorqueModel"] == pytest.approx(plain.noise["TorqueModel"], rel=1e-4)
+    for name in plain.deviation:
+        assert np.array_equal(parted.samples[name], plain.samples[name])
+        assert np.allclose(parted.deviation[name], plain.deviation[name], rtol=1e-2)
+
+
+def test_sample_weights_have_groups_of_their_own(tmp_path):
+    text = STEADY + 'regions = [{ where = "n > 3000", weight = 4.0 }]\n'
+    path = write_steady(tmp_path, text=text)
+    plain, parted = Project.read(path).calibrate(), in_partitions(path, 600).calibrate()
+    assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-7)
+    assert parted.trust.noise["TorqueModel"] == pytest.approx(plain.trust.noise["TorqueModel"], rel=1e-4)
+    assert len(parted.trust.estimate.groups) == len(plain.trust.estimate.groups) == 2
+
+
+def test_results_do_not_depend_on_what_is_kept_on_disk(tmp_path):
+    path = write_steady(tmp_path)
+    first = in_partitions(path, 600).calibrate()
+    again = in_partitions(path, 600).calibrate()
+    for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
+        entry.unlink()
+    afresh = in_partitions(path, 600).calibrate()
+    for result in (again, afresh):
+        assert result.cost_after == first.cost_after
+        assert all(np.array_equal(result.parameters[n].values, first.parameters[n].values) for n in first.parameters)
+
+
+def test_a_damaged_entry_is_prepared_again(tmp_path):
+    path = write_steady(tmp_path)
+    first = CompiledProblem(in_partitions(path, 600).problem()).sums
+    values = CompiledProblem(Project.read(path).problem()).start
+    cost = first.cost(values)
+    for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
+        entry.write_bytes(entry.read_bytes()[:-50])
+    assert CompiledProblem(in_partitions(path, 600).problem()).sums.cost(values) == cost
+
+
+def test_a_changed_file_is_read_again(tmp_path):
+    path = write_steady(tmp_path)
+    before = in_partitions(path, 600).problem().partitions.samples
+    lines = (tmp_path / "bench_0.csv").read_text().splitlines()
+    (tmp_path / "bench_0.csv").write_text("\n".join(lines[:100]))
+    assert in_partitions(path, 600).problem().partitions.samples == before - (len(lines) - 100)
+
+
+def test_partitions_follow_files_and_lengths(tmp_path):
+    path = write_steady(tmp_path)
+    partitions = in_partitions(path, 800).problem().partitions
+    assert [p.samples for p in partitions.training] == [700, 790, 800, 80, 800, 170]
+    assert [p.samples for p in partitions.test] == [800, 260]
+
+
+def test_a_model_with_memory_keeps_pieces_whole(tmp_path):
+    partitions = in_partitions(write_timed(tmp_path), 100).problem().partitions
+    assert [p.samples for p in partitions.training] == [400, 450, 500]
+
+
+def test_quantiles_are_those_of_all_data(tmp_path):
+    path = write_steady(tmp_path)
+    plain, parted = Project.read(path).problem(), in_partitions(path, 300).problem()
+    for one, other in zip(plain.parameters["M"].axes, parted.parameters["M"].axes, strict=True):
+        assert np.array_equal(other.breakpoints, one.breakpoints)
+
+
+def test_values_without_data_are_locked_alike(tmp_path):
+    axis = 'x = { input = "n", begin = 0, end = 9000, count = 9 }'
+    path = write_steady(tmp_path, text=STEADY.replace('x = { input = "n", count = 6 }', axis))
+    plain, parted = Project.read(path).problem(), in_partitions(path, 300).problem()
+    assert plain.parameters["M"].locked.any()
+    assert np.array_equal(parted.parameters["M"].locked, plain.parameters["M"].locked)
+
+
+def test_smoothed_lookups_use_samples_of_all_partitions(tmp_path):
+    plain, parted = compiled_pair(tmp_path, write_steady, 300)
+    one, other = (Continuation.of(compiled)._smooth for compiled in (plain, parted))
+    for form in (one, other):
+        form.set_width(0.5)
+    assert close(other.sums.cost(plain.start), one.sums.cost(plain.start))
+
+
+def test_several_starts_and_steps_run_in_partitions(tmp_path):
+    path = write_steady(tmp_path, text=STEADY + "\n[[step]]\ngrid_reduction = 2\n[[step]]\n[optimizer]\nstarts = 2\n")
+    plain, parted = Project.read(path).calibrate(workers=1), in_partitions(path, 600).calibrate()
+    assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-5)
+    assert len(parted.starts) == 2
+
+
+def test_the_excerpt_has_the_extremes_of_every_channel(tmp_path, monkeypatch):
+    monkeypatch.setattr(partitioned_loading, "EXCERPT", 1000)
+    path = write_steady(tmp_path)
+    data = in_partitions(path, 600).problem().datasets[0]
+    whole = Project.read(path).problem().datasets[0]
+    assert data.samples < whole.samples
+    for name in whole:
+        assert np.nanmax(data[name].values) == np.nanmax(whole[name].values)
+        assert np.nanmin(data[name].values) == np.nanmin(whole[name].values)
+
+
+def test_unsupported_settings_are_reported_with_a_remedy(tmp_path):
+    path = write_steady(tmp_path, text=STEADY + '\n[[limit]]\nnode = "TorqueModel"\nmax = 1000\n')
+    (error,) = (finding for finding in in_partitions(path, 600).check() if finding.severity == "error")
+    assert "limits of outputs cannot be evaluated in partitions" in str(error)
+
+
+def test_a_condition_that_no_sample_of_one_file_meets_is_no_error(tmp_path):
+    path = write_steady(
+        tmp_path, text=STEADY.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nwhere = "n > 3000"')
+    )
+    lines = (tmp_path / "bench_1.csv").read_text().splitlines()
+    slow = [line for line in lines[1:] if float(line.split(",")[0]) < 3000]
+    (tmp_path / "bench_1.csv").write_text("\n".join([lines[0], *slow]))
+    plain, parted = Project.read(path), in_partitions(path, 600)
+    assert not [finding for finding in parted.check() if finding.severity == "error"]
+    values = CompiledProblem(plain.problem()).start
+    assert CompiledProblem(parted.problem()).sums.cost(values) == pytest.approx(
+        CompiledProblem(plain.problem()).sums.cost(values), rel=1e-12
+    )
+
+
+def test_a_condition_that_no_sample_meets_is_an_error(tmp_path):
+    path = write_steady(
+        tmp_path, text=STEADY.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nwhere = "n > 9000"')
+    )
+    messages = [str(finding) for finding in in_partitions(path, 600).check()]
+    assert any("n > 9000 is true at no sample" in message for message in messages)
+
+
+def test_a_missing_channel_names_the_files(tmp_path):
+    path = write_steady(tmp_path)
+    for number in (1, 2):
+        file = tmp_path / f"bench_{number}.csv"
+        file.write_text(file.read_text().replace("n,rl,zw", "n,rl,other"))
+    messages = [str(finding) for finding in in_partitions(path, 600).check() if finding.severity == "error"]
+    assert any(message.startswith("bench_1.csv and 1 more file: has no channel zw") for message in messages)
+
+
+def test_units_of_all_files_are_those_of_the_first(tmp_path):
+    path = write_steady(tmp_path, files=2)
+    (tmp_path / "torque.kf").write_text("TorqueModel = M(n, rl) * C(zw)\n")
+    first = tmp_path / "bench_0.csv"
+    first.write_text(first.read_text().replace("n,rl,zw,torque", "n[rpm],rl,zw,torque"))
+    second = tmp_path / "bench_1.csv"
+    lines = second.read_text().splitlines()[1:]
+    rows = (f"{float(line.split(',')[0]) / 60:.10g},{line.split(',', 1)[1]}" for line in lines)
+    second.write_text("\n".join(["n[rev/s],rl,zw,torque", *rows]))
+    plain, parted = Project.read(path), in_partitions(path, 600)
+    values = CompiledProblem(plain.problem()).start
+    assert CompiledProblem(parted.problem()).sums.cost(values) == pytest.approx(
+        CompiledProblem(plain.problem()).sums.cost(values), rel=1e-9
+    )
+
+
+def test_files_of_an_object_store_are_copied_to_where_they_are_read(tmp_path):
+    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed")
+    path = write_steady(tmp_path)
+    store = fsspec.filesystem("memory")
+    for file in tmp_path.glob("bench_*.csv"):
+        store.pipe(f"/fleet/{file.name}", file.read_bytes())
+    local = in_partitions(path, 600)
+    path.write_text(path.read_text().replace("bench_*.csv", "memory://fleet/bench_*.csv"))
+    remote = in_partitions(path, 600)
+    values = CompiledProblem(local.problem()).start
+    assert CompiledProblem(remote.problem()).sums.cost(values) == CompiledProblem(local.problem()).sums.cost(values)
+
+
+def test_the_folder_of_prepared_files_keeps_to_its_size(tmp_path):
+    path = write_steady(tmp_path)
+    whole = in_partitions(path, 600)
+    cost = CompiledProblem(whole.problem()).sums.cost(CompiledProblem(whole.problem()).start)
+    small = in_partitions(path, 600, folder="small", folder_size=1e-4)
+    assert CompiledProblem(small.problem()).sums.cost(CompiledProblem(small.problem()).start) == cost
+    sizes = [entry.stat().st_size for entry in (tmp_path / "small").glob(f"*{ENDING}")]
+    assert sum(sizes) <= max(100_000, max(sizes))
+
+
+def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path):
+    path = write_steady(tmp_path)
+    first = in_partitions(path, 600)
+    one = CompiledProblem(first.problem()).sums
+    values = CompiledProblem(first.problem()).start
+    cost = one.cost(values)
+    entries = set((tmp_path / ".kennfeld" / "partitions").iterdir())
+    datasets = tuple(replace(entry, weight=3.0) for entry in first.file.datasets)
+    heavier = replace(in_partitions(path, 600), file=replace(first.file, datasets=datasets))
+    assert CompiledProblem(heavier.problem()).sums.cost(values) == pytest.approx(3 * cost, rel=1e-12)
+    assert entries < set((tmp_path / ".kennfeld" / "partitions").iterdir())
