@@ -17,6 +17,9 @@ from kennfeld.errors import InputError, KennfeldError, Location
 from kennfeld.task_runner import RunnerLostError, Task, as_worker
 
 AHEAD = 4  # tasks for each worker that are handed out beforehand
+SHORT_TASK = 0.05  # s; shorter ones run several at a time
+MEMORY = 0.9  # share of earlier tasks in the mean duration
+INLINE = 32_768  # bytes of arguments; longer ones are sent to each worker once, not with each task
 RETRIES = 3  # of a task whose worker died
 CONNECT_TIMEOUT = 20.0  # s
 POLL_INTERVAL = 0.5  # s
@@ -42,7 +45,7 @@ class ClusterAddress:
 class _Outcome(NamedTuple):
     worker: str
     seconds: float
-    result: Any
+    results: list[Any]
 
 
 @dataclass
@@ -53,12 +56,12 @@ class WorkerLoad:
     seconds: float = 0.0
 
 
-def run_item(task: Task, shared: bytes, item: bytes, arguments: bytes) -> _Outcome:
-    """Run a task on a worker."""
+def run_items(task: Task, shared: bytes, items: Sequence[bytes], arguments: bytes) -> _Outcome:
+    """Run a task for some items on a worker."""
     began, name = time.perf_counter(), str(import_module("distributed").get_worker().name)
     with as_worker(name):
-        result = task(shared, item, arguments)
-    return _Outcome(name, time.perf_counter() - began, result)
+        results = [task(shared, item, arguments) for item in items]
+    return _Outcome(name, time.perf_counter() - began, results)
 
 
 def keep(content: bytes) -> bytes:
@@ -72,17 +75,20 @@ class DaskRunner:
 
     Attributes:
         client: connection to the scheduler.
+        address: of the scheduler.
         cluster: the processes that were started here, if any.
         report: takes a line about what the cluster does.
         loads: what each worker has done.
     """
 
     client: Any
+    address: str
     cluster: Any = None
     report: Callable[[str], None] = lambda line: None
     loads: dict[str, WorkerLoad] = field(default_factory=dict)
     _numbers: Iterator[int] = field(default_factory=itertools.count)
     _shared: dict[bytes, Any] = field(default_factory=dict)
+    _seconds: dict[tuple[str, int], float] = field(default_factory=dict)  # of one item, by task and number of items
 
     @classmethod
     def start(cls, address: ClusterAddress, report: Callable[[str], None] = lambda line: None) -> "DaskRunner":
@@ -113,8 +119,8 @@ class DaskRunner:
             place = Location(f"scheduler {address.scheduler}")
             message = f"does not answer ({error or type(error).__name__})"
             raise InputError.of(place, message, "Check the address, and that the versions of Dask agree.") from error
-        runner = cls(client, cluster, report)
-        report(f"cluster: {runner.workers} workers at {client.scheduler.address}; dashboard {client.dashboard_link}")
+        runner = cls(client, client.scheduler.address, cluster, report)
+        report(f"cluster: {runner.workers} workers at {runner.address}; dashboard {client.dashboard_link}")
         return runner
 
     @property
@@ -136,14 +142,17 @@ class DaskRunner:
             return
         call = next(self._numbers)
         try:
-            common = self._keep(shared), self.client.submit(keep, arguments, key=f"arguments-{call}", pure=False)
+            own: Any = arguments
+            if len(arguments) > INLINE:
+                own = self.client.submit(keep, arguments, key=f"arguments-{call}", pure=False)
+            common = self._keep(shared), own
             yield from self._results(call, task, items, common)
         except KennfeldError:
             raise
         except Exception as error:
             if self.is_connected:
                 raise
-            raise RunnerLostError(f"the scheduler at {self.client.scheduler.address} is gone") from error
+            raise RunnerLostError(f"the scheduler at {self.address} is gone") from error
 
     @property
     def is_connected(self) -> bool:
@@ -159,31 +168,36 @@ class DaskRunner:
 
     def _results(self, call: int, task: Task, items: Sequence[bytes], common: tuple[Any, Any]) -> Iterator[Any]:
         addresses = self._addresses() or [""]
-        ahead = max(AHEAD * len(addresses), AHEAD)
-        waiting = iter(enumerate(items))
+        kind = task.__name__, len(items)
+        size = _bundle_size(self._seconds.get(kind, SHORT_TASK), len(items), len(addresses))
+        bundles = [items[first : first + size] for first in range(0, len(items), size)]
+        waiting = iter(enumerate(bundles))
         futures: dict[int, Any] = {}
 
         def hand_out(count: int) -> None:
-            for at, item in itertools.islice(waiting, count):
-                place = (
-                    {"workers": [addresses[at % len(addresses)]], "allow_other_workers": True} if addresses[0] else {}
-                )
-                key = f"kennfeld-{call}-{at}"
-                more = {"key": key, "pure": False, "retries": RETRIES, **place}
-                futures[at] = self.client.submit(run_item, task, common[0], item, common[1], **more)
+            for at, bundle in itertools.islice(waiting, count):
+                more = {"key": f"kennfeld-{call}-{at}", "pure": False, "retries": RETRIES}
+                more |= _preference(addresses[at % len(addresses)])
+                futures[at] = self.client.submit(run_items, task, common[0], bundle, common[1], **more)
 
         try:
-            hand_out(ahead)
-            for at in range(len(items)):
+            hand_out(AHEAD * len(addresses))
+            for at in range(len(bundles)):
                 outcome = self._wait(futures[at])
                 del futures[at]
                 hand_out(1)
-                load = self.loads.setdefault(outcome.worker, WorkerLoad())
-                load.tasks, load.seconds = load.tasks + 1, load.seconds + outcome.seconds
-                yield outcome.result
+                self._count(kind, outcome)
+                yield from outcome.results
         finally:
-            with suppress(Exception):
-                self.client.cancel(list(futures.values()), force=True)
+            if futures:
+                with suppress(Exception):
+                    self.client.cancel(list(futures.values()), force=True)
+
+    def _count(self, kind: tuple[str, int], outcome: _Outcome) -> None:
+        load, count = self.loads.setdefault(outcome.worker, WorkerLoad()), len(outcome.results)
+        load.tasks, load.seconds = load.tasks + count, load.seconds + outcome.seconds
+        mean = outcome.seconds / count
+        self._seconds[kind] = MEMORY * self._seconds.get(kind, mean) + (1 - MEMORY) * mean
 
     def _wait(self, future: Any) -> _Outcome:
         """Return the outcome of a task; short waits, so that Ctrl-C and a lost scheduler are noticed."""
@@ -196,13 +210,13 @@ class DaskRunner:
                 if future.done():
                     raise
             if not self.is_connected:
-                raise RunnerLostError(f"the scheduler at {self.client.scheduler.address} is gone")
+                raise RunnerLostError(f"the scheduler at {self.address} is gone")
             if self.workers:
                 alone_since = None
                 continue
             alone_since = alone_since or time.monotonic()
             if time.monotonic() - alone_since > NO_WORKER_TIMEOUT:
-                raise RunnerLostError(f"the scheduler at {self.client.scheduler.address} has no worker")
+                raise RunnerLostError(f"the scheduler at {self.address} has no worker")
 
     def close(self) -> None:
         """Leave the cluster; end the processes that were started here."""
@@ -210,6 +224,21 @@ class DaskRunner:
             if closing is not None:
                 with suppress(Exception):
                     closing.close()
+
+
+def _bundle_size(seconds: float, items: int, workers: int) -> int:
+    """Return how many items run as one task, because one alone takes less time than its way to a worker.
+
+    What is computed is the same, and added in the same order.
+
+    >>> _bundle_size(0.2, 100, 4), _bundle_size(0.01, 100, 4), _bundle_size(0.0001, 100, 4)
+    (1, 5, 13)
+    """
+    return max(1, min(round(SHORT_TASK / max(seconds, 1e-9)), -(-items // (2 * workers))))
+
+
+def _preference(worker: str) -> dict[str, Any]:
+    return {"workers": [worker], "allow_other_workers": True} if worker else {}
 
 
 def _connection(address: ClusterAddress) -> dict[str, Any]:

@@ -13,11 +13,11 @@ from typing import Any, overload
 
 from kennfeld.content_digest import digest_of
 from kennfeld.dataset import Dataset
-from kennfeld.errors import InputError
+from kennfeld.errors import Finding, InputError
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFiles, cut
 from kennfeld.preprocessing.recording_sources import RecordingSource
-from kennfeld.task_runner import Task, TaskRunner
+from kennfeld.task_runner import Task, TaskRunner, worker_name
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,17 @@ class Recordings:
         """
         prepared = self.files.file(self.recipes[part.dataset], part.source)
         if prepared.failed or prepared.dataset is None:
-            raise InputError(finding for finding in prepared.findings if finding.severity == "error")
+            raise InputError(with_worker(f for f in prepared.findings if f.severity == "error"))
         data = prepared.dataset
         return data if (part.first, part.last) == (0, data.samples) else cut(data, part.first, part.last)
+
+
+def with_worker(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings whose errors name the worker that runs this."""
+    name = worker_name()
+    return tuple(
+        replace(f, message=f"{f.message} (on worker {name})") if name and f.severity == "error" else f for f in findings
+    )
 
 
 class StoredDatasets(Sequence[Dataset]):

@@ -5,7 +5,7 @@ depends on all samples, such as quantiles, is computed by passes over the partit
 """
 
 import pickle
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,15 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.compiled import even_step
-from kennfeld.optimize.partitions import Partition, Partitions, Recordings, StoredDatasets, shared_content, split_files
+from kennfeld.optimize.partitions import (
+    Partition,
+    Partitions,
+    Recordings,
+    StoredDatasets,
+    shared_content,
+    split_files,
+    with_worker,
+)
 from kennfeld.optimize.problem import Problem
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.calculated import Calculated
@@ -26,7 +34,7 @@ from kennfeld.preprocessing.recording_sources import RecordingSource, find_sourc
 from kennfeld.preprocessing.recordings import ChannelRequest, compare_recorded_units, default_name, join_recordings
 from kennfeld.preprocessing.units import check_stated_units
 from kennfeld.project.data_column import DataColumn
-from kennfeld.task_runner import TaskRunner, worker_name
+from kennfeld.task_runner import TaskRunner
 
 EXCERPT = 200_000  # samples of all files
 LEAST_EXCERPT = 100  # samples of each
@@ -57,18 +65,9 @@ def summarise_file(shared: bytes, item: bytes, arguments: bytes) -> FileSummary:
     file = recordings.files.file(recordings.recipes[number], source)
     data = file.dataset
     if data is None:
-        return FileSummary(replace(file, findings=_with_worker(file.findings)))
+        return FileSummary(replace(file, findings=with_worker(file.findings)))
     part = replace(file, dataset=file.excerpt(excerpt))
     return FileSummary(part, data.samples, int(np.count_nonzero(data.counting)), tuple(data.starts.tolist()))
-
-
-def _with_worker(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    name = worker_name()
-    if not name:
-        return tuple(findings)
-    return tuple(
-        replace(f, message=f"{f.message} (on worker {name})") if f.severity == "error" else f for f in findings
-    )
 
 
 def count_column(shared: bytes, item: bytes, arguments: bytes) -> DigitCounts:

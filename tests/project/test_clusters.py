@@ -1,0 +1,226 @@
+"""Calibrations on a Dask cluster of real processes: the same bits as in one process, whatever happens to workers."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
+
+from kennfeld.cli import run
+from kennfeld.errors import InputError
+from kennfeld.optimize.compiled import CompiledProblem
+
+pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
+
+SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 12\n'
+COMMAND = [sys.executable, "-m", "distributed.cli.{}"]
+
+
+def write_short(folder):
+    return write_steady(folder, files=3, samples=500, text=STEADY + SHORT)
+
+
+def write_short_drives(folder):
+    return write_timed(folder, text=TIMED + SHORT)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Cluster:
+    """A scheduler and workers, each a process of its own that a test may kill."""
+
+    def __init__(self, folder, workers):
+        self.folder, self.address = folder, f"tcp://127.0.0.1:{free_port()}"
+        host, port = self.address.removeprefix("tcp://").split(":")
+        self.scheduler = self._start("dask_scheduler", "--host", host, "--port", port, "--no-dashboard")
+        self.workers = [self.add_worker(f"worker-{number}") for number in range(workers)]
+
+    def add_worker(self, name):
+        options = ("--nthreads", "1", "--no-nanny", "--name", name, "--no-dashboard", "--memory-limit", "0")
+        return self._start("dask_worker", self.address, *options)
+
+    def _start(self, module, *arguments):
+        command = [part.format(module) for part in COMMAND]
+        log = (self.folder / f"{module}-{time.monotonic_ns()}.log").open("wb")
+        with log:
+            return subprocess.Popen([*command, *arguments], stdout=log, stderr=log, cwd=self.folder)
+
+    def kill_worker(self, number):
+        self.workers[number].kill()
+        self.workers[number].wait()
+
+    def close(self):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    made = Cluster(tmp_path, 2)
+    yield made
+    made.close()
+
+
+def values_of(result):
+    return np.concatenate([np.ravel(result.parameters[name].values) for name in result.parameters])
+
+
+def calibrate(project, progress=None):
+    try:
+        result = project.calibrate(progress)
+        assert result.trust  # computed while the cluster is there
+        return result
+    finally:
+        project.close()
+
+
+@pytest.mark.parametrize("write", [write_short, write_short_drives])
+def test_any_number_of_workers_gives_the_same_bits(tmp_path, write, cluster):
+    path = write(tmp_path)
+    serial = calibrate(in_partitions(path, 400))
+    several = calibrate(in_partitions(path, 400, scheduler=cluster.address))
+    cluster.kill_worker(1)
+    single = calibrate(in_partitions(path, 400, scheduler=cluster.address))
+    for result in (several, single):
+        assert np.array_equal(values_of(result), values_of(serial))
+        assert result.cost_after == serial.cost_after
+        assert result.quality == serial.quality
+        assert all(np.array_equal(result.trust.deviation[n], serial.trust.deviation[n]) for n in serial.trust.deviation)
+
+
+def test_processes_of_this_machine_give_the_same_bits(tmp_path):
+    path = write_short(tmp_path)
+    serial = calibrate(in_partitions(path, 400))
+    lines = []
+    project = in_partitions(path, 400).on_cluster(workers=2, report=lines.append)
+    assert np.array_equal(values_of(calibrate(project)), values_of(serial))
+    assert lines[0].startswith("cluster: 2 workers at tcp://")
+    assert "dashboard http://" in lines[0]
+
+
+def test_a_killed_worker_costs_its_tasks_only(tmp_path, cluster):
+    path = write_short(tmp_path)
+    serial = calibrate(in_partitions(path, 400))
+    killed = []
+
+    def kill_one(line):
+        if not killed:
+            killed.append(cluster.workers[0].pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    result = calibrate(in_partitions(path, 400, scheduler=cluster.address), kill_one)
+    assert killed
+    assert np.array_equal(values_of(result), values_of(serial))
+
+
+def test_all_workers_may_be_replaced(tmp_path, cluster):
+    path = write_short(tmp_path)
+    serial = calibrate(in_partitions(path, 400))
+    done = []
+
+    def replace_all(line):
+        if not done:
+            done.append(line)
+            for worker in cluster.workers:
+                worker.kill()
+            threading.Timer(1.0, lambda: cluster.workers.append(cluster.add_worker("later"))).start()
+
+    result = calibrate(in_partitions(path, 400, scheduler=cluster.address), replace_all)
+    assert np.array_equal(values_of(result), values_of(serial))
+
+
+def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, cluster):
+    path = write_short(tmp_path)
+    costs = []
+
+    def kill_scheduler(line):
+        costs.append(line.cost)
+        if line.stage == "plain" and line.iteration == 2:
+            cluster.scheduler.kill()
+
+    result = calibrate(in_partitions(path, 400, scheduler=cluster.address), kill_scheduler)
+    assert result.status == "stopped"
+    assert f"the scheduler at {cluster.address} is gone" in result.message
+    assert result.cost_after == costs[-1]
+    assert not np.array_equal(
+        values_of(result), np.concatenate([np.ravel(result.start[n].values) for n in result.start])
+    )
+    serial = in_partitions(path, 400)
+    compiled = CompiledProblem(serial.problem())
+    objective = compiled.sums.cost(compiled.values.pack(result.parameters))
+    assert (
+        objective + compiled.roughness.cost(compiled.values.pack(result.parameters)[: compiled.values.free])
+        == costs[-1]
+    )
+
+
+def test_a_killed_scheduler_leaves_results(tmp_path, cluster, capsys):
+    path = write_short(tmp_path)
+    path.write_text(path.read_text() + f'\n[cluster]\nscheduler = "{cluster.address}"\npartition = 400\n')
+    threading.Thread(target=_kill_after_first_step, args=(tmp_path, cluster), daemon=True).start()
+    status = run(["calibrate", str(path), "-o", str(tmp_path / "out")])
+    assert status in (0, 1)  # it may have converged before
+    assert (tmp_path / "out" / "parameters.json").is_file()
+
+
+def _kill_after_first_step(folder, cluster):
+    while not list((folder / ".kennfeld").rglob("*.columns")):
+        time.sleep(0.02)
+    time.sleep(2.5)
+    cluster.scheduler.kill()
+
+
+def test_a_file_that_fails_on_a_worker_names_file_worker_and_reason(tmp_path, cluster):
+    path = write_short(tmp_path)
+    (tmp_path / "bench_2.csv").write_bytes(b"PK\x03\x04 damaged")
+    project = in_partitions(path, 400, scheduler=cluster.address)
+    messages = [str(finding) for finding in project.check() if finding.severity == "error"]
+    project.close()
+    (message,) = messages
+    assert "bench_2.csv" in message
+    assert "(on worker worker-" in message
+
+
+def test_a_file_that_vanishes_while_a_calibration_runs_names_it(tmp_path, cluster):
+    path = write_short(tmp_path)
+    project = in_partitions(path, 400, scheduler=cluster.address)
+    problem = project.problem()
+    (tmp_path / "bench_1.csv").unlink()
+    for entry in (tmp_path / ".kennfeld" / "partitions").iterdir():
+        entry.unlink()
+    with pytest.raises(InputError, match=r"bench_1\.csv.*no such file on this machine \(on worker worker-"):
+        CompiledProblem(problem).sums.cost(CompiledProblem(problem).start)
+    project.close()
+
+
+def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path, monkeypatch):
+    monkeypatch.setattr("kennfeld.dask_runner.CONNECT_TIMEOUT", 1.0)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    (finding,) = in_partitions(write_short(tmp_path), 400, scheduler=address).check()
+    assert str(finding).startswith(f"scheduler {address}: does not answer")
+
+
+def test_without_the_library_the_remedy_is_to_install_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    (finding,) = in_partitions(write_short(tmp_path), 400, scheduler="tcp://127.0.0.1:1").check()
+    assert "pip install kennfeld[cluster]" in str(finding)
+
+
+def test_the_command_joins_the_scheduler_that_it_is_given(tmp_path, cluster, capsys):
+    path = write_short(tmp_path)
+    assert (
+        run(["calibrate", str(path), "--scheduler", cluster.address, "-o", str(tmp_path / "out")]) == 1
+    )  # max_iterations
+    assert f"at {cluster.address}; dashboard" in capsys.readouterr().err
+    assert (tmp_path / "out" / "report.html").is_file()
