@@ -5,16 +5,18 @@ worker that had them before, by their number, so that each finds what it has kep
 """
 
 import itertools
+import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from kennfeld.errors import InputError, KennfeldError, Location
-from kennfeld.task_runner import RunnerLostError, Task, as_worker
+from kennfeld.task_runner import Receiver, RunnerLostError, Task, as_worker, connected
 
 AHEAD = 4  # tasks for each worker that are handed out beforehand
 SHORT_TASK = 0.05  # s; shorter ones run several at a time
@@ -64,6 +66,27 @@ def run_items(task: Task, shared: bytes, items: Sequence[bytes], arguments: byte
     return _Outcome(name, time.perf_counter() - began, results)
 
 
+def run_reporting(task: Task, shared: bytes, item: bytes, topic: str) -> Any:
+    """Run a task on a worker that sends messages under a topic."""
+    worker = import_module("distributed").get_worker()
+    with as_worker(str(worker.name)), connected(_WorkerLine(worker, topic)):
+        return task(shared, item, b"")
+
+
+class _WorkerLine:
+    """The connection of a task to the client: events of Dask one way, an event that is set the other way."""
+
+    def __init__(self, worker: Any, topic: str) -> None:
+        self._worker, self._topic = worker, topic
+        self._stop = import_module("distributed").Event(topic)
+
+    def send(self, message: bytes) -> None:
+        self._worker.log_event(self._topic, message)
+
+    def is_stopping(self) -> bool:
+        return bool(self._stop.is_set())
+
+
 def keep(content: bytes) -> bytes:
     """Return bytes that many tasks share; a task of its own, so that the scheduler can make them again."""
     return content
@@ -109,6 +132,7 @@ class DaskRunner:
                 # each process evaluates one partition at a time, which keeps its memory at one partition
                 cluster = distributed.LocalCluster(
                     n_workers=address.workers,
+                    silence_logs=logging.ERROR,
                     threads_per_worker=1,
                     processes=True,
                     memory_limit=0,
@@ -154,6 +178,36 @@ class DaskRunner:
                 raise
             raise RunnerLostError(f"the scheduler at {self.address} is gone") from error
 
+    def map_with_messages(self, task: Task, shared: bytes, items: Sequence[bytes], receive: Receiver) -> Iterator[Any]:
+        """Yield the result of each item, in order; see `TaskRunner.map_with_messages`.
+
+        Raises:
+            RunnerLostError: the scheduler is gone, or all workers are, for a minute.
+        """
+        call = next(self._numbers)
+        topic, inbox = f"kennfeld-{self.client.id}-{call}", SimpleQueue[bytes]()
+        stop = import_module("distributed").Event(topic, client=self.client)
+
+        def deliver() -> None:
+            while not inbox.empty():
+                if receive(inbox.get()):
+                    stop.set()
+
+        self.client.subscribe_topic(topic, lambda event: inbox.put(event[1]))
+        common, futures = self._keep(shared), list[Any]()
+        try:
+            for at, item in enumerate(items):
+                more = {"key": f"{topic}-{at}", "pure": False, "retries": RETRIES}
+                futures.append(self.client.submit(run_reporting, task, common, item, topic, **more))
+            for future in futures:
+                result = self._wait(future, deliver)
+                deliver()
+                yield result
+        finally:
+            with suppress(Exception):
+                self.client.cancel(futures, force=True)
+                self.client.unsubscribe_topic(topic)
+
     @property
     def is_connected(self) -> bool:
         """True if the scheduler answers."""
@@ -183,7 +237,7 @@ class DaskRunner:
         try:
             hand_out(AHEAD * len(addresses))
             for at in range(len(bundles)):
-                outcome = self._wait(futures[at])
+                outcome: _Outcome = self._wait(futures[at])
                 del futures[at]
                 hand_out(1)
                 self._count(kind, outcome)
@@ -199,24 +253,21 @@ class DaskRunner:
         mean = outcome.seconds / count
         self._seconds[kind] = MEMORY * self._seconds.get(kind, mean) + (1 - MEMORY) * mean
 
-    def _wait(self, future: Any) -> _Outcome:
-        """Return the outcome of a task; short waits, so that Ctrl-C and a lost scheduler are noticed."""
-        alone_since: float | None = None
-        while True:
+    def _wait(self, future: Any, meanwhile: Callable[[], None] = lambda: None) -> Any:
+        """Return the result of a task; short waits, so that Ctrl-C and a lost scheduler are noticed."""
+        wait, alone_since = import_module("distributed").wait, time.monotonic()
+        while not future.done():
             try:
-                outcome: _Outcome = future.result(timeout=POLL_INTERVAL)
-                return outcome
+                meanwhile()
+                wait(future, timeout=POLL_INTERVAL)
             except TimeoutError:
-                if future.done():
-                    raise
-            if not self.is_connected:
-                raise RunnerLostError(f"the scheduler at {self.address} is gone")
-            if self.workers:
-                alone_since = None
-                continue
-            alone_since = alone_since or time.monotonic()
-            if time.monotonic() - alone_since > NO_WORKER_TIMEOUT:
-                raise RunnerLostError(f"the scheduler at {self.address} has no worker")
+                if not self.is_connected:
+                    raise RunnerLostError(f"the scheduler at {self.address} is gone") from None
+                if self.workers:
+                    alone_since = time.monotonic()
+                elif time.monotonic() - alone_since > NO_WORKER_TIMEOUT:
+                    raise RunnerLostError(f"the scheduler at {self.address} has no worker") from None
+        return future.result()
 
     def close(self) -> None:
         """Leave the cluster; end the processes that were started here."""

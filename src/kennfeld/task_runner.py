@@ -11,9 +11,11 @@ from contextvars import ContextVar
 from typing import Any, Protocol
 
 Task = Callable[[bytes, bytes, bytes], Any]
+Receiver = Callable[[bytes], bool]
 
 
 _worker: ContextVar[str] = ContextVar("worker", default="")
+_line: ContextVar["MessageLine | None"] = ContextVar("line", default=None)
 
 
 def worker_name() -> str:
@@ -31,6 +33,33 @@ def as_worker(name: str) -> Iterator[None]:
         _worker.reset(token)
 
 
+class MessageLine(Protocol):
+    """The connection of a running task to the process that started it."""
+
+    def send(self, message: bytes) -> None:
+        """Send a message."""
+
+    def is_stopping(self) -> bool:
+        """Return whether the task is asked to end at its next step."""
+
+
+@contextmanager
+def connected(line: MessageLine) -> Iterator[None]:
+    """Run the block with a connection to the process that started the task."""
+    token = _line.set(line)
+    try:
+        yield
+    finally:
+        _line.reset(token)
+
+
+def message_line() -> MessageLine:
+    """Return the connection of the current task."""
+    line = _line.get()
+    assert line is not None, "the task was not started by map_with_messages"
+    return line
+
+
 class RunnerLostError(Exception):
     """The cluster is gone; the text says which, and why."""
 
@@ -45,6 +74,12 @@ class TaskRunner(Protocol):
             RunnerLostError: no worker can be reached any more.
         """
 
+    def map_with_messages(self, task: Task, shared: bytes, items: Sequence[bytes], receive: Receiver) -> Iterator[Any]:
+        """Yield `task(shared, item, b"")` for each item, in order, while tasks report through `message_line`.
+
+        `receive` is called in this thread with each message; if it returns True, all tasks are asked to stop.
+        """
+
     def close(self) -> None:
         """End what the runner has started."""
 
@@ -57,5 +92,26 @@ class SerialRunner:
         for item in items:
             yield task(shared, item, arguments)
 
+    def map_with_messages(self, task: Task, shared: bytes, items: Sequence[bytes], receive: Receiver) -> Iterator[Any]:
+        """Yield the result of each item, in order; messages arrive at once."""
+        line = _DirectLine(receive)
+        for item in items:
+            with connected(line):
+                result = task(shared, item, b"")
+            yield result
+
     def close(self) -> None:
         """Do nothing."""
+
+
+class _DirectLine:
+    """A connection within one process."""
+
+    def __init__(self, receive: Receiver) -> None:
+        self._receive, self._stopping = receive, False
+
+    def send(self, message: bytes) -> None:
+        self._stopping = self._receive(message) or self._stopping
+
+    def is_stopping(self) -> bool:
+        return self._stopping

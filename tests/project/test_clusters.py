@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 
+from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.cli import run
 from kennfeld.errors import InputError
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.project import Project
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
 
@@ -224,3 +227,43 @@ def test_the_command_joins_the_scheduler_that_it_is_given(tmp_path, cluster, cap
     )  # max_iterations
     assert f"at {cluster.address}; dashboard" in capsys.readouterr().err
     assert (tmp_path / "out" / "report.html").is_file()
+
+
+def whole_on(path, address):
+    """A project whose data are read here, and whose starts and folds are tasks of a cluster."""
+    return in_partitions(path, 0, scheduler=address)
+
+
+def test_starts_are_tasks_of_a_cluster(tmp_path, cluster):
+    path = write_steady(tmp_path, text=STEADY + SHORT + "starts = 3\nsave_every = 4\n")
+    local = Project.read(path).calibrate(workers=1)
+    lines = []
+    project = whole_on(path, cluster.address)
+    result = calibrate(project, lines.append)
+    assert np.array_equal(values_of(result), values_of(local))
+    assert [row.cost_after for row in result.starts] == [row.cost_after for row in local.starts]
+    assert {line.start for line in lines} == {1, 2, 3}
+    assert list((tmp_path / "results" / "saves").glob("3-*.json"))
+
+
+def test_starts_on_a_cluster_stop_at_their_best_values(tmp_path, cluster):
+    path = write_steady(tmp_path, text=STEADY + SHORT.replace("12", "200") + "starts = 3\n")
+
+    def stop(line):
+        if line.iteration >= 3:
+            raise Stop
+
+    result = calibrate(whole_on(path, cluster.address), stop)
+    assert result.status == "stopped"
+    assert result.cost_after < result.cost_before
+
+
+def test_folds_are_tasks_of_a_cluster(tmp_path, cluster):
+    path = write_short(tmp_path)
+    local = cross_validate(Project.read(path).problem(), folds=3, options=Project.read(path).options)
+    project = whole_on(path, cluster.address)
+    lines = []
+    remote = cross_validate(project.problem(), folds=3, options=project.options, progress=lines.append)
+    project.close()
+    assert remote == local
+    assert {line.stage.split()[1] for line in lines} == {"1", "2", "3"}

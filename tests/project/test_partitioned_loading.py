@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from partitioned_projects import STEADY, in_partitions, write_steady, write_timed
 
+from kennfeld.analysis.cross_validation import cross_validate
+from kennfeld.errors import InputError
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
@@ -266,3 +268,22 @@ def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path):
     heavier = replace(in_partitions(path, 600), file=replace(first.file, datasets=datasets))
     assert CompiledProblem(heavier.problem()).sums.cost(values) == pytest.approx(3 * cost, rel=1e-12)
     assert entries < set((tmp_path / ".kennfeld" / "partitions").iterdir())
+
+
+def test_folds_hold_out_partitions(tmp_path):
+    text = STEADY + "[optimizer]\nmax_iterations = 10\n"
+    parted = in_partitions(write_steady(tmp_path, text=text), 600)
+    validation = cross_validate(parted.problem(), folds=2, options=parted.options)
+    rows = {row.fold: row for row in validation.folds}
+    assert sum(row.samples for row in rows.values()) == sum(
+        q.samples for q in parted.calibrate().quality if q.use == "training"
+    )
+    assert 0.9 < validation.mean("TorqueModel") < 1.5
+
+
+def test_folds_that_divide_files_are_an_error(tmp_path):
+    problem = in_partitions(write_steady(tmp_path), 600).problem()
+    with pytest.raises(InputError, match="data in partitions cannot be held out by random"):
+        cross_validate(problem, kind="random")
+    with pytest.raises(InputError, match="cannot make 50 folds of 8 partitions"):
+        cross_validate(problem, folds=50)

@@ -6,6 +6,7 @@ of a model are correct, but their targets are not used. A fold is made of whole 
 points at random.
 """
 
+import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -15,12 +16,17 @@ import numpy as np
 from kennfeld.arrays import Bool
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError, Location
+from kennfeld.formatting import join_names
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.options import Options
+from kennfeld.optimize.partitions import Partition
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Progress, Result, finite_or_none
+from kennfeld.optimize.result import Progress, Result, TraceLine, finite_or_none
 from kennfeld.optimize.search.multistart import run
+from kennfeld.optimize.solver.levenberg_marquardt import Stop
+from kennfeld.portable_pickle import pickle_content
+from kennfeld.task_runner import TaskRunner, message_line
 
 Kind = Literal["auto", "files", "blocks", "random"]
 GAP = 0.05  # share of a block that is not fitted on each side of it
@@ -36,6 +42,38 @@ class Fold:
     name: str
     held: tuple[Bool, ...]
     excluded: tuple[Bool, ...]
+
+
+@dataclass(frozen=True)
+class PartitionFold:
+    """Partitions that are held out."""
+
+    name: str
+    held: tuple[Partition, ...]
+
+
+def folds_of_partitions(partitions: Sequence[Partition], count: int, kind: Kind, seed: int = 0) -> list[PartitionFold]:
+    """Split partitions at random into folds of about equal size that hold out each once.
+
+    Raises:
+        ArgumentError: fewer than two folds.
+        InputError: fewer partitions than folds, or a kind of folds that divides files.
+    """
+    if count < 2:
+        raise ArgumentError(f"folds must be >= 2, got {count}")
+    if kind not in ("auto", "files"):
+        raise InputError.of(PLACE, f"data in partitions cannot be held out by {kind}", "Use files.")
+    if len(partitions) < count:
+        message = f"cannot make {count} folds of {len(partitions)} partitions"
+        raise InputError.of(PLACE, message, "Use fewer folds, or smaller partitions.")
+    order = np.random.default_rng(seed).permutation(len(partitions))
+    groups = [[partitions[at] for at in sorted(order[number::count])] for number in range(count)]
+    return [PartitionFold(_name_partitions(group), tuple(group)) for group in groups]
+
+
+def _name_partitions(partitions: Sequence[Partition]) -> str:
+    files = list(dict.fromkeys(part.source.name for partition in partitions for part in partition.parts))
+    return join_names(files, 1)
 
 
 def folds_of(
@@ -259,19 +297,69 @@ def cross_validate(
         raise ArgumentError("cross_validate(problem) accepts only folds, kind, seed, options and progress")
     else:
         problem = model
-    training = problem.fitted_datasets
-    memory = bool(problem.model.graph.states)
+    options = options or Options()
+    held: Sequence[Fold | PartitionFold]
+    if problem.partitions is not None:
+        held = folds_of_partitions(problem.partitions.training, folds, kind, seed)
+    else:
+        held = folds_of(problem.fitted_datasets, folds, kind, memory=bool(problem.model.graph.states), seed=seed)
+        if options.cluster is not None:
+            return CrossValidation(tuple(_folds_on_cluster(options.cluster, problem, options, held, progress)))
     rows: list[FoldQuality] = []
-    for number, fold in enumerate(folds_of(training, folds, kind, memory=memory, seed=seed), 1):
-        result = run(_fold_problem(problem, training, fold), options or Options(), _name_fold(progress, number))
+    for number, fold in enumerate[Fold | PartitionFold](held, 1):
+        result = run(_fold_problem(problem, fold), options, _name_fold(progress, number))
         rows += _fold_quality(number, fold, result)
         if result.status == "stopped":
             break
     return CrossValidation(tuple(rows))
 
 
-def _fold_problem(problem: Problem, training: Sequence[Dataset], fold: Fold) -> Problem:
+def _folds_on_cluster(
+    runner: TaskRunner,
+    problem: Problem,
+    options: Options,
+    folds: Sequence[Fold | PartitionFold],
+    progress: Progress | None,
+) -> Iterator[FoldQuality]:
+    """Yield the rows of all folds, which run as tasks of a cluster."""
+
+    def receive(message: bytes) -> bool:
+        line: TraceLine = pickle.loads(message)
+        try:
+            if progress is not None:
+                progress(line)
+        except Stop:
+            return True
+        return False
+
+    shared = pickle_content((replace(problem), replace(options, cluster=None, workers=1)))
+    items = [pickle_content((number, fold)) for number, fold in enumerate(folds, 1)]
+    for rows in runner.map_with_messages(run_fold, shared, items, receive):
+        yield from rows
+
+
+def run_fold(shared: bytes, item: bytes, arguments: bytes) -> list[FoldQuality]:
+    """Run one fold on a worker; none of its rows count if it was asked to stop before."""
+    problem, options = pickle.loads(shared)
+    number, fold = pickle.loads(item)
+    line = message_line()
+
+    def report(entry: TraceLine) -> None:
+        line.send(pickle_content(entry))
+        if line.is_stopping():
+            raise Stop
+
+    if line.is_stopping():
+        return []
+    result = run(_fold_problem(problem, fold), options, _name_fold(report, number))
+    return list(_fold_quality(number, fold, result))
+
+
+def _fold_problem(problem: Problem, fold: Fold | PartitionFold) -> Problem:
     """Return the problem of one fold, with the held-out samples as test datasets."""
+    if isinstance(fold, PartitionFold):
+        return _without_partitions(problem, fold)
+    training = problem.fitted_datasets
     datasets: list[Dataset] = []
     shifts: dict[str, Sequence[str]] = {}
     for data, held_out, excluded in zip(training, fold.held, fold.excluded, strict=True):
@@ -286,6 +374,27 @@ def _fold_problem(problem: Problem, training: Sequence[Dataset], fold: Fold) -> 
     return replace(problem, datasets=tuple(datasets), unknown_shifts=shifts)
 
 
+def _without_partitions(problem: Problem, fold: PartitionFold) -> Problem:
+    """Return the problem with the held-out partitions as test data, under names of their own."""
+    whole = problem.partitions
+    assert whole is not None
+    recipes, count = whole.recordings.recipes, len(whole.recordings.recipes)
+    copies = tuple(replace(r, entry=replace(r.entry, name=r.entry.name + HELD_OUT, use="test")) for r in recipes)
+    held = tuple(
+        Partition(tuple(replace(part, dataset=part.dataset + count) for part in partition.parts))
+        for partition in fold.held
+    )
+    training = problem.fitted_datasets
+    further = (replace(data, name=data.name + HELD_OUT, use="test") for data in training)
+    partitions = replace(
+        whole,
+        recordings=replace(whole.recordings, recipes=recipes + copies),
+        training=tuple(partition for partition in whole.training if partition not in fold.held),
+        test=held,
+    )
+    return replace(problem, datasets=(*training, *further), partitions=partitions)
+
+
 def _name_fold(progress: Progress | None, number: int) -> Progress | None:
     """Return the same progress, but stages name their fold."""
     if progress is None:
@@ -293,7 +402,7 @@ def _name_fold(progress: Progress | None, number: int) -> Progress | None:
     return lambda line: progress(replace(line, stage=f"fold {number} {line.stage}"))
 
 
-def _fold_quality(number: int, fold: Fold, result: Result) -> Iterator[FoldQuality]:
+def _fold_quality(number: int, fold: Fold | PartitionFold, result: Result) -> Iterator[FoldQuality]:
     for name in dict.fromkeys(row.criterion for row in result.quality):
         _, training = _pool(result.quality, name, "training")
         samples, held_out = _pool(result.quality, name, "test")

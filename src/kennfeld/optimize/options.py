@@ -14,6 +14,7 @@ from kennfeld.optimize.problem import Factor, Smoothness
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.parameters import Parameter
 from kennfeld.search_settings import MAX_STARTS, SearchSettings
+from kennfeld.task_runner import TaskRunner
 
 Reduction = int | Sequence[int]
 Value = TypeVar("Value")
@@ -103,11 +104,13 @@ class Options(SearchSettings):
         seed: of the random starts and of the global search.
         spread: of the random starts, see `drawn_start`.
         workers: processes that the starts run in; default is one per core.
+        cluster: runs the starts and the folds of a cross-validation instead of these processes.
         steps: a sequence that every start goes through.
         save_every: keep every nth accepted parameter set as a checkpoint; 0 keeps none.
     """
 
     workers: int | None = None
+    cluster: TaskRunner | None = field(default=None, repr=False, compare=False)
     steps: tuple[Step, ...] = ()
 
     def __post_init__(self) -> None:

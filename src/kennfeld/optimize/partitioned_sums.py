@@ -42,8 +42,8 @@ class PackedNormal(NamedTuple):
 
 def pack(normal: NormalEquations) -> PackedNormal:
     """Return a copy of normal equations as they are sent."""
-    upper = np.triu_indices(normal.gradient.size)
-    return PackedNormal(normal.gradient.copy(), normal.matrix[upper])
+    rows = [row[at:] for at, row in enumerate(normal.matrix)]
+    return PackedNormal(normal.gradient.copy(), np.concatenate(rows) if rows else np.zeros(0))
 
 
 def add_packed(parts: Iterator[PackedNormal]) -> NormalSum:
@@ -52,9 +52,10 @@ def add_packed(parts: Iterator[PackedNormal]) -> NormalSum:
     for part in parts:
         gradient += part.gradient
         triangle += part.triangle
-    matrix = np.zeros((gradient.size, gradient.size))
-    matrix[np.triu_indices(gradient.size)] = triangle
-    matrix += np.triu(matrix, 1).T
+    matrix, end = np.empty((gradient.size, gradient.size)), 0
+    for at in range(gradient.size):
+        first, end = end, end + gradient.size - at
+        matrix[at, at:] = matrix[at:, at] = triangle[first:end]
     return NormalSum(gradient, matrix)
 
 

@@ -63,7 +63,9 @@ class Project:
         from kennfeld.optimize.options import Options
 
         shared = {part.name: getattr(self.file.optimizer, part.name) for part in fields(SearchSettings)}
-        return Options(**shared, steps=self._assembly.steps if self.file.steps else ())
+        steps = self._assembly.steps if self.file.steps else ()
+        joins = bool(self.file.cluster.scheduler) and self.load is None
+        return Options(**shared, steps=steps, cluster=self._runner if joins else None)
 
     @property
     def surrogates(self) -> tuple[str, ...]:

@@ -77,8 +77,9 @@ class _Multistart:
         # the processor cores that this process may use; not known on all systems
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         self.workers = min(self.options.workers or cores, self.options.starts)
+        self._cluster = self.options.cluster
         if self.problem.partitions is not None:  # each start uses all workers
-            self.workers = 1
+            self.workers, self._cluster = 1, None
         self.trace: list[TraceLine] = []
         self.outcomes: dict[int, StartOutcome] = {}
         self.resumed_names: list[str] = []
@@ -87,7 +88,7 @@ class _Multistart:
 
     def result(self, seconds: Seconds) -> Result:
         # workers and steps compile their own smoothed problems
-        separate = self.workers > 1 or bool(self.options.steps)
+        separate = self.workers > 1 or self._cluster is not None or bool(self.options.steps)
         options = replace(self.options, continuation="off") if separate else self.options
         ready = FitRun(self.whole, options, None, seconds)
         result = ready.result(lambda start, limits: self._search(ready, start, limits))
@@ -108,7 +109,12 @@ class _Multistart:
         """Run all starts and return the best end as values of the whole problem."""
         runner = StartRunner(self.problem, self.options, ready)
         points = list(self._start_points(runner, self._off_saddle(ready, start, limits)))
-        if self.workers > 1 and len(points) > 1:
+        if self._cluster is not None and len(points) > 1:
+            from kennfeld.optimize.search.cluster_pool import run_on_cluster
+
+            parts = (self._cluster, self.problem, self.options, points)
+            self.outcomes |= {o.row.start: o for o in run_on_cluster(*parts, self._report, self._save)}
+        elif self.workers > 1 and len(points) > 1:
             from kennfeld.optimize.search.worker_pool import run_in_parallel
 
             work = (self.problem, self.options, points, self.workers)
