@@ -20,6 +20,7 @@ __all__ = ["GeneratedFiles", "generate", "write_fleet"]
 
 Float = NDArray[np.float64]
 POINTS = 1_000_000  # of a file
+PARTITION = 4  # files
 PROJECT = """\
 [model]
 file = "torque.kf"
@@ -52,16 +53,16 @@ def generate(seed: int, points: int = POINTS) -> dict[str, Float]:
     return dict(zip(COLUMNS, (*inputs, measured), strict=True))
 
 
-def write_fleet(folder: Path, files: int, iterations: int) -> Path:
+def write_fleet(folder: Path, files: int, iterations: int, points: int = POINTS) -> Path:
     """Write a project with its recordings, and return the project file."""
     folder.mkdir(parents=True)
     for number in range(files):
-        table = pa.table(generate(number))
+        table = pa.table(generate(number, points))
         parquet.write_table(table, folder / f"bench_{number:03d}.parquet", compression="none", use_dictionary=False)
     (folder / "torque.kf").write_text(torque.FORMULA)
     write(parameters(520), folder / "start.json")
     project = folder / "kennfeld.toml"
-    project.write_text(PROJECT.format(iterations=iterations, partition=POINTS))
+    project.write_text(PROJECT.format(iterations=iterations, partition=PARTITION * points))
     return project
 
 

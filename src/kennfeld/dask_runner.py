@@ -47,23 +47,29 @@ class ClusterAddress:
 class _Outcome(NamedTuple):
     worker: str
     seconds: float
+    processor: float
     results: list[Any]
 
 
 @dataclass
 class WorkerLoad:
-    """What one worker has done."""
+    """What one worker has done: number of items, and the elapsed and the processor time that they took, in s."""
 
     tasks: int = 0
     seconds: float = 0.0
+    processor: float = 0.0
 
 
 def run_items(task: Task, shared: bytes, items: Sequence[bytes], arguments: bytes) -> _Outcome:
     """Run a task for some items on a worker."""
-    began, name = time.perf_counter(), str(import_module("distributed").get_worker().name)
+    began, processor, name = (
+        time.perf_counter(),
+        time.process_time(),
+        str(import_module("distributed").get_worker().name),
+    )
     with as_worker(name):
         results = [task(shared, item, arguments) for item in items]
-    return _Outcome(name, time.perf_counter() - began, results)
+    return _Outcome(name, time.perf_counter() - began, time.process_time() - processor, results)
 
 
 def run_reporting(task: Task, shared: bytes, item: bytes, topic: str) -> Any:
@@ -250,6 +256,7 @@ class DaskRunner:
     def _count(self, kind: tuple[str, int], outcome: _Outcome) -> None:
         load, count = self.loads.setdefault(outcome.worker, WorkerLoad()), len(outcome.results)
         load.tasks, load.seconds = load.tasks + count, load.seconds + outcome.seconds
+        load.processor += outcome.processor
         mean = outcome.seconds / count
         self._seconds[kind] = MEMORY * self._seconds.get(kind, mean) + (1 - MEMORY) * mean
 

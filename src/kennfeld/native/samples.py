@@ -144,19 +144,33 @@ class Samples:
         return [Chunk(i, number, first, last) for i, (number, first, last) in enumerate(cuts)]
 
 
+def chain_samples(parts: Sequence[Samples]) -> Samples:
+    """Return the samples of several parts that are visited as stored, one after the other, without copying them."""
+    if len(parts) == 1:
+        return parts[0]
+    inputs = [[array for row in rows for array in row] for rows in zip(*(p.inputs.parts for p in parts), strict=True)]
+    wanted = [[array for row in rows for array in row] for rows in zip(*(p.wanted.parts for p in parts), strict=True)]
+    return Samples(inputs, wanted, _renumbered((part.count, part.pieces) for part in parts))
+
+
+def _renumbered(parts: Iterable[tuple[int, Sequence[Piece]]]) -> list[Piece]:
+    """Return the pieces of parts that follow each other, each given as its number of samples and its pieces."""
+    pieces, end = [], 0
+    for count, own in parts:
+        pieces += [replace(piece, first=piece.first + end, last=piece.last + end) for piece in own]
+        end += count
+    return pieces
+
+
 def join_samples(parts: Iterable[tuple[Float, Float, Sequence[Piece]]]) -> Samples:
     """Return the samples of several parts, one after the other.
 
     Args:
         parts: inputs and targets, shapes (inputs, samples) and (outputs, samples), and the pieces of each part.
     """
-    inputs, targets, pieces, end = [], [], [], 0
-    for data, wanted, own in parts:
-        pieces += [replace(piece, first=piece.first + end, last=piece.last + end) for piece in own]
-        inputs.append(data)
-        targets.append(wanted)
-        end += wanted.shape[1]
-    return Samples(np.concatenate(inputs, axis=1), np.concatenate(targets, axis=1), pieces)
+    inputs, targets, pieces = zip(*parts, strict=True)
+    own = _renumbered((wanted.shape[1], each) for wanted, each in zip(targets, pieces, strict=True))
+    return Samples(np.concatenate(inputs, axis=1), np.concatenate(targets, axis=1), own)
 
 
 def shares(work: Sequence[int], count: int) -> list[range]:

@@ -21,9 +21,9 @@ from kennfeld.graph.traversal import rewrite
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
-from kennfeld.native.samples import Piece, Samples, join_samples
+from kennfeld.native.samples import Piece, Samples, chain_samples, join_samples
 from kennfeld.optimize.partitioned_sums import PartitionedSums
-from kennfeld.optimize.partitions import Partition, Recordings, StoredDatasets, shared_content
+from kennfeld.optimize.partitions import Part, Partition, Recordings, StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
@@ -33,7 +33,7 @@ from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
-from kennfeld.preprocessing.stored_samples import read_samples, sample_columns
+from kennfeld.preprocessing.stored_samples import in_visiting_order, read_samples, sample_columns
 
 MAX_SMOOTHED_SAMPLES = 20_000
 
@@ -200,20 +200,25 @@ class CompiledProblem:
     def over_partition(self, recordings: Recordings, partition: Partition) -> "CompiledProblem":
         """Return the same over one partition, whose samples are kept on disk and mapped into memory."""
         other = copy(self)
-        other.problem = self.problem.over(StoredDatasets(recordings, partition))
-        used = [recordings.recipes[part.dataset] for part in partition.parts]
-        recipes = [(recipe.key, recipe.entry.weight) for recipe in used]
-        path = recordings.files.path(digest_of(self.data_key, partition.key, recipes))
-        rows = len(self.kernel.layout.inputs), len(self.kernel.outputs)
-        samples = read_samples(path, *rows)
-        if samples is None:
-            samples = other._gathered()
-            if recordings.files.keep(path, sample_columns(samples), {}):
-                samples = read_samples(path, *rows) or samples
-        touch(path)
-        other.samples = samples
-        other.sums = other.sums_over(samples)
+        other.problem = self.problem.over(StoredDatasets(recordings, partition.parts))
+        other.samples = chain_samples([self._part_samples(recordings, part) for part in partition.parts])
+        other.sums = other.sums_over(other.samples)
         return other
+
+    def _part_samples(self, recordings: Recordings, part: Part) -> Samples:
+        """Return the samples of one part, which are laid out when it is first used: one at a time is in memory."""
+        recipe = recordings.recipes[part.dataset]
+        path = recordings.files.path(digest_of(self.data_key, part.source, part.first, part.last, recipe.key))
+        scores = np.array([c.weight * recipe.entry.weight for c in self.problem.criteria])
+        samples = read_samples(path, len(self.kernel.layout.inputs), scores)
+        if samples is None:
+            other = copy(self)
+            other.problem = self.problem.over(StoredDatasets(recordings, [part]))
+            samples = in_visiting_order(other._gathered())
+            if recordings.files.keep(path, sample_columns(samples), {}):
+                samples = read_samples(path, len(self.kernel.layout.inputs), scores) or samples
+        touch(path)
+        return samples
 
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""

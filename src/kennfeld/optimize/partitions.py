@@ -11,7 +11,6 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, overload
 
-from kennfeld.content_digest import digest_of
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.portable_pickle import pickle_content
@@ -40,11 +39,6 @@ class Partition:
     def samples(self) -> int:
         """Number of samples."""
         return sum(part.last - part.first for part in self.parts)
-
-    @property
-    def key(self) -> str:
-        """A digest of the samples, without their preparation."""
-        return digest_of(self)
 
 
 @dataclass(frozen=True)
@@ -76,16 +70,16 @@ def with_worker(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 class StoredDatasets(Sequence[Dataset]):
-    """The datasets of a partition, one for each part, opened when they are first used."""
+    """The datasets of some parts, one for each, opened when they are first used."""
 
-    def __init__(self, recordings: Recordings, partition: Partition) -> None:
-        self._recordings, self._partition = recordings, partition
+    def __init__(self, recordings: Recordings, parts: Sequence[Part]) -> None:
+        self._recordings, self._parts = recordings, parts
         self._opened: tuple[Dataset, ...] | None = None
 
     @property
     def _datasets(self) -> tuple[Dataset, ...]:
         if self._opened is None:
-            self._opened = tuple(self._recordings.open(part) for part in self._partition.parts)
+            self._opened = tuple(self._recordings.open(part) for part in self._parts)
         return self._opened
 
     @overload
@@ -96,7 +90,7 @@ class StoredDatasets(Sequence[Dataset]):
         return self._datasets[at]
 
     def __len__(self) -> int:
-        return len(self._partition.parts)
+        return len(self._parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -219,7 +219,7 @@ def run_on_problem(shared: bytes, item: bytes, arguments: bytes) -> Any:
     """Run a function of a problem on one partition; see `Problem.each`."""
     recordings, skeleton = shared_content(shared)
     task, *rest = pickle.loads(arguments)
-    return task(skeleton.over(StoredDatasets(recordings, pickle.loads(item))), *rest)
+    return task(skeleton.over(StoredDatasets(recordings, pickle.loads(item).parts)), *rest)
 
 
 def difference(criterion: int) -> str:

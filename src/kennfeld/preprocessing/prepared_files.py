@@ -6,6 +6,7 @@ code that did; it is safe to delete at any time.
 """
 
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -193,8 +194,10 @@ class PreparedFiles:
         prepared = None if stored is None else _from_columns(stored)
         if prepared is None:
             prepared = recipe.prepare(source)
-            if not prepared.failed:
-                self.keep(path, _columns(prepared), _notes(prepared))
+            if not prepared.failed and self.keep(path, _columns(prepared), _notes(prepared)):
+                stored = read_columns(path)
+                prepared = (None if stored is None else _from_columns(stored)) or prepared
+                _release_memory()
         else:
             touch(path)
         return prepared.of(recipe.entry)
@@ -225,6 +228,12 @@ class PreparedFiles:
             if total > self.most and path != newest:
                 with suppress(OSError):
                     path.unlink(missing_ok=True)
+
+
+def _release_memory() -> None:
+    """Return memory that the readers' library keeps for its next use."""
+    if "pyarrow" in sys.modules:
+        sys.modules["pyarrow"].default_memory_pool().release_unused()
 
 
 def touch(path: Path) -> None:

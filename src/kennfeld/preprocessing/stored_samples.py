@@ -12,33 +12,40 @@ from kennfeld.column_file import read_columns
 from kennfeld.native.samples import Piece, Samples
 
 
+def in_visiting_order(samples: Samples) -> Samples:
+    """Return the same samples stored in the order in which they are visited."""
+    if samples.order is None:
+        return samples
+    # one row after the other, so that only one of them is there twice
+    inputs, targets = (
+        [_visited(parts, samples) for parts in table.parts] for table in (samples.inputs, samples.wanted)
+    )
+    return Samples(inputs, targets, samples.pieces)
+
+
 def sample_columns(samples: Samples) -> Iterator[NDArray[Any]]:
-    """Yield the columns of samples, in the order in which they are visited."""
+    """Yield the columns of samples that are stored as they are visited."""
     yield np.array([[piece.first, piece.last] for piece in samples.pieces], dtype=np.int64).ravel()
-    yield np.array([piece.scores for piece in samples.pieces], dtype=np.float64).ravel()
     for parts in (*samples.inputs.parts, *samples.wanted.parts):
-        yield _visited(parts, samples)
+        yield parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _visited(parts: Sequence[Float], samples: Samples) -> Float:
-    whole = parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.zeros(0)
-    return whole if samples.order is None else whole[samples.order]
+    whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return whole[samples.order]
 
 
-def read_samples(path: Path, inputs: int, outputs: int) -> Samples | None:
+def read_samples(path: Path, inputs: int, scores: Float) -> Samples | None:
     """Return samples that were written as `sample_columns`; None if there are none at this path.
 
     Args:
         path: the file.
         inputs: number of rows of inputs.
-        outputs: number of rows of targets.
+        scores: weight of each output, Float[outputs].
     """
     stored = read_columns(path)
-    if stored is None or len(stored.columns) != 2 + inputs + outputs:
+    if stored is None or len(stored.columns) != 1 + inputs + scores.size:
         return None
-    edges, scores, *rows = stored.columns
-    pieces = [
-        Piece(int(first), int(last), each)
-        for (first, last), each in zip(edges.reshape(-1, 2), scores.reshape(-1, outputs), strict=True)
-    ]
+    edges, *rows = stored.columns
+    pieces = [Piece(int(first), int(last), scores) for first, last in edges.reshape(-1, 2)]
     return Samples(rows[:inputs], rows[inputs:], pieces)

@@ -74,7 +74,7 @@ def count_column(shared: bytes, item: bytes, arguments: bytes) -> DigitCounts:
     """Count the digits of a column over one partition; see `quantiles`."""
     recordings, _ = shared_content(shared)
     column, digits = pickle.loads(arguments)
-    datasets = StoredDatasets(recordings, pickle.loads(item))
+    datasets = StoredDatasets(recordings, pickle.loads(item).parts)
     values = (column.values(data) for data in datasets)
     return count_digits((each for each in values if each is not None), digits)
 
