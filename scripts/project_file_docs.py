@@ -16,6 +16,7 @@ from kennfeld.project.forms import entry_schema, form_of, keys_of, meaning_of
 from kennfeld.project.key_descriptions import default_text
 from kennfeld.project.schema import (
     CalibrationEntry,
+    ClusterEntry,
     CriterionEntry,
     EqualityEntry,
     LimitEntry,
@@ -42,6 +43,7 @@ _TABLES: dict[str, Iterable[Field[Any]]] = {
     "[[equality]]": keys_of(EqualityEntry).values(),
     "[[step]]": keys_of(StepEntry).values(),
     "[optimizer]": keys_of(OptimizerEntry).values(),
+    "[cluster]": keys_of(ClusterEntry).values(),
     "[surrogate]": [part for part in _SURROGATE if not part.metadata.get("dynamic")],
     "[surrogate], dynamic": [part for part in _SURROGATE if part.metadata.get("dynamic")],
 }

@@ -53,7 +53,7 @@ class _Outcome(NamedTuple):
 
 @dataclass
 class WorkerLoad:
-    """What one worker has done: number of items, and the elapsed and the processor time that they took, in s."""
+    """The work of one worker: number of items, and the elapsed and the processor time that they took, in s."""
 
     tasks: int = 0
     seconds: float = 0.0

@@ -65,7 +65,7 @@ class RejectedTrials:
 
 @dataclass(frozen=True)
 class DataForm:
-    """What the compiled code of a problem depends on of its training data.
+    """The properties of the training data on which the compiled code of a problem depends.
 
     Attributes:
         weighting: criteria with sample weights.

@@ -43,7 +43,7 @@ class Partition:
 
 @dataclass(frozen=True)
 class Recordings:
-    """What a process needs to open any partition: the recipes of the datasets, and the folder of prepared files."""
+    """The recipes of the datasets and the folder of prepared files, by which a process opens any partition."""
 
     recipes: tuple[DatasetRecipe, ...]
     files: PreparedFiles

@@ -159,8 +159,8 @@ class Scorer:
                 rows.append(QualitySums(*names, old[i], new[i], Moments.of(targets[i])))
         return rows
 
-    def _sum_errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["Errors"]:
-        sums = [Errors() for _ in targets]
+    def _sum_errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["ErrorSums"]:
+        sums = [ErrorSums() for _ in targets]
         for samples, values in self._nodes.blocks(bound, parameters):
             for errors, target, value in zip(sums, targets, values, strict=True):
                 errors.add(value, target[samples])
@@ -186,7 +186,7 @@ def merge_sums(rows: Iterable["QualitySums"]) -> list["QualitySums"]:
 
 
 @dataclass
-class Errors:
+class ErrorSums:
     """Sums over the errors of a criterion."""
 
     count: int = 0
@@ -202,10 +202,10 @@ class Errors:
             self.squares += float(np.sum(error**2))
             self.largest = float(np.abs(error).max(initial=self.largest))
 
-    def with_more(self, other: "Errors") -> "Errors":
+    def with_more(self, other: "ErrorSums") -> "ErrorSums":
         """Return the sums over the samples of both."""
         largest = float(np.maximum(self.largest, other.largest))  # NaN if either is
-        return Errors(self.count + other.count, self.squares + other.squares, largest)
+        return ErrorSums(self.count + other.count, self.squares + other.squares, largest)
 
     @property
     def rmse(self) -> float:
@@ -246,8 +246,8 @@ class QualitySums(NamedTuple):
     criterion: str
     dataset: str
     use: str
-    before: Errors
-    after: Errors
+    before: ErrorSums
+    after: ErrorSums
     target: Moments
 
     def with_more(self, other: "QualitySums") -> "QualitySums":

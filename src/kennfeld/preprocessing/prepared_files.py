@@ -59,7 +59,7 @@ class StoredSettings:
 
 @dataclass(frozen=True)
 class DatasetRecipe:
-    """How each file of a dataset becomes samples.
+    """The settings by which each file of a dataset becomes samples.
 
     Attributes:
         settings: those of the project.

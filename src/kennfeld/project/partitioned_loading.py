@@ -42,7 +42,7 @@ LEAST_EXCERPT = 100  # samples of each
 
 @dataclass(frozen=True)
 class FileSummary:
-    """What is known of a prepared file without its samples.
+    """A prepared file without its samples.
 
     Attributes:
         file: as prepared, with an excerpt in place of its samples.

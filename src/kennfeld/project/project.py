@@ -106,7 +106,7 @@ class Project:
 
     @cached_property
     def _runner(self) -> "TaskRunner":
-        """What evaluates partitions: this process, processes that are started here, or a cluster."""
+        """The evaluation of partitions: in this process, in processes that are started here, or on a cluster."""
         from kennfeld.dask_runner import ClusterAddress, DaskRunner
         from kennfeld.task_runner import SerialRunner
 
