@@ -45,7 +45,7 @@ def write_columns(path: Path, columns: Iterable[NDArray[Any]], notes: Mapping[st
             file.write(bytes(-file.tell() % _ALIGNMENT))
             parts.append([kind, file.tell(), column.size])
             file.write(np.ascontiguousarray(column).data)
-        text = json.dumps({"columns": parts, "notes": dict(notes)}).encode()
+        text = json.dumps({"columns": parts, "notes": dict(notes), "size": file.tell()}).encode()
         file.write(text)
         file.write(_END.pack(len(text), _SIGNATURE))
 
@@ -60,6 +60,8 @@ def read_columns(path: Path) -> ColumnFile | None:
             return None
         end = len(content) - _END.size
         description = json.loads(content[end - length : end])
+        if description["size"] != end - length:
+            return None
         columns = [np.frombuffer(content, kind, size, start) for kind, start, size in description["columns"]]
         return ColumnFile(description["notes"], columns)
     except (OSError, ValueError, KeyError, TypeError, struct.error):
