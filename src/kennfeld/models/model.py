@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from kennfeld.errors import Finding, Location
 from kennfeld.graph import Graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
-from kennfeld.surrogate.surrogate_file import Surrogate, as_parameters
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 
 def _nothing() -> Mapping[str, Any]:
@@ -49,7 +51,7 @@ class Model:
     declared: Mapping[str, int] = field(default_factory=_nothing)
     source: str = ""
     locations: Mapping[str, Location] = field(default_factory=_nothing)
-    surrogates: tuple[Surrogate, ...] = ()
+    surrogates: tuple["Surrogate", ...] = ()
     values: ParameterSet = field(default_factory=ParameterSet)
     remarks: tuple[Finding, ...] = ()
     stepped: bool = False
@@ -57,6 +59,10 @@ class Model:
     @property
     def carried(self) -> ParameterSet:
         """The parameters that the model provides: `values`, and the expansions of its surrogates."""
+        if not self.surrogates:
+            return ParameterSet().merged(self.values)
+        from kennfeld.surrogate.surrogate_file import as_parameters
+
         return as_parameters(self.surrogates).merged(self.values)
 
 

@@ -10,7 +10,7 @@ from kennfeld import calfiles, measurement
 from kennfeld.calfiles.cdfx.reader import recognises_cdfx
 from kennfeld.calfiles.dcm.lines import recognises_dcm
 from kennfeld.calfiles.excel.layout import is_calibration_workbook
-from kennfeld.calfiles.flash.description import recognises_a2l, recognises_flash
+from kennfeld.calfiles.flash.recognition import recognises_a2l, recognises_flash
 from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource
 from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat, recognises_script
 from kennfeld.calfiles.msq.reader import recognises_msq
