@@ -1,7 +1,7 @@
 """`Model`: the graph of one time step together with the name, step and parameters of its source."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,8 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Location
 from kennfeld.graph import Graph
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.traversal import rewrite
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
@@ -98,3 +100,18 @@ def _bound(own: Parameter, side: str, other: Parameter) -> Float | None:
     if bound.shape == other.values.shape:
         return bound
     return bound.ravel()[0] if bound.size and np.all(bound == bound.ravel()[0]) else None
+
+
+def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
+    """Turn inputs of the model that are scalar parameters of the set into lookups."""
+    names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
+    if not names:
+        return model
+
+    def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
+        op, _, payload = model.graph.nodes[at]
+        if op == "input" and payload in names:
+            return b.lookup(payload)
+        return b.node(op, args, payload)
+
+    return replace(model, graph=rewrite(model.graph, resolve))

@@ -267,7 +267,7 @@ def train(path: Path) -> int:
     """Train a surrogate on recordings and write it as a file that projects can use."""
     from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate.surrogate_file import write_surrogate
-    from kennfeld.terminal.result_lines import describe_surrogate, quality_table
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
     training = read_training(path)
     surrogate = training.train(print_lines)
