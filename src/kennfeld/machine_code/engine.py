@@ -63,10 +63,7 @@ class Engine:
         text += "".join(f"@{name} = externally_initialized global ptr null\n" for name in pointers)
         addresses = {name: address_of(name) for name in pointers}
         with _compiling:
-            machine = _machine(0 if len(text) > LONG else 2)
-            self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-            self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object_code(text, loops, machine)))
-            self._engine.finalize_object()
+            self._engine = _load(_object_code(text, loops))
         for name, address in addresses.items():
             ctypes.c_void_p.from_address(self._engine.get_global_value_address(name)).value = address
 
@@ -117,22 +114,37 @@ def shared_function(write: Callable[..., FunctionWriter], *arguments: object) ->
     return SharedFunction(write, *arguments)
 
 
-def _object_code(text: str, loops: bool, machine: Any) -> bytes:
+def _load(code: bytes) -> Any:
+    """Return an LLVM engine that holds the machine code of an object file."""
+    module = llvm.parse_assembly("")
+    engine = llvm.create_mcjit_compiler(module, _target().create_target_machine(codemodel="jitdefault"))
+    engine.remove_module(module)  # which it would compile, empty as it is, in ten times the time that loading takes
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+def _object_code(text: str, loops: bool) -> bytes:
     """Return the machine code of IR, compiled now or before."""
     loops = loops and len(text) <= LONG
-    target = f"{machine.triple} {llvm.get_host_cpu_name()} {_features()}"
+    target = f"{_target().triple} {llvm.get_host_cpu_name()} {_features()}"
     key = key_of(_PASSES, llvmlite.__version__, target, str(loops), _DECLARATIONS, text)
     code = read_code(key)
     if code is None:
         began = time.perf_counter()
-        module = llvm.parse_assembly(_DECLARATIONS + text)
-        module.triple = machine.triple
-        module.data_layout = str(machine.target_data)
-        (_optimise if loops else _tidy)(module, machine)
-        code = bytes(machine.emit_object(module))
+        code = _compile(text, loops)
         if time.perf_counter() - began > _WORTH:
             keep_code(key, code)
     return code
+
+
+def _compile(text: str, loops: bool) -> bytes:
+    machine = _machine(0 if len(text) > LONG else 2)
+    module = llvm.parse_assembly(_DECLARATIONS + text)
+    module.triple = machine.triple
+    module.data_layout = str(machine.target_data)
+    (_optimise if loops else _tidy)(module, machine)
+    return bytes(machine.emit_object(module))
 
 
 def _machine(opt: int) -> Any:
