@@ -147,6 +147,9 @@ class Accumulator:
         self._each_share(work)
         for space in self._workspaces[1:]:
             first.add(space)
+        if first.storage is not None and first.storage.mostly_used:
+            for space in self._workspaces:
+                space.fill()
         return Normal(first.gradient, first.fold())
 
     def _sum_run(self, space: Workspace, run: Run) -> None:

@@ -2,6 +2,7 @@
 
 The lower triangle consists of blocks of eight by eight. A table holds for each pair of block row and block column the
 number of its block, or -1. What adds to the matrix needs no list of its non-zeros, and its size is that of the blocks.
+If most blocks exist, all of them are stored in order, and their numbers are computed.
 """
 
 from functools import cache
@@ -15,6 +16,7 @@ from kennfeld.native.addresses import INT32, INT64, address
 
 BLOCK = 8
 ENTRIES = BLOCK * BLOCK  # of a block
+MOST = 0.5  # share of the blocks from which all are stored
 BLOCKS = (("ptr", "entries"), ("ptr", "places"), ("ptr", "table"), ("i64", "across"), ("ptr", "used"))
 
 
@@ -31,6 +33,7 @@ class BlockStorage:
         self.places = np.zeros(0, dtype=np.int64)
         self.blocks = np.zeros((0, ENTRIES))
         self.used = np.zeros(1, dtype=np.int64)
+        self.full = False  # if all blocks exist, in order
 
     @property
     def pointers(self) -> tuple[int, ...]:
@@ -43,16 +46,42 @@ class BlockStorage:
         """Number of blocks in use."""
         return int(self.used[0])
 
+    @property
+    def mostly_used(self) -> bool:
+        """True if most blocks exist."""
+        return self.count > MOST * self._most
+
+    def fill(self) -> None:
+        """Store all blocks, row by row."""
+        if self.full:
+            return
+        rows, columns = np.tril_indices(self.across)
+        places = rows * self.across + columns
+        numbers, there = self.table[places], self.table[places] >= 0
+        blocks = np.zeros((places.size, ENTRIES))
+        blocks[there] = self.blocks[numbers[there]]
+        self.table[places] = np.arange(places.size)
+        self.blocks, self.places, self.full = blocks, places, True
+        self.used[0] = places.size
+
     def clear(self) -> None:
         """Set all entries to zero; the blocks stay."""
         self.blocks[: self.count] = 0.0
 
+    @property
+    def capacity(self) -> int:
+        """Number of blocks for which there is room; unlimited if there is room for all."""
+        return len(self.blocks) if len(self.blocks) < self._most else 2**62
+
+    @property
+    def _most(self) -> int:
+        return self.across * (self.across + 1) // 2
+
     def reserve(self, blocks: int) -> None:
         """Make room for this many further blocks, as far as there are any."""
-        most = self.across * (self.across + 1) // 2
-        needed = min(self.count + blocks, most)
+        needed = min(self.count + blocks, self._most)
         if needed > len(self.blocks):
-            room = min(max(needed, 2 * len(self.blocks)), most)
+            room = min(max(needed, 2 * len(self.blocks)), self._most)
             grown, places = np.zeros((room, ENTRIES)), np.zeros(room, dtype=np.int64)
             grown[: self.count], places[: self.count] = self.blocks[: self.count], self.places[: self.count]
             self.blocks, self.places = grown, places
@@ -172,20 +201,35 @@ class BlockMatrix:
         return matrix
 
 
-def add_product(f: FunctionWriter, row: str, column: str, value: str) -> None:
+def add_to_block(f: FunctionWriter, row: str, column: str, value: str) -> None:
     """Write code that adds to the entry in two columns, given the parameters `BLOCKS`; zeros need no block."""
     with f.when(f.new(f"fcmp une double {value}, {ZERO}")):
         high, low = f.extreme("smax", row, column), f.extreme("smin", row, column)
-        blocks = [f.new(f"lshr i64 {number}, 3") for number in (high, low)]
-        lanes = [f.new(f"and i64 {number}, {BLOCK - 1}") for number in (high, low)]
-        place = f.add(f.mul(blocks[0], "%across"), blocks[1])
+        place = f.add(f.mul(_block(f, high), "%across"), _block(f, low))
         with f.when(f.new(f"icmp slt i32 {f.load('%table', place, 'i32')}, 0")):
             count = f.load("%used", kind="i64")
             f.store(f.new(f"trunc i64 {count} to i32"), "%table", place, "i32")
             f.store(place, "%places", count, "i64")
             f.store(f.add(count, 1), "%used", kind="i64")
-        block = f.at("%entries", f.mul(f.load_index("%table", place), ENTRIES))
-        f.increase(value, block, f.add(f.mul(lanes[0], BLOCK), lanes[1]))
+        _increase(f, f.load_index("%table", place), high, low, value)
+
+
+def add_to_full(f: FunctionWriter, row: str, column: str, value: str) -> None:
+    """Write code that adds to the entry in two columns if all blocks are stored."""
+    high, low = f.extreme("smax", row, column), f.extreme("smin", row, column)
+    above = _block(f, high)
+    before = f.new(f"lshr i64 {f.mul(above, f.add(above, 1))}, 1")
+    _increase(f, f.add(before, _block(f, low)), high, low, value)
+
+
+def _block(f: FunctionWriter, number: str) -> str:
+    return f.new(f"lshr i64 {number}, {BLOCK.bit_length() - 1}")
+
+
+def _increase(f: FunctionWriter, number: str, row: str, column: str, value: str) -> None:
+    """Add to an entry of a block."""
+    lanes = [f.new(f"and i64 {at}, {BLOCK - 1}") for at in (row, column)]
+    f.increase(value, f.at("%entries", f.mul(number, ENTRIES)), f.add(f.mul(lanes[0], BLOCK), lanes[1]))
 
 
 @cache

@@ -162,9 +162,7 @@ class Cholesky:
         """
         if isinstance(matrix, BlockMatrix):
             if not self._factor.load_blocks(matrix, diagonal):
-                rows, columns, _ = matrix.nonzeros()
-                self._pairs = np.union1d(self._pairs, rows * self.size + columns)
-                self._factor = Factor.empty(Envelope.of_pairs(self.size, *np.divmod(self._pairs, self.size)))
+                self._factor = Factor.empty(self._extended(matrix))
                 self._factor.load_blocks(matrix, diagonal)
         elif not self._factor.load(matrix, diagonal):
             filled = (matrix != 0) | np.eye(self.size, dtype=bool)
@@ -177,6 +175,14 @@ class Cholesky:
             self._factor = Factor.empty(envelope)
             self._factor.load(matrix, diagonal)
         return self._factor if self._factor.factor() else None
+
+    def _extended(self, matrix: BlockMatrix) -> Envelope:
+        """Return an envelope of the non-zeros of all block matrices so far; the full one if many are non-zero."""
+        if matrix.storage.mostly_used:
+            return Envelope.full(self.size)
+        rows, columns, _ = matrix.nonzeros()
+        self._pairs = np.union1d(self._pairs, rows * self.size + columns)
+        return Envelope.of_pairs(self.size, *np.divmod(self._pairs, self.size))
 
 
 def panel_of(f: FunctionWriter, block: str) -> str:

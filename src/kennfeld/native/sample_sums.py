@@ -13,8 +13,7 @@ from kennfeld.native import block_matrix
 from kennfeld.native.tape_reader import ENTRIES, TapeEntries
 
 BATCH = 64  # samples
-SPREAD = 2  # times the columns of its first sample that a batch may touch
-SLACK = LANES  # columns that it may touch beyond
+SPREAD = 2  # times the most entries of a sample: columns that a batch may touch
 TAPE = (("i64", "length"), ("ptr", "residual"), ("ptr", "weight"), *ENTRIES, ("ptr", "gradient"))
 DENSE = (("ptr", "matrix"), ("i64", "stride"))
 # for each column its number in the batch, -1 if it has none; the columns of the batch; its rows; those times weights
@@ -26,7 +25,7 @@ Add = Callable[[FunctionWriter, str, str, str], None]  # to the entry in two col
 
 def batch_width(room: int) -> int:
     """Return the number of columns for which a batch needs memory if a sample has up to `room` entries."""
-    return -(-((1 + SPREAD) * room + SLACK) // LANES) * LANES
+    return -(-(1 + SPREAD) * room // LANES) * LANES
 
 
 def dense_sums(outputs: int) -> FunctionWriter:
@@ -48,11 +47,11 @@ def dense_sums(outputs: int) -> FunctionWriter:
     return f
 
 
-def block_sums(outputs: int) -> FunctionWriter:
+def block_sums(outputs: int, *, full: bool) -> FunctionWriter:
     """Write `normal(length, ..., gradient, blocks, scratch, capacity, next)`: the same into a block matrix.
 
     It begins at sample `next` and ends early, with `next` at the first sample that is missing, if the blocks of a batch
-    might exceed the `capacity`.
+    might exceed the `capacity`. `full` is for matrices of which all blocks are stored.
     """
     f = FunctionWriter("normal", [*TAPE, *block_matrix.BLOCKS, *SCRATCH, *RESUMED])
     with f.walk("%length", f.load("%next", kind="i64")) as (k, position):
@@ -64,7 +63,7 @@ def block_sums(outputs: int) -> FunctionWriter:
             batch.forget_columns()
             f.do("ret void")
             f.begin(f.label("on"))
-        batch.add_sums(block_matrix.add_product, None)
+        batch.add_sums(block_matrix.add_to_full if full else block_matrix.add_to_block, None)
         end = batch.end.get()
         f.store(end, "%next", kind="i64")
         position.set(end)
@@ -74,26 +73,29 @@ def block_sums(outputs: int) -> FunctionWriter:
 class _Batch:
     """Samples from k to before `end`, and the number of columns that they touch.
 
-    Writes the code that numbers the columns.
+    A sample joins if fewer products are added to the sums for all samples together than for it apart. Writes the code
+    that numbers the columns.
     """
 
     def __init__(self, f: FunctionWriter, k: str, outputs: int) -> None:
         self.f, self.first, self.outputs = f, k, outputs
         self.end, self.used = f.variable("i64", k), f.variable("i64", "0")
-        most = f.variable("i64", str(2**40))
         last = f.extreme("smin", f.add(k, BATCH), "%length")
         with f.walk(last, k) as (sample, position):
             before = self.used.get()
-            self._number_columns(sample)
-            exceeded = f.new(f"icmp sgt i64 {self.used.get()}, {most.get()}")
+            own = self._number_columns(sample)
+            now = self.used.get()
+            apart = f.add(f.mul(before, before), f.mul(own, own))
+            worse = f.new(f"icmp sgt i64 {f.mul(now, now)}, {apart}")
+            full = f.new(f"icmp sgt i64 {now}, {f.mul('%room', SPREAD)}")
+            late = f.new(f"icmp sgt i64 {sample}, {k}")
+            ends = f.new(f"and i1 {f.new(f'or i1 {worse}, {full}')}, {late}")
             position.set(f.add(sample, 1))
-            with f.when(exceeded):
+            with f.when(ends):
                 self.forget_columns(before)
                 position.set(last)
-            with f.when(f.new(f"xor i1 {exceeded}, true")):
+            with f.when(f.new(f"xor i1 {ends}, true")):
                 self.end.set(f.add(sample, 1))
-            with f.when(f.new(f"icmp eq i64 {sample}, {k}")):
-                most.set(f.add(f.mul(self.used.get(), SPREAD), SLACK))
 
     def _each_entry(self, sample: str, work: Callable[[str, list[str]], None]) -> None:
         """Write code for each entry of a sample that has a slope, given its column and its slopes."""
@@ -105,10 +107,13 @@ class _Batch:
             with f.unless(*flat):
                 work(column, slopes)
 
-    def _number_columns(self, sample: str) -> None:
+    def _number_columns(self, sample: str) -> str:
+        """Write code that numbers the new columns of a sample; returns how many entries it has."""
         f = self.f
+        own = f.variable("i64", "0")
 
         def number(column: str, _: list[str]) -> None:
+            own.set(f.add(own.get(), 1))
             with f.when(f.new(f"icmp slt i32 {f.load('%number', column, 'i32')}, 0")):
                 count = self.used.get()
                 f.store(f.new(f"trunc i64 {count} to i32"), "%number", column, "i32")
@@ -116,6 +121,7 @@ class _Batch:
                 self.used.set(f.add(count, 1))
 
         self._each_entry(sample, number)
+        return own.get()
 
     def forget_columns(self, first: str = "0") -> None:
         """Write code that takes the numbers away, from the column `first` of the batch on."""

@@ -47,7 +47,11 @@ class Sweeps:
 
     @cached_property
     def block_normal(self) -> NativeFunction:
-        return compile_functions(block_sums(self.pattern.outputs), loops=True)["normal"]
+        return compile_functions(block_sums(self.pattern.outputs, full=False), loops=True)["normal"]
+
+    @cached_property
+    def full_normal(self) -> NativeFunction:
+        return compile_functions(block_sums(self.pattern.outputs, full=True), loops=True)["normal"]
 
     @cached_property
     def backward(self) -> NativeFunction:

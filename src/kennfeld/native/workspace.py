@@ -84,10 +84,12 @@ class Workspace:
             self.kernel.sweeps.normal(*tape, *self._sums[:2], *batch.pointers)
             return
         following = np.zeros(1, dtype=np.int64)
+        sweeps = self.kernel.sweeps
+        normal = sweeps.full_normal if storage.full else sweeps.block_normal
         while following[0] < chunk.length:
             storage.reserve(batch.width**2)
-            resumed = (len(storage.blocks), address(following, kind=INT64))
-            self.kernel.sweeps.block_normal(*tape, *storage.pointers, *batch.pointers, *resumed)
+            resumed = (storage.capacity, address(following, kind=INT64))
+            normal(*tape, *storage.pointers, *batch.pointers, *resumed)
 
     def clear(self) -> None:
         """Set the sums to zero."""
@@ -101,6 +103,11 @@ class Workspace:
         self.matrix += other.matrix
         if self.storage is not None and other.storage is not None:
             self.storage.add(other.storage)
+
+    def fill(self) -> None:
+        """Store all blocks of the matrix."""
+        if self.storage is not None:
+            self.storage.fill()
 
     def fold(self) -> Float | BlockMatrix:
         """Return the Gauss-Newton matrix, computed from the sums."""
