@@ -97,6 +97,9 @@ class BlockStorage:
 
     def add(self, other: "BlockStorage") -> None:
         """Add another matrix of the same size."""
+        if self.full and other.full:
+            self.blocks += other.blocks
+            return
         at = self.locate(other.places[: other.count])
         self.blocks[at] += other.blocks[: other.count]
 

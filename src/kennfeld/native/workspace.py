@@ -46,7 +46,7 @@ class Workspace:
         self._jacobian: Float | None = None
         self._entries = (*_entry_addresses(self.index, self.slope, self.count), entries)
         self._sums = (*strided(self.matrix, dense), address(self.gradient))
-        self._batch = _BatchMemory(0 if n else entries, columns, m)
+        self._batch = BatchMemory(0 if n else entries, columns, m)
         self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
         axes = (address(kernel.axes), address(widths, len(kernel.layout.axes)))
         self._targets = address(samples.targets, kind=POINTER)
@@ -195,7 +195,7 @@ def stores_blocks(kernel: Kernel) -> bool:
     return kernel.values.free > LARGE and not kernel.pattern.carried
 
 
-class _BatchMemory:
+class BatchMemory:
     """Memory of `sample_sums` for samples with up to `room` entries."""
 
     def __init__(self, room: int, columns: int, outputs: int) -> None:
