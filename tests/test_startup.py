@@ -27,7 +27,7 @@ COMPUTATION = {"native", "machine_code", "models.formula", "optimize"}
 
 # by command, what it must do without
 UNNEEDED = {
-    "calibrate": {"analysis.cross_validation", "optimize.api", "project.key_descriptions"},
+    "calibrate": {"analysis.cross_validation", "optimize.api", "optimize.tuning.smoothness"},
     "check": ANALYSIS,
     "simulate": ANALYSIS,
     "report": {"analysis.cross_validation", "optimize.fit", "optimize.api"},

@@ -250,3 +250,9 @@ class Checkpoint:
 
 
 CheckpointSink = Callable[[Checkpoint], None]
+
+
+def single_start(result: Result) -> StartResult:
+    """Return the row of a result with a single start."""
+    costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
+    return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)
