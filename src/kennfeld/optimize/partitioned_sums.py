@@ -7,8 +7,10 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
+from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Samples
+from kennfeld.native.symmetric import SymmetricMatrix
 from kennfeld.optimize.sums import NormalEquations, Sums
 
 
@@ -30,33 +32,79 @@ class NormalSum(NamedTuple):
     """Half the gradient J'Wr and the Gauss-Newton matrix J'WJ; see `NormalEquations`."""
 
     gradient: Float  # Float[free]
-    matrix: Float  # Float[free, free]
+    matrix: SymmetricMatrix  # [free, free]
+
+
+class PackedBlocks(NamedTuple):
+    """The blocks of a large matrix, see `BlockStorage`."""
+
+    places: Int  # Int[blocks]
+    blocks: Float  # Float[blocks, entries]
 
 
 class PackedNormal(NamedTuple):
-    """The same of one partition, of the symmetric matrix the upper triangle alone, row by row."""
+    """The same of one partition; of a matrix that is an array, the upper triangle alone, row by row."""
 
     gradient: Float  # Float[free]
-    triangle: Float  # Float[free * (free + 1) / 2]
+    matrix: Float | PackedBlocks  # Float[free * (free + 1) / 2]
 
 
 def pack(normal: NormalEquations) -> PackedNormal:
     """Return a copy of normal equations as they are sent."""
-    rows = [row[at:] for at, row in enumerate(normal.matrix)]
+    matrix = normal.matrix
+    if isinstance(matrix, BlockMatrix):
+        storage, count = matrix.storage, matrix.storage.count
+        blocks = PackedBlocks(storage.places[:count].copy(), storage.blocks[:count].copy())
+        return PackedNormal(normal.gradient.copy(), blocks)
+    rows = [row[at:] for at, row in enumerate(matrix)]
     return PackedNormal(normal.gradient.copy(), np.concatenate(rows) if rows else np.zeros(0))
 
 
 def add_packed(parts: Iterator[PackedNormal]) -> NormalSum:
     """Add the normal equations of partitions in order."""
-    gradient, triangle = (part.copy() for part in next(parts))
+    first = next(parts)
+    gradient = first.gradient.copy()
+    add, result = (_add_blocks if isinstance(first.matrix, PackedBlocks) else _add_triangles)(first)
     for part in parts:
         gradient += part.gradient
-        triangle += part.triangle
-    matrix, end = np.empty((gradient.size, gradient.size)), 0
-    for at in range(gradient.size):
-        first, end = end, end + gradient.size - at
-        matrix[at, at:] = matrix[at:, at] = triangle[first:end]
-    return NormalSum(gradient, matrix)
+        add(part)
+    return NormalSum(gradient, result())
+
+
+Addition = tuple[Callable[[PackedNormal], None], Callable[[], SymmetricMatrix]]  # adds a part; returns the sum
+
+
+def _add_triangles(first: PackedNormal) -> Addition:
+    size, total = first.gradient.size, np.array(first.matrix)
+
+    def add(part: PackedNormal) -> None:
+        np.add(total, part.matrix, out=total)
+
+    def result() -> Float:
+        matrix, end = np.empty((size, size)), 0
+        for at in range(size):
+            begin, end = end, end + size - at
+            matrix[at, at:] = matrix[at:, at] = total[begin:end]
+        return matrix
+
+    return add, result
+
+
+def _add_blocks(first: PackedNormal) -> Addition:
+    storage = BlockStorage(first.gradient.size)
+
+    def add(part: PackedNormal) -> None:
+        assert isinstance(part.matrix, PackedBlocks)
+        at = storage.locate(part.matrix.places)
+        storage.blocks[at] += part.matrix.blocks
+
+    def result() -> BlockMatrix:
+        if storage.mostly_used:
+            storage.fill()
+        return BlockMatrix(storage, np.arange(first.gradient.size))
+
+    add(first)
+    return add, result
 
 
 class PartitionedSums:
