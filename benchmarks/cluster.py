@@ -95,8 +95,6 @@ def evaluate(project: str, small: str, workers: int) -> dict[str, Any]:
 
     A small project of the same kind comes first, so that what remains is due to the data.
     """
-    from dataclasses import replace
-
     from kennfeld.optimize.compiled import CompiledProblem
     from kennfeld.project import Project
 
@@ -106,7 +104,7 @@ def evaluate(project: str, small: str, workers: int) -> dict[str, Any]:
         compiled.sums.normal(compiled.start)
     runner = first._runner
     start, at_start = reset_peak(), runner.client.run(reset_peak) if workers > 1 else {}
-    opened = replace(first, path=Path(project), file=replace(first.file, path=Path(project)))
+    opened = Project.read(project)
     opened.__dict__["_runner"] = runner
     read, problem = _timed(opened.problem)
     compiled = CompiledProblem(problem)

@@ -18,9 +18,10 @@ class Pair:
 
 
 VALUES = [
-    1, 1.0, True, "1", b"1", None, (1,), [1], {"a": 1}, {"a": 1.0}, {"b": 1}, frozenset("ab"), np.arange(3), np.arange(3.0),
-    np.arange(3.0).reshape(3, 1), Pair(1, (2, 3)), Pair((1, 2), 3), (1, (2,), 3), (1, (2, 3)), Path("x"), "x", -0.0, 0.0,
-]  # fmt: skip
+    *(1, 1.0, True, "1", b"1", None, (1,), [1], {"a": 1}, {"a": 1.0}, {"b": 1}, frozenset("ab"), -0.0, 0.0, "x"),
+    *(np.arange(3), np.arange(3.0), np.arange(3.0).reshape(3, 1), Pair(1, (2, 3)), Pair((1, 2), 3)),
+    *((1, (2,), 3), (1, (2, 3)), Path("x")),
+]
 
 
 def test_different_values_have_different_digests():

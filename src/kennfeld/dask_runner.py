@@ -25,6 +25,7 @@ INLINE = 32_768  # bytes of arguments; longer ones are sent to each worker once,
 RETRIES = 3  # of a task whose worker died
 CONNECT_TIMEOUT = 20.0  # s
 POLL_INTERVAL = 0.5  # s
+LOSS_CHECKS = 10  # in this interval
 NO_WORKER_TIMEOUT = 60.0  # s
 REMEDY = "Install it: pip install kennfeld[cluster]"
 
@@ -180,7 +181,7 @@ class DaskRunner:
         except KennfeldError:
             raise
         except Exception as error:
-            if self.is_connected:
+            if not self._is_lost():
                 raise
             raise RunnerLostError(f"the scheduler at {self.address} is gone") from error
 
@@ -218,6 +219,14 @@ class DaskRunner:
     def is_connected(self) -> bool:
         """True if the scheduler answers."""
         return bool(self.client.status == "running")
+
+    def _is_lost(self) -> bool:
+        """Return whether the scheduler is gone; the client notices that shortly after its first failure."""
+        for _ in range(LOSS_CHECKS):
+            if not self.is_connected:
+                return True
+            time.sleep(POLL_INTERVAL / LOSS_CHECKS)
+        return False
 
     def _keep(self, shared: bytes) -> Any:
         if shared not in self._shared:
@@ -277,7 +286,9 @@ class DaskRunner:
         return future.result()
 
     def close(self) -> None:
-        """Leave the cluster; end the processes that were started here."""
+        """Leave the cluster; end the processes that were started here. Report what each worker has done."""
+        for name, load in sorted(self.loads.items()):
+            self.report(f"worker {name}: {load.tasks} tasks in {load.seconds:.1f} s")
         for closing in (self.client, self.cluster):
             if closing is not None:
                 with suppress(Exception):

@@ -110,6 +110,7 @@ def test_processes_of_this_machine_give_the_same_bits(tmp_path):
     assert np.array_equal(values_of(calibrate(project)), values_of(serial))
     assert lines[0].startswith("cluster: 2 workers at tcp://")
     assert "dashboard http://" in lines[0]
+    assert [line.split(":")[0] for line in lines[1:]] == ["worker 0", "worker 1"]
 
 
 def test_a_killed_worker_costs_its_tasks_only(tmp_path, cluster):

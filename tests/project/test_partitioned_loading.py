@@ -119,6 +119,11 @@ def test_a_damaged_entry_is_prepared_again(tmp_path):
     assert CompiledProblem(in_partitions(path, 600).problem()).sums.cost(values) == cost
 
 
+def test_the_folder_is_ignored_by_git(tmp_path):
+    in_partitions(write_steady(tmp_path), 600).problem()
+    assert (tmp_path / ".kennfeld" / "partitions" / ".gitignore").read_text() == "*\n"
+
+
 def test_a_changed_file_is_read_again(tmp_path):
     path = write_steady(tmp_path)
     before = in_partitions(path, 600).problem().partitions.samples

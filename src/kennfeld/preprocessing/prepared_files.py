@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
+from kennfeld.atomic_files import write_whole
 from kennfeld.column_file import ColumnFile, read_columns, write_columns
 from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.dataset import Channel, Clock, Dataset, Settling
@@ -29,7 +30,8 @@ from kennfeld.preprocessing.recording_sources import RecordingSource, local_file
 from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader
 from kennfeld.preprocessing.units import Units
 
-EXCERPT = 2000  # samples of a file
+CHECKED = 0.02  # share of the size limit that is written between two checks of the folder
+_written: dict[Path, int] = {}  # bytes since the last check, by folder
 ENDING = ".columns"
 _ATTRIBUTES = ("use", "weight", "weight_channel", "max_gap", "warmup")
 
@@ -210,9 +212,14 @@ class PreparedFiles:
         """Write an entry; return False if the disk does not take it."""
         try:
             write_columns(path, columns, notes)
+            if not (ignored := self.folder / ".gitignore").exists():
+                write_whole(ignored, "*\n")
+            _written[self.folder] = _written.get(self.folder, 0) + path.stat().st_size
         except OSError:
             return False
-        self._limit_size(path)
+        if _written[self.folder] > CHECKED * self.most:
+            _written[self.folder] = 0
+            self._limit_size(path)
         return True
 
     def _limit_size(self, newest: Path) -> None:
