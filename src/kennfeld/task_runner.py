@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Protocol
 
+from kennfeld.errors import KennfeldError
+
 Task = Callable[[bytes, bytes, bytes], Any]
 Receiver = Callable[[bytes], bool]
 
@@ -60,7 +62,7 @@ def message_line() -> MessageLine:
     return line
 
 
-class RunnerLostError(Exception):
+class RunnerLostError(KennfeldError):
     """The cluster is gone; the text says which, and why."""
 
 

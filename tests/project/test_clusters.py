@@ -171,18 +171,28 @@ def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, cluster):
 
 def test_a_killed_scheduler_leaves_results(tmp_path, cluster, capsys):
     path = write_short(tmp_path)
-    path.write_text(path.read_text() + f'\n[cluster]\nscheduler = "{cluster.address}"\npartition = 400\n')
-    threading.Thread(target=_kill_after_first_step, args=(tmp_path, cluster), daemon=True).start()
-    status = run(["calibrate", str(path), "-o", str(tmp_path / "out")])
-    assert status in (0, 1)  # it may have converged before
-    assert (tmp_path / "out" / "parameters.json").is_file()
+    settings = f'save_every = 1\n[cluster]\nscheduler = "{cluster.address}"\npartition = 400\n'
+    path.write_text(path.read_text() + settings)
+    out = tmp_path / "out"
+    threading.Thread(target=_kill_after_first_step, args=(out, cluster), daemon=True).start()
+    assert run(["calibrate", str(path), "-o", str(out)]) == 1
+    assert (out / "parameters.json").is_file()
+    assert "stopped: " in capsys.readouterr().out
 
 
 def _kill_after_first_step(folder, cluster):
-    while not list((folder / ".kennfeld").rglob("*.columns")):
+    while not list(folder.glob("saves/*.json")):
         time.sleep(0.02)
-    time.sleep(2.5)
     cluster.scheduler.kill()
+
+
+def test_a_scheduler_that_dies_while_files_are_read_is_an_error(tmp_path, cluster, capsys):
+    path = write_short(tmp_path)
+    for worker in range(2):
+        cluster.kill_worker(worker)
+    threading.Timer(4.0, cluster.scheduler.kill).start()
+    assert run(["calibrate", str(path), "--scheduler", cluster.address]) == 2
+    assert f"the scheduler at {cluster.address} is gone" in capsys.readouterr().err
 
 
 def test_a_file_that_fails_on_a_worker_names_file_worker_and_reason(tmp_path, cluster):

@@ -292,3 +292,8 @@ def test_folds_that_divide_files_are_an_error(tmp_path):
         cross_validate(problem, kind="random")
     with pytest.raises(InputError, match="cannot make 50 folds of 8 partitions"):
         cross_validate(problem, folds=50)
+
+
+def test_a_simulation_of_partitions_is_an_error(tmp_path):
+    with pytest.raises(InputError, match="data in partitions are not simulated as a whole"):
+        in_partitions(write_steady(tmp_path), 600).simulate()

@@ -239,8 +239,11 @@ class Project:
             All named nodes and the target channels, a dataset each.
 
         Raises:
-            InputError: the project has errors, or a table does not fit the function.
+            InputError: the project has errors, a table does not fit the function, or its data are in partitions.
         """
+        if self.is_partitioned:
+            message = "data in partitions are not simulated as a whole"
+            raise InputError.of(self.file.location("cluster"), message, "Write partition = 0, with fewer files.")
         problem = self.problem()
         if shifts:
             from kennfeld.optimize.tuning.shift_estimation import apply_shifts
