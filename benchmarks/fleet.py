@@ -35,9 +35,9 @@ def run() -> list[Table]:
     """Every format, and few files for comparison."""
     table = Table(f"fleet: {FILES} recordings of {SAMPLES} samples, whole processes", COLUMNS)
     with tempfile.TemporaryDirectory() as folder:
-        for number, format in enumerate(FORMATS):
+        for number, kind in enumerate(FORMATS):
             for files in (FEW, FILES):
-                _measure_format(table, Path(folder) / f"{number}_{files}", format, files)
+                _measure_format(table, Path(folder) / f"{number}_{files}", kind, files)
     data = megabytes(FILES * SAMPLES * USED * 8)
     table.notes = [
         f"Budget: at most 15 s on two cores, and at most twice the data beside the memory of the program itself, which "
@@ -48,10 +48,10 @@ def run() -> list[Table]:
     return [table]
 
 
-def _measure_format(table: Table, folder: Path, format: str, files: int) -> None:
-    project = write_fleet(folder, format, files, SAMPLES)
+def _measure_format(table: Table, folder: Path, kind: str, files: int) -> None:
+    project = write_fleet(folder, kind, files, SAMPLES)
     size = sum(path.stat().st_size for path in folder.iterdir())
-    name = f"{files} {format}, {megabytes(size)}"
+    name = f"{files} {kind}, {megabytes(size)}"
     commands = ("calibrate", "calibrate", "check") if files == FILES else ("calibrate",)
     for number, command in enumerate(commands):
         began = time.perf_counter()
@@ -72,4 +72,6 @@ def _row(table: Table, name: str, command: str, folder: Path, lasted: float, out
     result = json.loads((folder / "results" / "result.json").read_text())
     parts = {name: result["seconds"][name] for name in ("read", "compile", "optimize")}
     others = lasted - sum(parts.values())
-    table.add(name, command, *map(seconds, (lasted, *parts.values(), others)), *memory, f"{result['cost']['after']:.8g}")
+    table.add(
+        name, command, *map(seconds, (lasted, *parts.values(), others)), *memory, f"{result['cost']['after']:.8g}"
+    )

@@ -58,10 +58,10 @@ UNITS = {"Speed": "rpm", "Fuel": "mg/stk", "Air": "kg/h", "Temperature": "degC"}
 RESOLUTION = {"Speed": 0.25, "Temperature": 0.1}
 
 
-def write_fleet(folder: Path, format: str, files: int, samples: int) -> Path:
+def write_fleet(folder: Path, kind: str, files: int, samples: int) -> Path:
     """Write a project with its recordings, and return the project file."""
     folder.mkdir(parents=True)
-    ending, write = FORMATS[format]
+    ending, write = FORMATS[kind]
     for number in range(files):
         write(folder / f"drive_{number:03d}{ending}", *record(samples, number))
     (folder / "exhaust.kf").write_text(FORMULA)

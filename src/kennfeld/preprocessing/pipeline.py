@@ -14,16 +14,11 @@ from kennfeld.formatting import nearest
 from kennfeld.graph import Graph
 from kennfeld.preprocessing.binding import TIME_TOLERANCE
 from kennfeld.preprocessing.calculated import Calculated, holds
+from kennfeld.preprocessing.joined_recordings import JoinedRecordings
 from kennfeld.preprocessing.model_step import refine_step
 from kennfeld.preprocessing.plateaus import steady_points
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
-from kennfeld.preprocessing.recordings import (
-    ChannelRequest,
-    DatasetChannels,
-    RecordingReader,
-    compare_recorded_units,
-    join_recordings,
-)
+from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, default_name
 from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.preprocessing.units import Units, check_stated_units, with_stated_units
 
@@ -99,11 +94,15 @@ def prepare_dataset(reader: RecordingReader, units: Units, request: ChannelReque
     entry, channels, findings = reader.entry, reader.channels, reader.findings
     paths = reader.find_files()
     findings += _check_shifts(entry, channels)
-    recordings = reader.read(paths, units)
-    if not recordings:
+    if not paths:
         return None
-    findings += compare_recorded_units(entry, recordings)
-    dataset = join_recordings(entry, paths, recordings)
+    recordings = JoinedRecordings(entry.name or default_name(paths, entry.files[0]), entry, len(paths))
+    for recording in reader.read(paths, units):
+        recordings.add(recording)
+    dataset = recordings.dataset()
+    if dataset is None:
+        return None
+    findings += recordings.findings
     if not entry.steady:
         dataset = _hold_points(dataset, entry, request.step)
     _check_time(dataset, entry, channels.where)
