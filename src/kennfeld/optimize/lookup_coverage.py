@@ -8,11 +8,12 @@ from itertools import product
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
 from kennfeld.graph.traversal import dependents, with_names
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset

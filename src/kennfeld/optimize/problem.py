@@ -106,8 +106,18 @@ class Problem:
         return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
 
     def bind(self, dataset: Dataset) -> BoundDataset:
-        """Bind the channels of a dataset to the inputs of the model."""
-        return bind_inputs(dataset, self.graph, self.channels, self.model.step)
+        """Bind the channels of a dataset to the inputs of the model; a dataset of the problem is bound once."""
+        bound = self._bound.get(id(dataset))
+        if bound is None or bound.dataset is not dataset:
+            bound = bind_inputs(dataset, self.graph, self.channels, self.model.step)
+            if any(own is dataset for own in self.datasets):
+                self._bound[id(dataset)] = bound
+        return bound
+
+    @cached_property
+    def _bound(self) -> dict[int, BoundDataset]:
+        """The bound datasets by the identity of the dataset."""
+        return {}
 
     @property
     def differences(self) -> list[str]:

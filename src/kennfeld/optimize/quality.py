@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.dataset import SAMPLES_PER_BLOCK, Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
@@ -16,7 +16,6 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 
 CONSTANT = "constant target"  # in place of R2, which compares with the target's variance
-SAMPLES_PER_BLOCK = 65536  # memory does not grow with the data
 
 
 @dataclass(frozen=True)

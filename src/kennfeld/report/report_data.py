@@ -12,11 +12,12 @@ from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.residuals import Residuals, residuals
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.optimize.lookup_coverage import Lookups, coordinates
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, Quality, spread
+from kennfeld.optimize.quality import Quality, spread
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.parameter_set import ParameterSet
