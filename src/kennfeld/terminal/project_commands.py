@@ -232,12 +232,12 @@ def simulate(
 
     project = Project.read(path)
     values = None if parameters is None else read(parameters)
-    datasets = project.simulate(values)
-    written = write_simulation(datasets, output or path.parent / "simulation.parquet")
-    print_lines(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    simulation = project.simulation(values)
+    written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+    print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
     if project.surrogates:
         from kennfeld.analysis.extrapolation import find_extrapolation
-        from kennfeld.project.project import replace_parameters
+        from kennfeld.project.simulation import replace_parameters
         from kennfeld.terminal.result_lines import extrapolation_lines
 
         problem = project.problem()
