@@ -1,8 +1,8 @@
 """Evaluation of all criteria part by part, before and after a calibration."""
 
-from dataclasses import dataclass
+from functools import cached_property
 
-from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
+from kennfeld.analysis.evaluation import CriterionSeries, Evaluation, Evaluator
 from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
 from kennfeld.optimize.problem import Problem
@@ -11,25 +11,42 @@ from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 
 
-@dataclass(frozen=True, eq=False)
 class EvaluatedPart:
-    """The criteria over a part of a dataset, and the lookups after the calibration."""
+    """The criteria over a part of a dataset, and the lookups after the calibration; each computed when first used."""
 
-    part: BoundPart
-    before: tuple[CriterionSeries, ...]
-    after: tuple[CriterionSeries, ...]
-    located: list[Lookup]
+    def __init__(self, part: BoundPart, evaluator: "PartEvaluator") -> None:
+        self.bound, self._evaluator = part.bound, evaluator
+
+    @cached_property
+    def before(self) -> tuple[CriterionSeries, ...]:
+        """The criteria before the calibration."""
+        start, end = self._evaluator.sets
+        return self.after if start is end else self._evaluator.criteria.over(self.bound, start).series
+
+    @property
+    def after(self) -> tuple[CriterionSeries, ...]:
+        """The criteria after the calibration."""
+        return self._evaluation.series
+
+    @cached_property
+    def located(self) -> list[Lookup]:
+        """The lookups after the calibration."""
+        return self._evaluator.lookups.over(self.bound, self._evaluation.extra)
+
+    @cached_property
+    def _evaluation(self) -> Evaluation:
+        return self._evaluator.criteria.over(self.bound, self._evaluator.sets[1])
 
 
 class PartEvaluator:
-    """Evaluates all criteria part by part, before and after a calibration; a single small part is kept."""
+    """Evaluates all criteria part by part, before and after a calibration; a dataset that is small is kept."""
 
     def __init__(self, problem: Problem, before: ParameterSet, after: ParameterSet) -> None:
-        self._problem, self._sets = problem, (before, after)
-        self._evaluator = Evaluator(problem, coordinates(problem))
-        for parameters in self._sets:
-            self._evaluator.prepare(parameters)  # compiled before threads need it
-        self.lookups, self.parameters = Lookups(problem, after), after
+        self._problem, self.sets, self.parameters = problem, (before, after), after
+        self.criteria = Evaluator(problem, coordinates(problem))
+        for parameters in self.sets:
+            self.criteria.prepare(parameters)  # compiled before threads need it
+        self.lookups = Lookups(problem, after)
         self._kept: dict[int, EvaluatedPart] = {}
 
     def parts(self, bound: BoundDataset) -> list[BoundPart]:
@@ -38,14 +55,6 @@ class PartEvaluator:
 
     def over(self, part: BoundPart) -> EvaluatedPart:
         """Return the criteria over a part."""
-        key = id(part.whole)
-        if key in self._kept:
-            return self._kept[key]
-        bound = part.bound
-        after = self._evaluator.over(bound, self._sets[1])
-        same = self._sets[0] is self._sets[1]
-        before = after if same else self._evaluator.over(bound, self._sets[0])
-        evaluated = EvaluatedPart(part, before.series, after.series, self.lookups.over(bound, after.extra))
-        if bound is part.whole and bound.count <= SAMPLES_PER_BLOCK:
-            self._kept[key] = evaluated
-        return evaluated
+        if part.last - part.first < part.whole.count or part.whole.count > SAMPLES_PER_BLOCK:
+            return EvaluatedPart(part, self)
+        return self._kept.setdefault(id(part.whole), EvaluatedPart(part, self))
