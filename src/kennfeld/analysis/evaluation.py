@@ -78,11 +78,11 @@ class Evaluator:
         self._nodes.append((parameters, nodes))
         return nodes
 
-    def over(self, bound: BoundDataset, parameters: ParameterSet) -> "Evaluation":
+    def over(self, bound: BoundDataset, parameters: ParameterSet) -> "EvaluatedCriteria":
         """Return every criterion over a dataset or a part of one, also those that it does not score."""
         values = self.prepare(parameters).values(bound, parameters)
         series = tuple(self._series(bound, values))
-        return Evaluation(series, values[len(self._names) - len(self._extra) :])
+        return EvaluatedCriteria(series, values[len(self._names) - len(self._extra) :])
 
     def _series(self, bound: BoundDataset, values: Float) -> Iterator[CriterionSeries]:
         own = iter(values[len(self._problem.criteria) :])
@@ -99,7 +99,7 @@ class Evaluator:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class EvaluatedCriteria:
     """The criteria over some samples, and further nodes, Float[extra, samples]."""
 
     series: tuple[CriterionSeries, ...]

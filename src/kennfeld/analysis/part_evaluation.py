@@ -1,8 +1,8 @@
-"""Evaluation of all criteria part by part, before and after a calibration."""
+"""EvaluatedCriteria of all criteria part by part, before and after a calibration."""
 
 from functools import cached_property
 
-from kennfeld.analysis.evaluation import CriterionSeries, Evaluation, Evaluator
+from kennfeld.analysis.evaluation import CriterionSeries, EvaluatedCriteria, Evaluator
 from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
 from kennfeld.optimize.problem import Problem
@@ -34,7 +34,7 @@ class EvaluatedPart:
         return self._evaluator.lookups.over(self.bound, self._evaluation.extra)
 
     @cached_property
-    def _evaluation(self) -> Evaluation:
+    def _evaluation(self) -> EvaluatedCriteria:
         return self._evaluator.criteria.over(self.bound, self._evaluator.sets[1])
 
 

@@ -45,7 +45,7 @@ def _distrusted() -> Iterator[None]:
         raise UnusualLayoutError(str(error)) from None
 
 
-class _Block(NamedTuple):
+class _FileBlock(NamedTuple):
     links: Sequence[int]
     data: bytes
 
@@ -259,15 +259,15 @@ class SortedFile:
         kind, length, links = _HEAD.unpack(self._file.read(_HEAD.size))
         return kind, length, links
 
-    def _block(self, at: int, wanted: bytes) -> _Block:
+    def _block(self, at: int, wanted: bytes) -> _FileBlock:
         """Return links and data of a block."""
         kind, length, count = self._head(at)
         if kind != wanted or not _HEAD.size + 8 * count <= length <= _MOST_BYTES:
             raise UnusualLayoutError(f"block {kind!r}")
         content = self._file.read(length - _HEAD.size)
-        return _Block(struct.unpack_from(f"<{count}Q", content), content[8 * count :])
+        return _FileBlock(struct.unpack_from(f"<{count}Q", content), content[8 * count :])
 
-    def _chain(self, at: int, kind: bytes) -> Iterator[_Block]:
+    def _chain(self, at: int, kind: bytes) -> Iterator[_FileBlock]:
         """Yield the blocks of a chain; the first link of each leads to the next."""
         for _ in range(_MOST_BLOCKS):
             if not at:
@@ -277,7 +277,7 @@ class SortedFile:
             at = block.links[0]
         raise UnusualLayoutError("endless chain")
 
-    def _group(self, block: _Block) -> _Group:
+    def _group(self, block: _FileBlock) -> _Group:
         """Return the group of a data group."""
         _, first, data, _ = block.links[:4]
         if block.data[0]:
@@ -291,7 +291,7 @@ class SortedFile:
         channels = tuple(self._channel(block) for block in self._chain(channel, b"##CN"))
         return _Group(_GroupBlock(self._text(name), self._text(comment), count, size + invalid), channels, data)
 
-    def _channel(self, block: _Block) -> _Channel:
+    def _channel(self, block: _FileBlock) -> _Channel:
         _, composition, name, source, conversion, _, unit, comment = block.links[:8]
         if composition:
             raise UnusualLayoutError("structure or array")

@@ -18,7 +18,13 @@ from kennfeld.preprocessing.joined_recordings import JoinedRecordings
 from kennfeld.preprocessing.model_step import refine_step
 from kennfeld.preprocessing.plateaus import steady_points
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
-from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, default_name
+from kennfeld.preprocessing.recordings import (
+    ChannelRequest,
+    DatasetChannels,
+    ReadingWatch,
+    RecordingReader,
+    default_name,
+)
 from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.preprocessing.units import Units, check_stated_units, with_stated_units
 
@@ -49,13 +55,16 @@ class LoadedData:
 Loader = Callable[[DataSettings, ChannelRequest, Calculated], LoadedData]
 
 
-def load_datasets(settings: DataSettings, request: ChannelRequest, calculated: Calculated) -> LoadedData:
+def load_datasets(
+    settings: DataSettings, request: ChannelRequest, calculated: Calculated, watch: ReadingWatch | None = None
+) -> LoadedData:
     """Return all datasets of a project that can be prepared.
 
     Args:
         settings: the datasets, stated units and channel names of the project.
         request: the channels that the project reads.
         calculated: the project's calculated channels.
+        watch: called after each file with the number of files of a dataset that have been read and that of all.
     """
     loaded = LoadedData()
     units = Units(settings.units, request.units)
@@ -65,7 +74,7 @@ def load_datasets(settings: DataSettings, request: ChannelRequest, calculated: C
         channels = DatasetChannels.of(entry, request, calculated)
         formulas |= channels.in_formulas
         used |= channels.used
-        reader = RecordingReader(settings, entry, channels, [*channels.findings])
+        reader = RecordingReader(settings, entry, channels, [*channels.findings], watch)
         dataset = None
         try:
             dataset = prepare_dataset(reader, units, request)

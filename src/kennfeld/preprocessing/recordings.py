@@ -4,7 +4,7 @@ Optional channels, such as targets, may be missing in some files. If a file lack
 all files without it, what needs it, and similar names that the files have.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,8 @@ from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.units import Units, select_time_units
 from kennfeld.threads import map_in_order
+
+ReadingWatch = Callable[[int, int], None]
 
 CACHE = Path(".kennfeld") / "cache"  # in the folder of the project file; contents of files that are slow to read
 
@@ -93,14 +95,15 @@ class DatasetChannels:
 class RecordingReader:
     """Reads the recordings of one dataset; findings are added in the order of the files.
 
-    `offered` collects the channel names of files in which channels are missing, `clocks` the columns that time was
-    read from.
+    `watch` is called after each file with the number of files that have been read and that of all. `offered` collects
+    the channel names of files in which channels are missing, `clocks` the columns that time was read from.
     """
 
     settings: DataSettings
     entry: DatasetEntry
     channels: DatasetChannels
     findings: list[Finding] = field(default_factory=list)
+    watch: ReadingWatch | None = None
     offered: dict[str, None] = field(default_factory=dict)
     clocks: set[str] = field(default_factory=set)
     _missing: dict[str, list[str]] = field(default_factory=dict)  # files without each required channel
@@ -128,8 +131,11 @@ class RecordingReader:
         Several files are read at the same time. The findings are complete after the last recording.
         """
         cache = Cache(self.settings.folder / CACHE) if self.entry.cache else None
-        for path, attempt in zip(paths, map_in_order(partial(self._attempt, cache=cache), paths), strict=True):
+        attempts = map_in_order(partial(self._attempt, cache=cache), paths)
+        for number, (path, attempt) in enumerate(zip(paths, attempts, strict=True), 1):
             self._add(path, attempt)
+            if self.watch is not None:
+                self.watch(number, len(paths))
             if attempt.recording is not None:
                 yield units.convert(attempt.recording, Path(path).name)
         self._report_missing()

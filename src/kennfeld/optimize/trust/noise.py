@@ -128,7 +128,7 @@ class _Residuals:
             kept = np.isfinite(residual)
             r, w = residual[kept], weights[kept]
             sums = {each: _ClassSums.of(r, w, each, self._criteria[i]) for each in own}
-            rows.append(_CriterionSums(sums, products))
+            rows.append(_NoiseSums(sums, products))
         return _GroupSums(rows)
 
 
@@ -192,14 +192,14 @@ class _ClassSums:
 
 
 @dataclass
-class _CriterionSums:
+class _NoiseSums:
     """The sums of one criterion by class; `lengths` are the persistence of each dataset and its number of samples."""
 
     classes: dict[Range, _ClassSums]
     products: LaggedProducts | None
     lengths: list[tuple[float, int]] = field(default_factory=list)
 
-    def merge(self, later: "_CriterionSums") -> None:
+    def merge(self, later: "_NoiseSums") -> None:
         for inside, sums in later.classes.items():
             self.classes[inside].merge(sums)
         if self.products is not None and later.products is not None:
@@ -234,7 +234,7 @@ class _CriterionSums:
 
 @dataclass
 class _GroupSums:
-    rows: list[_CriterionSums]  # of each criterion
+    rows: list[_NoiseSums]  # of each criterion
 
     def merge(self, later: "_GroupSums") -> None:
         for own, other in zip(self.rows, later.rows, strict=True):
