@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from kennfeld.arrays import Float, Int
 from kennfeld.native.samples import Samples
 from kennfeld.optimize.sums import NormalEquations, Sums
@@ -17,9 +19,9 @@ class _Copy:
     gradient: Float
     matrix: Float
 
-    @classmethod
-    def of(cls, normal: NormalEquations) -> "_Copy":
-        return cls(normal.gradient.copy(), normal.matrix.copy())
+    def again(self) -> "_Copy":
+        """Return another copy, which a caller may change."""
+        return _Copy(self.gradient.copy(), self.matrix.copy())
 
 
 class RememberedSums:
@@ -52,10 +54,11 @@ class RememberedSums:
         """See `Sums`."""
         key = self._key(values)
         if self._last is not None and self._last[0] == key:
-            return _Copy.of(self._last[1])
-        normal = self._sums.normal(values)
-        if self._samples.count >= MIN_SAMPLES * normal.matrix.size:
-            self._last = key, _Copy.of(normal)
+            return self._last[1].again()
+        normal, self._last = self._sums.normal(values), None
+        matrix = normal.matrix  # in blocks if there are many values
+        if isinstance(matrix, np.ndarray) and self._samples.count >= MIN_SAMPLES * matrix.size:
+            self._last = key, _Copy(normal.gradient, matrix).again()
         return normal
 
     def rows(self, values: Float) -> tuple[Float, Float]:
