@@ -36,42 +36,43 @@ def run() -> list[Table]:
     table = Table(f"fleet: {FILES} recordings of {SAMPLES} samples, whole processes", COLUMNS)
     with tempfile.TemporaryDirectory() as folder:
         for number, kind in enumerate(FORMATS):
-            for files in (FEW, FILES):
-                _measure_format(table, Path(folder) / f"{number}_{files}", kind, files)
+            own = _measure_format(table, Path(folder) / f"{number}_few", kind, FEW, 0)
+            _measure_format(table, Path(folder) / f"{number}_all", kind, FILES, own)
     data = megabytes(FILES * SAMPLES * USED * 8)
     table.notes = [
         f"Budget: at most 15 s on two cores, and at most twice the data beside the memory of the program itself, which "
-        f"the run on {FEW} files shows. The data are {USED} channels in double precision: {data}.",
-        "Others is what follows the optimisation: trust, quality, report and simulation. The second run may find in "
-        f"the cache what the first has kept there. Load at the end {load()}.",
+        f"the run on {FEW} files shows and the last but one column leaves out. The data are {USED} channels in double "
+        f"precision: {data}.",
+        "Others are the start of the program, and what follows the optimisation: trust, quality, report and simulation. "
+        f"The second run may find in the cache what the first has kept there. Load at the end {load()}.",
     ]
     return [table]
 
 
-def _measure_format(table: Table, folder: Path, kind: str, files: int) -> None:
-    project = write_fleet(folder, kind, files, SAMPLES)
+def _measure_format(table: Table, folder: Path, kind: str, files: int, own: int) -> int:
+    """Add a row for each command, and return the peak memory of the first; `own` is that of the program itself."""
+    project, peaks = write_fleet(folder, kind, files, SAMPLES), []
     size = sum(path.stat().st_size for path in folder.iterdir())
-    name = f"{files} {kind}, {megabytes(size)}"
-    commands = ("calibrate", "calibrate", "check") if files == FILES else ("calibrate",)
+    commands = ("calibrate", "calibrate", "check") if own else ("calibrate",)
     for number, command in enumerate(commands):
         began = time.perf_counter()
         outcome = apart("benchmarks.fleet:measure", command=command, project=str(project))
         lasted = time.perf_counter() - began
-        _row(table, name, f"{command}, again" if number == 1 else command, project.parent, lasted, outcome)
+        name = f"{files} {kind}, {megabytes(size)}", f"{command}, again" if number == 1 else command
+        if outcome.get("status") != 0:
+            table.add(*name, outcome.get("error", f"exit status {outcome.get('status')}"))
+            continue
+        peaks.append(outcome["peak"])
+        share = f"{(outcome['peak'] - own) / (files * SAMPLES * USED * 8):.2f}x" if own else "-"
+        times, cost = (
+            _phases(project.parent, lasted) if command == "calibrate" else ([seconds(lasted)] + 4 * ["-"], "-")
+        )
+        table.add(*name, *times, megabytes(outcome["peak"]), share, cost)
+    return peaks[0] if peaks else 0
 
 
-def _row(table: Table, name: str, command: str, folder: Path, lasted: float, outcome: dict[str, Any]) -> None:
-    if outcome.get("status") != 0:
-        table.add(name, command, outcome.get("error", f"exit status {outcome.get('status')}"))
-        return
-    data = int(name.partition(" ")[0]) * SAMPLES * USED * 8
-    memory = megabytes(outcome["peak"]), f"{outcome['peak'] / data:.2g}x"
-    if command == "check":
-        table.add(name, command, seconds(lasted), "-", "-", "-", "-", *memory)
-        return
+def _phases(folder: Path, lasted: float) -> tuple[list[str], str]:
+    """Return the times of a run, and its final cost."""
     result = json.loads((folder / "results" / "result.json").read_text())
-    parts = {name: result["seconds"][name] for name in ("read", "compile", "optimize")}
-    others = lasted - sum(parts.values())
-    table.add(
-        name, command, *map(seconds, (lasted, *parts.values(), others)), *memory, f"{result['cost']['after']:.8g}"
-    )
+    parts = [result["seconds"][name] for name in ("read", "compile", "optimize")]
+    return [seconds(each) for each in (lasted, *parts, lasted - sum(parts))], f"{result['cost']['after']:.8g}"
