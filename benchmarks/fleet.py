@@ -43,7 +43,7 @@ def run() -> list[Table]:
         f"Budget: at most 15 s on two cores, and at most twice the data beside the memory of the program itself, which "
         f"the run on {FEW} files shows and the last but one column leaves out. The data are {USED} channels in double "
         f"precision: {data}.",
-        "Others are the start of the program, and what follows the optimisation: trust, quality, report and simulation. "
+        "Others are the start of the program and what follows the optimisation: trust, quality, report, simulation. "
         f"The second run may find in the cache what the first has kept there. Load at the end {load()}.",
     ]
     return [table]
