@@ -13,7 +13,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.threads import map_in_order
 
-_KEYS = 1 << 16  # numbers with the same sign, exponent and first four bits of the mantissa share a key
+_KEYS = 1 << 14  # numbers with the same sign, exponent and first two bits of the mantissa share a key
 
 _Part = TypeVar("_Part")  # Python 3.11
 _Statistic = TypeVar("_Statistic", bound="Mergeable")
@@ -174,4 +174,4 @@ def _keys(values: Float) -> Int:
     """Return keys in the order of the numbers, 0 to `_KEYS` - 1."""
     bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
     ordered = np.where(bits < 0, ~bits, bits | np.int64(-(2**63)))
-    return (ordered.view(np.uint64) >> np.uint64(48)).astype(np.int64)
+    return (ordered.view(np.uint64) >> np.uint64(50)).astype(np.int64)

@@ -17,6 +17,7 @@ from kennfeld.analysis.residual_statistics import (
     MOST,
     ErrorCounts,
     ErrorDetails,
+    ErrorSearches,
     LargeError,
     LargeErrors,
     largest_places,
@@ -204,7 +205,9 @@ class _ResidualScan:
         fits = []
         for bound, own in zip(self._bounds, counts, strict=True):
             scored = [number for number, count in enumerate(own) if count.target.count]
-            details = self._gather(partial(self._detail, counts=own), bound).rows if scored else []
+            searches = [count.searches() for count in own]
+            work = partial(self._detail, counts=own, searches=searches)
+            details = self._gather(work, bound).rows if scored else []
             fits += [Fit(number, bound, own[number], details[number]) for number in scored]
         tallied = cells.tally(self._evaluator.parameters)
         return Analysis(tuple(self._of_criteria(fits, tallied.cells, keep=keep)), tuple(fits), tallied.touching)
@@ -225,9 +228,11 @@ class _ResidualScan:
         lookups = self._evaluator.lookups
         return self._weights.leverage(self._problem, lookups, evaluated.located, series, self._leverage)
 
-    def _detail(self, part: BoundPart, counts: Sequence[ErrorCounts]) -> "_Rows[ErrorDetails]":
+    def _detail(
+        self, part: BoundPart, counts: Sequence[ErrorCounts], searches: Sequence[ErrorSearches]
+    ) -> "_Rows[ErrorDetails]":
         evaluated, rows = self._evaluator.over(part), []
-        for before, after, count in zip(evaluated.before, evaluated.after, counts, strict=True):
+        for before, after, count, search in zip(evaluated.before, evaluated.after, counts, searches, strict=True):
             leverage = self._leverages(evaluated, after)
             lags = 0 if after.time is None else count_lags(part.whole.starts, part.whole.count)
             products = None
@@ -235,7 +240,7 @@ class _ResidualScan:
                 products = LaggedProducts.of(after.error, after.bound.starts, count.finite.mean, lags)
             rows.append(
                 ErrorDetails(
-                    count.searches().part(before, after),
+                    search.part(before, after),
                     products,
                     self._largest(part, after, leverage),
                     float(np.sum(1.0 - leverage[after.scored])),
