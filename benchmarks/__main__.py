@@ -18,6 +18,7 @@ TOPICS = {
     "compile": "benchmarks.compiling",
     "startup": "benchmarks.startup",
     "files": "benchmarks.files",
+    "fleet": "benchmarks.fleet",
     "simulink": "benchmarks.drawn",
     "app": "benchmarks.app",
     "nist": "benchmarks.nist",

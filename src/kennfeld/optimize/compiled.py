@@ -18,6 +18,7 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
@@ -107,7 +108,7 @@ class CompiledProblem:
 
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""
-        return self._sums_of(self.kernel, samples)
+        return RememberedSums(self._sums_of(self.kernel, samples), samples)
 
     def full(self, values: Float) -> Float:
         """Return the free values, Float[free], followed by the fixed ones."""

@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.native.cholesky import Cholesky
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.symmetric import SymmetricMatrix, zero
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000  # up to these sizes the Jacobian itself is factored
 MAX_SECANT_VALUES = 128

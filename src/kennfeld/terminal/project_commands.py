@@ -5,6 +5,7 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,12 +74,11 @@ def check(path: Path) -> int:
     Each is printed on stderr, with location and fix. Nothing is fitted.
     """
     from kennfeld.optimize.projection import movable
-    from kennfeld.project import Project
     from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
         return _check_training(path)
-    project = Project.read(path)
+    project = _read_project(path)
     verdict = _print_warnings(project.check())
     problem = project.problem()
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
@@ -121,18 +121,25 @@ def calibrate(path: Path, output: Path | None, workers: int | None, resume: bool
 
     Ctrl-C, SIGTERM and SIGHUP stop the search; the best values so far are written.
     """
-    from kennfeld.project import Project
-
     if folds is not None and folds < 2:
         raise InputError.of(Location("--cross-validate"), f"must be >= 2, got {folds}")
     if parts not in FOLDS:
         message = f"unknown kind of folds {parts!r}"
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
-    project, folder = Project.read(path), output or path.parent / "results"
+    project, folder = _read_project(path), output or path.parent / "results"
     status = _calibrate(project, folder, workers, resume)
     if folds is None or status == INTERRUPTED:
         return status
     return max(status, _cross_validate(project, folder, folds, parts))
+
+
+def _read_project(path: Path) -> "Project":
+    """Return a project that shows the progress of reading its recordings."""
+    from kennfeld.preprocessing.pipeline import load_datasets
+    from kennfeld.project import Project
+    from kennfeld.terminal.progress import ReadingProgress
+
+    return Project.read(path, load=partial(load_datasets, watch=ReadingProgress()))
 
 
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
@@ -228,12 +235,12 @@ def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
 
     project = Project.read(path)
     values = None if parameters is None else read(parameters)
-    datasets = project.simulate(values)
-    written = write_simulation(datasets, output or path.parent / "simulation.parquet")
-    print_lines(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    simulation = project.simulation(values)
+    written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+    print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
     if project.surrogates:
         from kennfeld.analysis.extrapolation import find_extrapolation
-        from kennfeld.project.project import replace_parameters
+        from kennfeld.project.simulation import replace_parameters
         from kennfeld.terminal.result_lines import extrapolation_lines
 
         problem = project.problem()
