@@ -87,6 +87,7 @@ class SolverResult:
     message: str
     iterations: int
     evaluations: int
+    damping: float = SolverSettings.damping  # of the last accepted step
 
     @property
     def cut_short(self) -> bool:
@@ -143,6 +144,7 @@ class _State:
     limit_damping_dropped: bool = False  # the stall was answered by a lower `limit_damping` already
     # Reported
     iterations: int = 0  # accepted steps
+    accepted_damping: float = SolverSettings.damping  # of the last of them
     evaluations: int = 1  # evaluations of f
 
 
@@ -331,7 +333,7 @@ class _LevenbergMarquardt:
         step_size = model.scaled_norm(step) / max(np.sqrt(trial.cost), 1e-300)
         state.values, state.cost, state.active_set = trial.values, trial.cost, solution.active
         state.iterations += 1
-        used = state.damping
+        used = state.accepted_damping = state.damping
         if state.damping < state.limit_damping and ratio > self.settings.damping_limited_ratio:
             state.limit_damping = max(0.1 * state.limit_damping, SLOW_LIMIT_DAMPING)
         # lambda *= max(1/3, 1 - (2 rho - 1)^3)
@@ -381,7 +383,8 @@ class _LevenbergMarquardt:
 
     def _end(self, status: Status, message: str) -> SolverResult:
         state = self.state
-        return SolverResult(state.values, state.cost, status, message, state.iterations, state.evaluations)
+        effort = state.iterations, state.evaluations
+        return SolverResult(state.values, state.cost, status, message, *effort, state.accepted_damping)
 
 
 def _keeps_rows(limits: LinearLimits, here: Float, target: Float) -> bool:
