@@ -54,6 +54,11 @@ def _last(count: int) -> SearchPlan:
     return _changed(widths=lambda s: s.widths[:-count], tolerances=lambda s: s.tolerances[:-count])
 
 
+def _further() -> SearchPlan:
+    """Return the default plan with another width at the end."""
+    return _changed(widths=lambda s: (*s.widths, s.widths[-1] / 2), tolerances=lambda s: (*s.tolerances, 1e-4))
+
+
 def _from(width: float) -> SearchPlan:
     """Return the default plan with a long schedule from another width."""
     count = int(np.log2(width / SHORT_SCHEDULE.widths[0]))
@@ -62,8 +67,8 @@ def _from(width: float) -> SearchPlan:
 
 
 OLD = SearchPlan(
-    replace(SHORT_SCHEDULE, tolerances=(3e-5,) * 6, damping=(1e-4, 1e-4)),
-    replace(LONG_SCHEDULE, tolerances=(1e-5,) * 8, damping=(1e-4, 1e-4)),
+    SmoothingSchedule(tuple(1.0 / 2**i for i in range(6)), (3e-5,) * 6, damping=(1e-4, 1e-4)),
+    SmoothingSchedule(tuple(4.0 / 2**i for i in range(8)), (1e-5,) * 8, damping=(1e-4, 1e-4)),
     tolerance=1e-5,
 )
 SETTINGS = (
@@ -72,8 +77,8 @@ SETTINGS = (
     *(Setting(f"all stages to {t:g}", _uniform(t)) for t in (1e-2, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)),
     Setting("patience of the stages 1", _changed(patience=1)),
     Setting("patience of the stages 3", _changed(patience=3)),
-    Setting("widths to 1/16 only", _last(1)),
-    Setting("widths to 1/8 only", _last(2)),
+    Setting("widths to 1/32", _further()),
+    Setting("widths to 1/8 only", _last(1)),
     Setting("long schedule from 2", _from(2.0)),
     Setting("long schedule from 8", _from(8.0)),
     Setting("damping 1e-4 at each stage", _changed(damping=(1e-4, 1e-4))),

@@ -32,8 +32,9 @@ class SmoothingSchedule:
     damping: tuple[float, float] = (1e-8, 1e-3)  # range at the beginning of a stage
 
 
-SHORT_SCHEDULE = SmoothingSchedule(tuple(1.0 / 2**i for i in range(6)), (1e-3, 1e-3, 1e-3, 1e-3, 1e-4, 1e-4))
-LONG_SCHEDULE = SmoothingSchedule(tuple(4.0 / 2**i for i in range(8)), (1e-2, 1e-2, 1e-3, 1e-3, 1e-3, 1e-3, 1e-4, 1e-4))
+SHORT_SCHEDULE = SmoothingSchedule(tuple(1.0 / 2**i for i in range(5)), (1e-3, 1e-3, 1e-3, 1e-4, 1e-4))
+LONG_SCHEDULE = SmoothingSchedule(tuple(4.0 / 2**i for i in range(7)), (1e-2, 1e-2, 1e-3, 1e-3, 1e-3, 1e-4, 1e-4))
+
 StageCosts = dict[float, float]  # cost of the smoothed model at the end of each stage, by width
 
 
