@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE
+from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.compiled import SEARCH_SAMPLES, CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
+from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
 
 TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
 GRID = np.linspace(0, 1, 6)
@@ -128,3 +132,51 @@ def test_bounds_hold_at_the_end_of_the_continuation():
     assert np.all((result.parameters["Opt"].values >= -0.2) & (result.parameters["Opt"].values <= 0.25))
     assert np.all(result.parameters["Eta"].values <= 1.0)
     assert np.interp(0.1, DELTA, result.parameters["Eta"].values) == pytest.approx(0.95, rel=1e-9)
+
+
+def test_many_samples_are_thinned_for_the_search_but_not_for_its_end():
+    data, start = problem(samples=2 * SEARCH_SAMPLES)
+    result = kf.calibrate(TEXT, data, start, target="y", node="m", smoothness=1e-3)
+    assert result.converged
+    squares = result.quality[0].samples * result.quality[0].rmse_after ** 2
+    assert result.quality[0].samples == 2 * SEARCH_SAMPLES
+    assert squares <= result.cost_after <= 1.01 * squares
+    searched = [line.cost for line in result.trace if line.stage in ("exact", "plain")]
+    assert min(searched) == pytest.approx(result.cost_after, rel=0.05)  # with the weight of all samples
+
+
+@pytest.mark.parametrize("stage", ["smooth 1", "plain"])
+def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage):
+    data, start = problem(samples=2 * SEARCH_SAMPLES)
+
+    def stop(line):
+        if line.stage == stage:
+            raise kf.Stop
+
+    result = kf.calibrate(TEXT, data, start, target="y", node="m", progress=stop)
+    assert result.status == "stopped"
+    squares = result.quality[0].samples * result.quality[0].rmse_after ** 2
+    assert result.cost_after == pytest.approx(squares, rel=1e-9)
+    assert result.cost_after < result.cost_before
+
+
+def test_a_search_is_given_up_where_an_earlier_one_was_as_good():
+    data, start = problem()
+    compiled = CompiledProblem(build_problem(TEXT, data, start, "y", node="m", smoothness=1e-3))
+    continuation, limits = Continuation.of(compiled), linear_limits(compiled.problem, compiled.values)
+    begin, settings = compiled.start[: compiled.values.free], SolverSettings(tolerance=1e-3)
+    lines = []
+
+    def search(earlier):
+        lines.clear()
+        return continuation.descend(
+            SHORT_SCHEDULE, begin, limits, settings, lambda stage, *_: lines.append(stage), earlier
+        )
+
+    first, costs = search(None)
+    assert list(costs) == list(SHORT_SCHEDULE.widths)
+    again, _ = search(costs)
+    assert again.cost == np.inf
+    assert set(lines) == {"smooth 1"}
+    better, _ = search({width: 1.01 * cost for width, cost in costs.items()})
+    assert better.cost == first.cost
