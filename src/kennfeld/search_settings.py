@@ -27,10 +27,10 @@ class SearchSettings:
     )
     max_iterations: int = key("maximum number of iterations of one descent", 200, least=1)
     tolerance: float | None = key(
-        "relative change of the cost at which a descent ends",
+        "relative change of the cost at which a [descent](method.md#descent) ends",
         None,
         above=0,
-        default_text="1e-8; [up to 3e-5](method.md#descent) for more than 64 values",
+        default_text="1e-8; up to 3e-5 for large problems",
     )
     starts: int = key(
         "number of [starts](method.md#several-starts): the first from the initial values, the others spread around "

@@ -128,7 +128,7 @@ class Options(SearchSettings):
         if self.starts > MAX_STARTS:
             raise ArgumentError(f"starts must be <= {MAX_STARTS}, got {self.starts!r}")
         for name in ("spread", "tolerance"):
-            if getattr(self, name) is not None:
+            if name != "tolerance" or self.tolerance is not None:
                 object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
         object.__setattr__(self, "steps", tuple(self.steps))
 
