@@ -86,7 +86,7 @@ SETTINGS = (
     Setting("no direct descent, long schedule never", SearchPlan(direct=False, long=None)),
     Setting("no long schedule", SearchPlan(long=None)),
     Setting("long schedule if ends differ at all", SearchPlan(kink_difference=0.0)),
-    Setting("long schedule if ends differ by 1 %", SearchPlan(kink_difference=1e-2)),
+    Setting("long schedule if ends differ by 3 %", SearchPlan(kink_difference=3e-2)),
     Setting("ends compared at 1e-2", SearchPlan(tolerance=1e-2)),
     Setting("ends compared at 1e-4", SearchPlan(tolerance=1e-4)),
     *(Setting(f"last descent to {t:g}", tolerance=t) for t in (1e-3, 1e-4, 1e-5, 1e-6, 1e-8)),
