@@ -15,6 +15,7 @@ TOPICS = {
     "continuation": "benchmarks.continuation",
     "scaling": "benchmarks.scaling",
     "states": "benchmarks.states",
+    "large": "benchmarks.large",
     "compile": "benchmarks.compiling",
     "startup": "benchmarks.startup",
     "files": "benchmarks.files",

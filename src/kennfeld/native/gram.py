@@ -48,8 +48,7 @@ class Gram:
         self._memory.clear(self._blocks)
         if self._envelope is not factor.envelope:
             self._envelope = factor.envelope
-            self._place = np.argsort(self._envelope.order)
-            self._placed = address(self._place, kind=INT64)
+            self._placed = address(self._envelope.place, kind=INT64)
         self._factor = factor
         self._rows = self._blocks = 0  # of A, and block rows of V
 
