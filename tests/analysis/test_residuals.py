@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld import Criterion, Cube, Curve, Dataset, Map, ParameterSet, Scalar, formula
-from kennfeld.analysis import residuals
 from kennfeld.analysis.cell_errors import tally
 from kennfeld.analysis.evaluation import Evaluator
-from kennfeld.analysis.residuals import sample_leverage
+from kennfeld.analysis.residuals import residuals, sample_leverage
 from kennfeld.optimize import Problem
 from kennfeld.optimize.lookup_coverage import Lookups, coordinates
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles import unwritable
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, fields, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -14,18 +14,20 @@ from kennfeld.arrays import Float, Int
 from kennfeld.atomic_files import replace_atomically, write_whole
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.free_axes import free_axes
-from kennfeld.optimize.result import Result, TraceLine
-from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests
 from kennfeld.rbf import RBF
+
+if TYPE_CHECKING:
+    from kennfeld.optimize.result import Result, TraceLine
+    from kennfeld.optimize.trust.trust import Trust
 
 COLUMNS = (
     *("parameter", *AXIS_LETTERS, "value", "unit", "deviation", "scatter"),
@@ -37,7 +39,7 @@ RESULT = "result.json"
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
 
-def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
+def write_trust(trust: "Trust", parameters: ParameterSet, path: Path) -> None:
     """Write trust.csv: a line for each free value, breakpoints last; unknown cells are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -47,7 +49,7 @@ def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
             writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
 
 
-def affordable_leverage(trust: Trust) -> Mapping[str, Float]:
+def affordable_leverage(trust: "Trust") -> Mapping[str, Float]:
     """Return the leverage of each value; nothing if there are too many values to compute it."""
     return trust.leverage if sum(a.size for a in trust.deviation.values()) <= MAX_LEVERAGE_VALUES else {}
 
@@ -65,7 +67,12 @@ def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[
 
 
 def _lines(
-    trust: Trust, name: str, values: Float, unit: str, breakpoints: Sequence[list[float | str]], leverage: Float | None
+    trust: "Trust",
+    name: str,
+    values: Float,
+    unit: str,
+    breakpoints: Sequence[list[float | str]],
+    leverage: Float | None,
 ) -> Iterator[list[Any]]:
     for at in np.ndindex(values.shape):
         place = [points[i] for points, i in zip(breakpoints, at, strict=True)]
@@ -103,7 +110,7 @@ class ResultSource(Protocol):
 
 
 def write(
-    result: Result,
+    result: "Result",
     project: ResultSource,
     folder: str | Path,
     documents: Mapping[str, str] | None = None,
@@ -207,7 +214,9 @@ def _scratch(folder: Path) -> Iterator[Path]:
         yield scratch
 
 
-def _write_trace(trace: Sequence[TraceLine], path: Path) -> None:
+def _write_trace(trace: Sequence["TraceLine"], path: Path) -> None:
+    from kennfeld.optimize.result import TraceLine
+
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(field.name for field in fields(TraceLine))

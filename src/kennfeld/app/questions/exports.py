@@ -13,7 +13,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
