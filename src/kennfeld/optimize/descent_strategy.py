@@ -46,7 +46,7 @@ class SearchPlan:
     direct: bool = True
     tolerance: float = 1e-3
     patience: int = 2
-    kink_difference: float = 1e-2
+    kink_difference: float = 3e-3
 
 
 @dataclass(frozen=True)

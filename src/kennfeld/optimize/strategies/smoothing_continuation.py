@@ -33,7 +33,7 @@ class SmoothingSchedule:
 
 
 SHORT_SCHEDULE = SmoothingSchedule(tuple(1.0 / 2**i for i in range(5)), (1e-3, 1e-3, 1e-3, 1e-4, 1e-4))
-LONG_SCHEDULE = SmoothingSchedule(tuple(4.0 / 2**i for i in range(7)), (1e-2, 1e-2, 1e-3, 1e-3, 1e-3, 1e-4, 1e-4))
+LONG_SCHEDULE = SmoothingSchedule(tuple(4.0 / 2**i for i in range(7)), (1e-2, 1e-2, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4))
 
 StageCosts = dict[float, float]  # cost of the smoothed model at the end of each stage, by width
 
