@@ -33,7 +33,7 @@ class SearchPlan:
     """The descents that are compared for one start if lookups can be smoothed.
 
     Over the 34 problems of `python -m benchmarks continuation`, no long schedule ends 30 % higher on average, no
-    direct descent in addition 9 % more, and ends compared at 1e-4 take 5 % longer for the same costs.
+    direct descent in addition 7 % more, and ends compared at 1e-4 take 5 % longer for the same costs.
 
     Args:
         short: the schedule that is tried first.
