@@ -100,6 +100,8 @@ def truths(source: Any, label: str) -> Bool:
     >>> truths([1, False], "locked of Gain")
     array([ True, False])
     """
+    if isinstance(source, np.ndarray) and source.dtype == np.bool_ and not np.ma.isMaskedArray(source):
+        return source.copy()
     values = array(source, label)
     if np.isnan(values).any():
         raise ArgumentError(f"{label} must be true or false, but a value is missing")

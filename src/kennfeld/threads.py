@@ -1,10 +1,16 @@
-"""Threads of linear algebra (BLAS)."""
+"""Threads: one for each processor where work can be divided, fewer in linear algebra (BLAS)."""
 
 import os
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import TypeVar
 
 LARGE = 1500  # values; above, a factorisation gains from a second thread
+
+_Item = TypeVar("_Item")  # Python 3.11
+_Outcome = TypeVar("_Outcome")
 
 
 def let_blas_threads_sleep() -> None:
@@ -27,3 +33,29 @@ def blas_threads(values: int) -> Iterator[None]:
 
     with threadpool_limits(limits=None if values > LARGE else 1, user_api="blas"):
         yield
+
+
+def map_in_order(work: Callable[[_Item], _Outcome], items: Sequence[_Item]) -> Iterator[_Outcome]:
+    """Yield the results of `work` in the order of the items, which threads process a few items ahead.
+
+    An error of an item is raised in its turn; items after it are not begun any more.
+
+    >>> list(map_in_order(abs, [-1, 2, -3]))
+    [1, 2, 3]
+    """
+    count = min(os.cpu_count() or 1, len(items))
+    if count < 2:
+        yield from map(work, items)
+        return
+    pending: deque[Future[_Outcome]] = deque()
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            for item in items:
+                if len(pending) > count:
+                    yield pending.popleft().result()
+                pending.append(pool.submit(work, item))
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()

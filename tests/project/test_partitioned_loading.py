@@ -8,8 +8,11 @@ from partitioned_projects import STEADY, in_partitions, write_steady, write_time
 
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.errors import InputError
+from kennfeld.optimize import compiled as compiled_form
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project, partitioned_loading
@@ -133,7 +136,7 @@ def test_a_changed_file_is_read_again(tmp_path):
 
 
 def test_partitions_follow_files_and_lengths(tmp_path):
-    path = write_steady(tmp_path)
+    path = write_steady(tmp_path, samples=700)
     partitions = in_partitions(path, 800).problem().partitions
     assert [p.samples for p in partitions.training] == [700, 790, 800, 80, 800, 170]
     assert [p.samples for p in partitions.test] == [800, 260]
@@ -165,6 +168,34 @@ def test_smoothed_lookups_use_samples_of_all_partitions(tmp_path):
     for form in (one, other):
         form.set_width(0.5)
     assert close(other.sums.cost(plain.start), one.sums.cost(plain.start))
+
+
+def test_searches_are_compared_with_samples_of_all_partitions(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 500)
+    monkeypatch.setattr(compiled_form, "SAMPLES_PER_VALUE", 0)
+    path = write_steady(tmp_path)
+    parted = CompiledProblem(in_partitions(path, 600).problem())
+    thinned = parted.thinned()
+    assert thinned.samples.count == thinned.sample_count
+    assert thinned.samples.count == pytest.approx(500, rel=0.1)  # fewer, as only scored samples are laid out
+    assert thinned.weights == pytest.approx(parted.weights, rel=0.05)
+    assert thinned.sums.cost(parted.start) == pytest.approx(parted.sums.cost(parted.start), rel=0.2)
+    assert parted.with_start(parted.problem).thinned().samples is thinned.samples
+    assert Continuation.of(parted)._smooth.samples.count == thinned.samples.count
+    result = in_partitions(path, 600).calibrate()
+    assert result.converged
+    assert result.cost_after == pytest.approx(Project.read(path).calibrate().cost_after, rel=1e-2)
+
+
+def test_the_best_step_of_a_search_is_one_on_all_samples(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 100)
+    monkeypatch.setattr(compiled_form, "SAMPLES_PER_VALUE", 0)
+    project = in_partitions(write_steady(tmp_path), 600)
+    run = FitRun(project.problem(), project.options, None, Seconds(0.0, 0.0, 0.0, 0.0))
+    result = run.result()
+    cost, values = run.best
+    assert cost == pytest.approx(run.objective.cost(values), rel=1e-12)
+    assert result.cost_after == pytest.approx(cost, rel=1e-6)
 
 
 def test_several_starts_and_steps_run_in_partitions(tmp_path):

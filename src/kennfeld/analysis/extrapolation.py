@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Use
+from kennfeld.dataset import SAMPLES_PER_BLOCK, Use
 from kennfeld.formatting import count_noun
 from kennfeld.graph.traversal import with_names
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.result import finite_or_none
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset

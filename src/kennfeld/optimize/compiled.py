@@ -25,6 +25,7 @@ from kennfeld.native.samples import Piece, Samples, chain_samples, join_samples
 from kennfeld.optimize.partitioned_sums import PartitionedSums
 from kennfeld.optimize.partitions import Part, Partition, Recordings, StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
@@ -35,7 +36,7 @@ from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import in_visiting_order, read_samples, sample_columns
 
-MAX_SMOOTHED_SAMPLES = 20_000
+SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20  # of steady-state data, of which more are used to compare searches
 
 
 def smoothable(problem: Problem) -> bool:
@@ -90,7 +91,7 @@ class CompiledProblem:
     """A problem ready for evaluation: data-only parts computed, samples sorted, kernel compiled.
 
     With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
-    smoothed, and at most `MAX_SMOOTHED_SAMPLES` samples of steady-state data are used.
+    smoothed, over the samples of its `thinned` form.
 
     With data in partitions, each is prepared where it is evaluated; `samples` are then those of the excerpts.
 
@@ -147,10 +148,15 @@ class CompiledProblem:
         if self._smooth_like is None:
             return self._gathered()
         if self._is_thinned and self.problem.partitions is not None:
-            share = MAX_SMOOTHED_SAMPLES / self.problem.partitions.samples
-            return join_samples(self.each(_thinned_samples, share))
+            return self._thinned_partitions
         samples = self._shared(self._smooth_like)
-        return samples.thinned(MAX_SMOOTHED_SAMPLES / max(samples.count, 1)) if self._is_thinned else samples
+        return samples.thinned(self._search_share(samples.count))
+
+    @cached_property
+    def _thinned_partitions(self) -> Samples:
+        """Part of the samples of all partitions; kept for other starts."""
+        assert self.problem.partitions is not None
+        return join_samples(self.each(_thinned_samples, self._search_share(self.problem.partitions.samples)))
 
     @property
     def _is_thinned(self) -> bool:
@@ -222,7 +228,7 @@ class CompiledProblem:
 
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""
-        return self._sums_of(self.kernel, samples)
+        return RememberedSums(self._sums_of(self.kernel, samples), samples)
 
     def sums_with(self, select: Callable[..., Samples], *arguments: Any) -> Sums:
         """Return the sums over `select(compiled, *arguments)`, the samples in another selection or with other weights.
@@ -277,6 +283,24 @@ class CompiledProblem:
         """Read targets again that were changed in place; problems made by `reweight` share them."""
         self.samples.wanted.reread()
 
+    def thinned(self) -> "CompiledProblem":
+        """Return the same over a fixed part of the samples if these are many and have no memory, else itself."""
+        share = self._search_share(self.sample_count)
+        if share >= 1:
+            return self
+        other = copy(self)
+        if self.problem.partitions is None:
+            other.samples = self.samples.thinned(share)
+        else:
+            other.samples, other.problem = self._thinned_partitions, replace(self.problem, partitions=None)
+        other.sums = self.sums_over(other.samples)
+        return other
+
+    @property
+    def residuals(self) -> int:
+        """Number of scored samples, over all criteria."""
+        return sum(self.each(_count_residuals))
+
     def set_width(self, spacings: float) -> None:
         """Set the width of the smoothing in mean breakpoint spacings."""
         self.sums.widths[:] = spacings * self.spacings
@@ -325,6 +349,12 @@ class CompiledProblem:
             samples = other.samples.with_inputs([theirs[name] for name in mine])
         return samples
 
+    def _search_share(self, samples: int) -> float:
+        """Return the share of the samples with which searches are compared."""
+        if self.kernel.line.states:
+            return 1.0
+        return max(SEARCH_SAMPLES, SAMPLES_PER_VALUE * self.values.free) / max(samples, 1)
+
 
 def run_on_compiled(shared: bytes, item: bytes, arguments: bytes) -> Any:
     """Run a function of a compiled problem on one partition; see `CompiledProblem.each`."""
@@ -368,6 +398,10 @@ def _run_on_selection(
 
 def _partial_weights(compiled: CompiledProblem) -> float:
     return compiled.own_weights()
+
+
+def _count_residuals(compiled: CompiledProblem) -> int:
+    return sum(int(compiled.samples.scored(piece).sum()) for piece in compiled.samples.pieces)
 
 
 def _thinned_samples(compiled: CompiledProblem, share: float) -> tuple[Float, Float, tuple[Piece, ...]]:

@@ -19,7 +19,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
-from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, levenberg_marquardt
+from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
@@ -33,6 +33,7 @@ from kennfeld.threads import blas_threads
 
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
+NOISE_SHARE, MAX_TOLERANCE = 0.05, 3e-5  # see `default_tolerance`
 NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 MAX_DEPARTURES = 3  # searches that may start again from a point at which values cannot move
 MAX_LISTED = 5
@@ -43,6 +44,19 @@ REACHED = 1e-10  # share of the cost at the start below which a fit is as good a
 UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
 Search = Callable[[Float, LinearLimits], SolverResult]
+
+
+def default_tolerance(compiled: CompiledProblem, objective: LeastSquaresObjective) -> float:
+    """Return the relative change of the cost at which a descent ends, as the data can distinguish it.
+
+    Noise in n residuals raises the cost of p fitted values by p/n, relatively, on average. A step that changes it by
+    1/20 of that moves the values by less than a quarter of their standard deviations. Small problems, whose digits are
+    kept by a QR factorisation, end at 1e-8.
+    """
+    if objective.uses_qr:
+        return SolverSettings.tolerance
+    share = NOISE_SHARE * compiled.values.free / max(compiled.residuals, 1)
+    return float(np.clip(share, SolverSettings.tolerance, MAX_TOLERANCE))
 
 
 class FitRun:
@@ -60,11 +74,13 @@ class FitRun:
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
         check_fittable(problem, globally=options.method == "global").finish()
-        self.problem, self.options, self.progress = problem, options, progress
+        self.problem, self.progress = problem, progress
         self.watch: Callable[[TraceLine, Float], None] | None = None  # as `progress`, with the values
         self.began = time.perf_counter()
         self.exact = CompiledProblem(problem)
         self.objective = LeastSquaresObjective(self.exact)
+        tolerance = options.tolerance or default_tolerance(self.exact, self.objective)
+        self.options = replace(options, tolerance=tolerance)
         smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(self.exact) if smoothed else None
         self.read = seconds.read
@@ -205,13 +221,18 @@ class FitRun:
         entry = TraceLine(stage=stage, start=1, rmse=rmse, seconds=seconds, **vars(line))
         self.trace.append(entry)
         if compiled in (None, self.exact):
-            own = np.inf if stage.startswith("smooth") else line.cost  # the cost of a smoothed model is another one
+            own = line.cost if self._is_whole(stage) else np.inf
             if self.best is None or own <= self.best[0]:
                 self.best = own, values.copy()
         if self.watch is not None and compiled in (None, self.exact):  # dense axes have values of their own
             self.watch(entry, values)
         if self.progress is not None:
             self.progress(entry)
+
+    def _is_whole(self, stage: str) -> bool:
+        """Return if the cost of a stage is that of the exact model over all samples."""
+        compared = self.continuation is not None and self.continuation.thinned and stage in ("exact", "plain")
+        return not (compared or stage.startswith("smooth"))
 
     @property
     def _setup(self) -> DescentSetup:
@@ -323,7 +344,7 @@ class FitRun:
         if values is None:
             return replace(end, status="failed", message=f"{end.message} Violated limits: {violated}.")
         projected = replace(end, values=values, cost=self.objective.cost(values))
-        if end.status != "converged" or projected.cost <= end.cost + self.options.tolerance * abs(end.cost):
+        if end.status != "converged" or projected.cost <= end.cost + self.options.settings.tolerance * abs(end.cost):
             return projected
         message = (
             "The search ended outside its limits; the result is the nearest values that keep them, not the best ones. "

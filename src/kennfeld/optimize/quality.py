@@ -2,22 +2,23 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.dataset import SAMPLES_PER_BLOCK, Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.bound_parts import BoundPart
+from kennfeld.sample_statistics import Moments, gather
 
 CONSTANT = "constant target"  # in place of R2, which compares with the target's variance
-SAMPLES_PER_BLOCK = 65536  # memory does not grow with the data
 
 
 @dataclass(frozen=True)
@@ -129,143 +130,124 @@ class Scorer:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._nodes = problem.once("differences", _compile_differences)
-        self._bounds: list[BoundDataset] | None = None
 
     def errors(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
         """Return model minus target, Float[criteria, samples]; NaN at samples that are not scored."""
-        targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
-        return self._nodes.values(bound, parameters) - np.array(targets)
+        return self._nodes.values(bound, parameters) - self._targets(bound)
+
+    def _targets(self, bound: BoundDataset) -> Float:
+        return np.array([self._problem.target(criterion, bound) for criterion in self._problem.criteria])
 
     def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
         """Return the quality of each criterion on each dataset."""
-        if self._problem.partitions is None:
-            sums = self.sums(before, after)
+        problem = self._problem
+        if problem.partitions is None:
+            pairs = list(zip(problem.datasets, self.sums(before, after), strict=True))
         else:
-            parts = self._problem.each(sum_quality, before, after, test=True)
-            sums = merge_sums(row for part in parts for row in part)
-        places = {data.name: at for at, data in enumerate(self._problem.datasets)}
-        return tuple(row.quality for row in sorted(sums, key=lambda row: (places[row.dataset], row.number)))
+            merged = _merge_by_name(problem.each(_sum_partition, before, after, test=True))
+            pairs = [(data, merged[data.name]) for data in problem.datasets if data.name in merged]
+        return tuple(
+            sums.quality(criterion.node, data)
+            for data, part in pairs
+            for sums, criterion in zip(part.criteria, problem.criteria, strict=True)
+        )
 
-    def sums(self, before: ParameterSet, after: ParameterSet) -> list["QualitySums"]:
-        """Return the sums over the errors of each criterion on each dataset."""
-        if self._bounds is None:
-            self._bounds = [self._problem.bind(dataset) for dataset in self._problem.datasets]
-        rows = []
-        for bound in self._bounds:
-            targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
-            old, new = (self._sum_errors(bound, targets, parameters) for parameters in (before, after))
-            for i, criterion in enumerate(self._problem.criteria):
-                names = i, criterion.node, bound.dataset.name, bound.dataset.use
-                rows.append(QualitySums(*names, old[i], new[i], Moments.of(targets[i])))
-        return rows
+    def sums(self, before: ParameterSet, after: ParameterSet) -> list["_PartSums"]:
+        """Return the sums over each dataset."""
+        work = partial(self._sum_part, before=before, after=after)
+        return [gather(work, self._problem.parts(self._problem.bind(data))) for data in self._problem.datasets]
 
-    def _sum_errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["ErrorSums"]:
-        sums = [ErrorSums() for _ in targets]
-        for samples, values in self._nodes.blocks(bound, parameters):
-            for errors, target, value in zip(sums, targets, values, strict=True):
-                errors.add(value, target[samples])
-        return sums
+    def _sum_part(self, part: BoundPart, before: ParameterSet, after: ParameterSet) -> "_PartSums":
+        bound = part.bound
+        values = [self._nodes.values(bound, parameters) for parameters in (before, after)]
+        return _PartSums([_CriterionSums.of(*row) for row in zip(self._targets(bound), *values, strict=True)])
 
 
 def _compile_differences(problem: Problem) -> NodeSimulator:
     return NodeSimulator(problem.graph, problem.parameters, problem.differences)
 
 
-def sum_quality(problem: Problem, before: ParameterSet, after: ParameterSet) -> list["QualitySums"]:
-    """Return the sums over the errors of a problem, such as one of a single partition."""
-    return merge_sums(Scorer(problem).sums(before, after))
+def _sum_partition(problem: Problem, before: ParameterSet, after: ParameterSet) -> dict[str, "_PartSums"]:
+    """Return the sums over one partition by the name of the dataset."""
+    sums = Scorer(problem).sums(before, after)
+    return _merge_by_name({data.name: part} for data, part in zip(problem.datasets, sums, strict=True))
 
 
-def merge_sums(rows: Iterable["QualitySums"]) -> list["QualitySums"]:
-    """Return one row for each criterion and dataset, in the order of their first rows."""
-    merged: dict[tuple[str, int], QualitySums] = {}
-    for row in rows:
-        key = row.dataset, row.number
-        merged[key] = merged[key].with_more(row) if key in merged else row
-    return list(merged.values())
+def _merge_by_name(parts: Iterable[Mapping[str, "_PartSums"]]) -> dict[str, "_PartSums"]:
+    merged: dict[str, _PartSums] = {}
+    for name, sums in (item for part in parts for item in part.items()):
+        if name in merged:
+            merged[name].merge(sums)
+        else:
+            merged[name] = sums
+    return merged
 
 
 @dataclass
 class ErrorSums:
-    """Sums over the errors of a criterion."""
+    """Count, sum of squares and largest size of errors; not finite if an error is not."""
 
     count: int = 0
     squares: float = 0.0
     largest: float = 0.0
 
-    def add(self, values: Float, target: Float) -> None:
-        """Add samples; those without a target do not count."""
-        scored = np.isfinite(target)
+    @classmethod
+    def of(cls, errors: Float) -> "ErrorSums":
+        """Return the sums of errors, Float[samples]."""
         with np.errstate(over="ignore", invalid="ignore"):
-            error = values[scored] - target[scored]
-            self.count += error.size
-            self.squares += float(np.sum(error**2))
-            self.largest = float(np.abs(error).max(initial=self.largest))
+            return cls(errors.size, float(np.sum(errors**2)), float(np.abs(errors).max(initial=0.0)))
 
-    def with_more(self, other: "ErrorSums") -> "ErrorSums":
-        """Return the sums over the samples of both."""
-        largest = float(np.maximum(self.largest, other.largest))  # NaN if either is
-        return ErrorSums(self.count + other.count, self.squares + other.squares, largest)
+    def merge(self, later: "ErrorSums") -> None:
+        """Take in the sums of other errors."""
+        self.count += later.count
+        self.squares += later.squares
+        self.largest = float(np.maximum(self.largest, later.largest))
 
     @property
     def rmse(self) -> float:
-        """The root of the mean square; NaN without samples."""
+        """Root mean square; NaN without errors."""
         return float(np.sqrt(self.squares / self.count)) if self.count else float("nan")
 
 
-@dataclass(frozen=True)
-class Moments:
-    """Count, mean, and sum of squared distances from the mean."""
+@dataclass
+class _CriterionSums:
+    """The errors of one criterion before and after, and the moments of its target."""
 
-    count: int
-    mean: float
-    squares: float
-
-    @classmethod
-    def of(cls, target: Float) -> "Moments":
-        """Return the moments of a target where it is known."""
-        known = target[np.isfinite(target)]
-        first = float(known[0]) if known.size else 0.0
-        mean = first + float(np.mean(known - first)) if known.size else 0.0
-        return cls(known.size, mean, spread(target))
-
-    def with_more(self, other: "Moments") -> "Moments":
-        """Return the moments of both (T. F. Chan et al.: Algorithms for computing the sample variance, 1983)."""
-        count, distance = self.count + other.count, other.mean - self.mean
-        if not count:
-            return self
-        share = other.count / count
-        squares = self.squares + other.squares + distance**2 * self.count * share
-        return Moments(count, self.mean + distance * share, squares)
-
-
-class QualitySums(NamedTuple):
-    """Sums from which the quality of a criterion, by number, on a dataset follows."""
-
-    number: int
-    criterion: str
-    dataset: str
-    use: str
     before: ErrorSums
     after: ErrorSums
     target: Moments
 
-    def with_more(self, other: "QualitySums") -> "QualitySums":
-        """Return the sums over the samples of both."""
-        errors = self.before.with_more(other.before), self.after.with_more(other.after)
-        return QualitySums(*self[:4], *errors, self.target.with_more(other.target))
+    @classmethod
+    def of(cls, target: Float, before: Float, after: Float) -> "_CriterionSums":
+        scored = np.isfinite(target)
+        known = target[scored]
+        with np.errstate(over="ignore", invalid="ignore"):
+            old, new = (ErrorSums.of(values[scored] - known) for values in (before, after))
+        return cls(old, new, Moments.of(known))
 
-    @property
-    def quality(self) -> Quality:
-        """The quality."""
-        after, variation = self.after, self.target.squares
+    def merge(self, later: "_CriterionSums") -> None:
+        self.before.merge(later.before)
+        self.after.merge(later.after)
+        self.target.merge(later.target)
+
+    def quality(self, criterion: str, data: Dataset) -> Quality:
+        variation, after = self.target.squares, self.after
         return Quality(
-            criterion=self.criterion,
-            dataset=self.dataset,
-            use=self.use,
+            criterion=criterion,
+            dataset=data.name,
+            use=data.use,
             samples=after.count,
             rmse_before=self.before.rmse,
             rmse_after=after.rmse,
             r2_after=1.0 - after.squares / variation if variation > 0 else float("nan"),
             max_abs_after=after.largest if after.count else float("nan"),
         )
+
+
+@dataclass
+class _PartSums:
+    criteria: list[_CriterionSums]
+
+    def merge(self, later: "_PartSums") -> None:
+        for own, other in zip(self.criteria, later.criteria, strict=True):
+            own.merge(other)

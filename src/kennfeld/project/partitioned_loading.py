@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.compiled import even_step
 from kennfeld.optimize.partitions import (
@@ -26,12 +25,13 @@ from kennfeld.optimize.partitions import (
 from kennfeld.optimize.problem import Problem
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.calculated import Calculated
+from kennfeld.preprocessing.joined_recordings import JoinedRecordings
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFile, PreparedFiles, StoredSettings
 from kennfeld.preprocessing.quantiles import DigitCounts, Digits, count_digits, quantiles
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.recording_sources import RecordingSource, find_sources
-from kennfeld.preprocessing.recordings import ChannelRequest, compare_recorded_units, default_name, join_recordings
+from kennfeld.preprocessing.recordings import ChannelRequest, default_name
 from kennfeld.preprocessing.units import check_stated_units
 from kennfeld.project.data_column import DataColumn
 from kennfeld.task_runner import TaskRunner
@@ -212,17 +212,19 @@ def _add_dataset(loaded: LoadedData, files: _DatasetFiles) -> None:
         if files.sources and not failed:
             loaded.findings.append(Finding(entry.location.within("steady"), "no file has a plateau"))
         return
-    loaded.findings += [*compare_recorded_units(entry, parts), *_unscored(files)]
+    recordings = JoinedRecordings(entry.name, entry, len(parts))
+    for part in parts:
+        recordings.add(replace(part, scored=None))
+    loaded.findings += [*recordings.findings, *_unscored(files)]
     if entry.name in loaded.locations:
         message = f"duplicate dataset name {entry.name}"
         loaded.findings.append(Finding(entry.location.within("name"), message, "Give each dataset its own name."))
         return
-    loaded.datasets.append(_join(entry, [source.address for source in files.sources], parts))
+    dataset = recordings.dataset()
+    assert dataset is not None
+    scored = None if all(part.scored is None for part in parts) else np.concatenate([part.counting for part in parts])
+    loaded.datasets.append(replace(dataset, scored=scored))
     loaded.locations[entry.name] = entry.location
-
-
-def _join(entry: DatasetEntry, paths: Sequence[str], parts: Sequence[Dataset]) -> Dataset:
-    return replace(join_recordings(entry, paths, parts), settling=parts[0].settling)
 
 
 def _unscored(files: _DatasetFiles) -> Iterator[Finding]:

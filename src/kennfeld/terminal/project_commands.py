@@ -6,6 +6,7 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -91,10 +92,12 @@ def check(path: Path) -> int:
 
 @contextmanager
 def _open(path: Path, scheduler: str | None = None, workers: int | None = None) -> "Iterator[Project]":
-    """Yield a project; what it has started ends with the block."""
+    """Yield a project that shows the progress of reading its recordings; what it has started ends with the block."""
     from kennfeld.project import Project
+    from kennfeld.terminal.progress import ReadingProgress
 
-    project = Project.read(path).on_cluster(scheduler, workers, print_findings)
+    read = replace(Project.read(path), watch=ReadingProgress())
+    project = read.on_cluster(scheduler, workers, print_findings)
     try:
         yield project
     finally:
@@ -253,12 +256,12 @@ def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
 
     project = Project.read(path)
     values = None if parameters is None else read(parameters)
-    datasets = project.simulate(values)
-    written = write_simulation(datasets, output or path.parent / "simulation.parquet")
-    print_lines(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    simulation = project.simulation(values)
+    written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+    print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
     if project.surrogates:
         from kennfeld.analysis.extrapolation import find_extrapolation
-        from kennfeld.project.project import replace_parameters
+        from kennfeld.project.simulation import replace_parameters
         from kennfeld.terminal.result_lines import extrapolation_lines
 
         problem = project.problem()

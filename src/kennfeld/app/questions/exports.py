@@ -125,8 +125,8 @@ def _write_simulation(session: Session, ending: str) -> Path:
     if ending not in SIMULATIONS:
         raise ArgumentError(f"unknown format {ending!r} of a simulation")
     assert session.project is not None
-    datasets = session.project.simulate(session.require_view().now.parameters)
-    return write_simulation(datasets, session.path.parent / f"simulation{ending}")
+    simulation = session.project.simulation(session.require_view().now.parameters)
+    return write_simulation(simulation, session.path.parent / f"simulation{ending}")
 
 
 def _result(session: Session) -> Result:

@@ -1,7 +1,7 @@
 """Assessment of the uncertainty at the end of a fit, computed when it is first used."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,13 +19,13 @@ from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
 from kennfeld.optimize.trust.matrices import coupling
 from kennfeld.optimize.trust.noise import (
+    Classes,
     Group,
-    Ranges,
+    GroupSums,
     groups,
-    merge_groups,
     noise_of_criteria,
     persistence_of_criteria,
-    ranges_of,
+    sum_groups,
 )
 from kennfeld.optimize.trust.null_space import null_space
 from kennfeld.optimize.trust.trust import Trust
@@ -124,13 +124,11 @@ class TrustAssessment:
         )
 
     def _residual_groups(self, values: Float) -> list[Group]:
-        problem, parameters = self.problem, self.compiled.parameters(values)
-        errors = [self.scorer.errors(bound, parameters) for bound in problem.training]
-        own = groups(problem.criteria, problem.training, errors, self.compiled.weighting)
-        if problem.partitions is None:
-            return own
-        ranges = ranges_of(own) if self.compiled.weighting.inputs else None
-        return merge_groups(self.compiled.each(_partial_groups, values, ranges))
+        errors = partial(self.scorer.errors, parameters=self.compiled.parameters(values))
+        weighting, partial_sums = self.compiled.weighting, None
+        if self.problem.partitions is not None:
+            partial_sums = partial(self.compiled.each, _sum_residuals, values)
+        return groups(self.problem, errors, weighting, partial_sums)
 
     def _directions(
         self,
@@ -201,12 +199,10 @@ def _count_touching(compiled: CompiledProblem, full: Float) -> Int:
     return compiled.sums.touched(full, _owners(compiled, bounds) if averaged else None)
 
 
-def _partial_groups(compiled: CompiledProblem, values: Float, ranges: Ranges | None) -> list[Group]:
-    """Return the groups of residuals of one partition."""
-    problem, parameters = compiled.problem, compiled.parameters(values)
-    scorer = Scorer(problem)
-    errors = [scorer.errors(bound, parameters) for bound in problem.training]
-    return groups(problem.criteria, problem.training, errors, compiled.weighting, ranges)
+def _sum_residuals(compiled: CompiledProblem, values: Float, classes: Classes) -> GroupSums:
+    """Return the sums over the residuals of one partition."""
+    errors = partial(Scorer(compiled.problem).errors, parameters=compiled.parameters(values))
+    return sum_groups(compiled.problem, errors, compiled.weighting, classes)
 
 
 def _owners(compiled: CompiledProblem, bounds: tuple[BoundDataset, ...]) -> Int:
