@@ -19,8 +19,13 @@ ProjectFile = Annotated[
 Subsystem = Annotated[str, option("--subsystem", "Path of a subsystem of a Simulink model.", "PATH")]
 Folders = Annotated[
     list[Path] | None,
-    option("--folder", "Additional folder to search for a Simulink model's libraries. Repeatable.", "FOLDER"),
+    option("--folder", "Additional folder to search for libraries of a model. Repeatable.", "FOLDER"),
 ]
+ClassName = Annotated[str, option("--class", "Class of an ESDL file.", "NAME")]
+Methods = Annotated[
+    list[str] | None, option("--method", "Method of the class that a step calls. Repeatable, in order.", "NAME")
+]
+Task = Annotated[str, option("--task", "Task of an ASCET application.", "NAME")]
 VariableFiles = Annotated[
     list[Path] | None, option("--parameters", "File with values of a Simulink model's variables. Repeatable.", "FILE")
 ]

@@ -18,7 +18,8 @@ from kennfeld.terminal.output import print_findings, print_lines
 
 def info(
     path: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A measurement, calibration, formula, Simulink or project file.")
+        Path,
+        typer.Argument(metavar="FILE", help="A measurement, calibration, formula, Simulink, ASCET or project file."),
     ],
     as_json: command_line.Json = False,
     search: Annotated[
@@ -29,17 +30,23 @@ def info(
     values: command_line.VariableFiles = None,
     folders: command_line.Folders = None,
     bind: command_line.Bindings = None,
+    class_name: command_line.ClassName = "",
+    methods: command_line.Methods = None,
+    task: command_line.Task = "",
 ) -> int:
     """Show the contents of a file.
 
-    --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model, the output
-    lists what can be calibrated and what prevents it.
+    --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model or an
+    ASCET project, the output lists what can be calibrated and what prevents it.
     """
     from kennfeld.terminal.describers import SimulinkSelection
+    from kennfeld.terminal.esdl import EsdlSelection
     from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
-    contents = describe_file(path, a2l, SimulinkSelection(subsystem, values or (), folders or (), _bindings(bind)))
+    program = EsdlSelection(class_name, methods or (), task, folders or ())
+    part = SimulinkSelection(subsystem, values or (), folders or (), _bindings(bind))
+    contents = describe_file(path, a2l, part, program)
     if search.strip():
         contents = find_entries(contents, search)
     print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
@@ -56,7 +63,7 @@ def _bindings(texts: Sequence[str] | None) -> Mapping[str, str]:
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Calibration file or Simulink model to read.")],
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Calibration file or model to read.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="Output file. The extension selects the format.")],
     image: Annotated[Path | None, option("--image", "Image to write the values into.", "FILE")] = None,
     a2l: command_line.DescriptionFile = None,
@@ -64,20 +71,31 @@ def convert(
     values: command_line.VariableFiles = None,
     folders: command_line.Folders = None,
     bind: command_line.Bindings = None,
+    class_name: command_line.ClassName = "",
+    methods: command_line.Methods = None,
+    task: command_line.Task = "",
     force: command_line.Force = False,
 ) -> int:
-    """Convert a calibration file or a Simulink model.
+    """Convert a calibration file, a Simulink model or an ESDL class.
 
     Calibration files are .dcm, .csv (INCA CVX), .cdfx, .json, .xlsx (one sheet per table), .m and .mat (MATLAB), and
-    .msq (only from a tune). A model (.slx, .mdl) becomes formula text (.kf), with its parameters in a .json file of
-    the same name.
+    .msq and .esdl (only over the file they were read from). A model (.slx, .mdl, .esdl, .app) becomes formula text
+    (.kf), with its parameters in a .json file of the same name.
     """
     from kennfeld import calfiles
 
-    is_model = source.suffix.lower() in (".slx", ".mdl", ".slxp")
-    companion = [target.with_suffix(".json")] if is_model and target.suffix.lower() == ".kf" else []
+    is_formula = target.suffix.lower() == ".kf"
+    is_simulink = source.suffix.lower() in (".slx", ".mdl", ".slxp")
+    is_program = source.suffix.lower() == ".app" or (source.suffix.lower() == ".esdl" and is_formula)
+    companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
     _require_new(force, target, *companion)
-    if is_model:
+    if is_program:
+        from kennfeld.models.ascet.formula_export import write_esdl_formula
+
+        paths = write_esdl_formula(source, target, class_name, methods or (), task=task, folders=folders or ())
+        print_lines(*(f"Written to {path}" for path in paths))
+        return DONE
+    if is_simulink:
         from kennfeld.models.simulink.formula_export import write_formula
 
         paths = write_formula(source, target, subsystem, values or (), folders or (), _bindings(bind))

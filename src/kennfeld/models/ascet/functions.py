@@ -1,7 +1,7 @@
 """Functions that ESDL programs call: arithmetic of its types, mathematics, bits, and lookups of tables.
 
-Division by zero gives the numerator, and integers are divided and cut off towards zero, as in the code that ASCET
-generates by default.
+Division by zero gives the numerator, unless the divisor is a characteristic, and integers are divided and cut off
+towards zero, as in the code that ASCET generates by default.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +10,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from kennfeld.graph import GraphBuilder
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError
@@ -60,12 +61,24 @@ def _single(node: int) -> Nodes:
 
 
 def _divide(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
-    """Compute a / b; a if b is 0."""
-    apply = Elementwise(evaluator.builder)
-    value = evaluator.builder.value(int(b.item())) if b.size == 1 else None
-    if value is not None:
-        return apply("div", a, b) if value else a
-    return apply("select", apply("eq", b, 0.0), a, apply("div", a, b))
+    """Compute a / b; a if b is 0, which is not tested for a b that depends on characteristics alone."""
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    if builder.value(int(b.item())) == 0:
+        return a
+    ratio = apply("div", a, b)
+    return apply("select", apply("eq", b, 0.0), a, ratio) if _varies(builder, int(b.item())) else ratio
+
+
+def _varies(builder: GraphBuilder, node: int) -> bool:
+    """Return True if a node depends on inputs or states."""
+    seen, waiting = {node}, [node]
+    while waiting:
+        op, args, _ = builder.nodes[waiting.pop()]
+        if op in ("input", "state"):
+            return True
+        waiting += [arg for arg in args if arg not in seen]
+        seen.update(args)
+    return False
 
 
 def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
@@ -76,8 +89,7 @@ def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
     """Compute the remainder with the sign of a; 0 if b is 0."""
     apply = Elementwise(evaluator.builder)
     rest = apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
-    value = evaluator.builder.value(int(b.item())) if b.size == 1 else None
-    return rest if value else apply("select", apply("eq", b, 0.0), 0.0, rest)
+    return apply("select", apply("eq", b, 0.0), 0.0, rest) if evaluator.builder.value(int(b.item())) is None else rest
 
 
 def _limit(evaluator: SymbolicEvaluator, x: Nodes, low: Nodes, high: Nodes) -> Nodes:

@@ -1,6 +1,7 @@
 """Public entry of the ESDL import."""
 
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -8,6 +9,8 @@ from typing import Final
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.lexer import MAX_CHARACTERS
 from kennfeld.ascet.schedule import Schedule, Task, parse_schedule
+from kennfeld.calfiles.esdl.reader import read_esdl
+from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import join_names, nearest
@@ -101,12 +104,21 @@ def _import(
             selection = chooser.of_application()
         else:
             selection = chooser.of_class(class_name, list(methods), None if startup is None else list(startup))
-        return EsdlModelImport(chooser.program, selection, file.stem, str(file), parameters).run()
+        result = EsdlModelImport(chooser.program, selection, file.stem, str(file), parameters).run()
     except UnsupportedEsdlError as error:
         line = error.place.line if error.place is not None else 0
         raise InputError.of(Location(file.name, line), error.message, error.remedy) from None
     except RecursionError:
         raise InputError.of(Location(file.name), "the program is nested too deeply", "Split its expressions.") from None
+    if result.model is None or file.suffix.lower() == _APPLICATION:
+        return result
+    values = result.model.values.from_origin(_origin(file))
+    return replace(result, model=replace(result.model, values=values))
+
+
+def _origin(path: Path) -> object | None:
+    """Return what a calibration format keeps of the file, so that values can be written into a copy of it."""
+    return read_esdl(CalibrationSource(path.name, path.read_bytes(), path)).parameters.origin
 
 
 def classes_of(path: Path) -> tuple[e.ClassDeclaration, ...]:

@@ -369,7 +369,9 @@ class EsdlModelImport:
         inputs, outputs = (
             tuple(Quantity(name, units.get(name, "")) for name in names) for names in (graph.inputs, graph.outputs)
         )
-        parameters = tuple(calibratable(p, str(model.locations[p.name])) for p in model.values.values())
+        parameters = tuple(
+            calibratable(p, str(replace(model.locations[p.name], column=0))) for p in model.values.values()
+        )
         return replace(
             self._report(), inputs=inputs, outputs=outputs, parameters=parameters, states=self._states(reads, end)
         )
