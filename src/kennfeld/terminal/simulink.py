@@ -14,7 +14,7 @@ from kennfeld.models.simulink.variables.data_dictionary import Dictionary
 Rows = list[Sequence[str]]
 
 
-class Port(Protocol):
+class NamedPort(Protocol):
     """An input or output of a model."""
 
     @property
@@ -66,9 +66,9 @@ class Interface(Protocol):
     """The inputs and outputs of a model."""
 
     @property
-    def inputs(self) -> Sequence[Port]: ...
+    def inputs(self) -> Sequence[NamedPort]: ...
     @property
-    def outputs(self) -> Sequence[Port]: ...
+    def outputs(self) -> Sequence[NamedPort]: ...
 
 
 def port_tables(interface: Interface) -> list[Rows]:

@@ -1,4 +1,4 @@
-"""Small ASCET projects for the tests: a cell with its plant, a vehicle, a controller with states, and a torque model."""
+"""Small ASCET projects for the tests: a library, a battery with its sensor, and a vehicle."""
 
 import numpy as np
 
@@ -182,7 +182,9 @@ class Vehicle {
 	characteristic real mass = 1700.0;
 	characteristic real area = 1.45;
 	characteristic real steepness = 32.0;
-	characteristic ForceCurve engineForce[5] = { { 0.0, 0.2, 0.5, 0.8, 1.0 }, { 0.0, 1500.0, 12000.0, 18600.0, 19000.0 } };
+	characteristic ForceCurve engineForce[5] = {
+		{ 0.0, 0.2, 0.5, 0.8, 1.0 }, { 0.0, 1500.0, 12000.0, 18600.0, 19000.0 }
+	};
 	characteristic ForceCurve brakeForce[4] = { { 0.0, 0.1, 0.5, 1.0 }, { 0.0, 18000.0, 80.0E3, 100.0E3 } };
 
 	public real calc(real in accelerator, real in wind, real in road, real in pedal) {
@@ -199,7 +201,8 @@ class Vehicle {
 		} else {
 			speed.compute((((engine - air) - brake) / mass) + slope, 1.0, -100.0, 100.0);
 		}
-		slope = mathematics.sqrt((if(abs(road) <= 0.0001) then 0.0 else(steepness / (((1.0 / road) * (1.0 / road)) + 1.0))))
+		slope = mathematics.sqrt((if(abs(road) <= 0.0001) then 0.0
+			else(steepness / (((1.0 / road) * (1.0 / road)) + 1.0))))
 			* 9.81 * (if(road < 0.0) then 1.0 else -1.0);
 		before = velocity;
 		zeroCross = ((before * velocity) <= 0.0);

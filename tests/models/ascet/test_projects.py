@@ -115,10 +115,8 @@ def vehicle_by_hand(accelerator, wind, road, pedal, dt):
             hold = False
         if edge and acc <= 0.01:
             hold = True
-        if hold:
-            speed = 0.0
-        else:
-            speed = max(min(speed + ((engine - air - brake) / 1700.0 + slope) * dt, 100.0), -100.0)
+        moving = max(min(speed + ((engine - air - brake) / 1700.0 + slope) * dt, 100.0), -100.0)
+        speed = 0.0 if hold else moving
         steep = 0.0 if abs(grade) <= 0.0001 else 32.0 / ((1.0 / grade) * (1.0 / grade) + 1.0)
         slope = np.sqrt(steep) * 9.81 * (1.0 if grade < 0.0 else -1.0)
         crosses = velocity * velocity <= 0.0
@@ -154,8 +152,10 @@ TORQUE = """
 type MapOf is table real, real -> real;
 type CurveOf is table real -> real;
 class Torque {
-	characteristic MapOf MapOptTorque[3][2] = { { 700.0, 2000.0, 5000.0 }, { 10.0, 90.0 }, { { 10.0, 90.0 }, { 20.0, 150.0 }, { 15.0, 140.0 } } };
-	characteristic MapOf MapOptIgnition[2][2] = { { 700.0, 5000.0 }, { 10.0, 90.0 }, { { 20.0, 10.0 }, { 35.0, 25.0 } } };
+	characteristic MapOf MapOptTorque[3][2] = {
+		{ 700.0, 2000.0, 5000.0 }, { 10.0, 90.0 }, { { 10.0, 90.0 }, { 20.0, 150.0 }, { 15.0, 140.0 } } };
+	characteristic MapOf MapOptIgnition[2][2] = {
+		{ 700.0, 5000.0 }, { 10.0, 90.0 }, { { 20.0, 10.0 }, { 35.0, 25.0 } } };
 	characteristic CurveOf CurveEtaDeltaSpark[3] = { { -5.0, 5.0, 30.0 }, { 1.0, 0.97, 0.6 } };
 	characteristic MapOf MapDragTorque[2][2] = { { 700.0, 5000.0 }, { 10.0, 90.0 }, { { 8.0, 9.0 }, { 20.0, 22.0 } } };
 	real trqOpt; real ignOpt; real deltaSpark; real etaSpark; real product; real dragTorque;

@@ -188,7 +188,8 @@ class _MethodChooser:
             prefix = f"{instance.declared.label}."
             names = [process.removeprefix(prefix) for process in own.processes if process.startswith(prefix)]
             return self._named(instance, names)
-        methods = [method for method in instance.declaration.methods if "private" not in method.modifiers]
+        own_methods = instance.declaration.methods
+        methods = [method for method in own_methods if "public" in method.modifiers] or list(own_methods)
         threads = [method for method in methods if method.annotation("thread") is not None]
         called = [method for method in methods if method.triggers]
         for candidates in (methods, threads, called):
