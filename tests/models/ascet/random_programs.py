@@ -45,10 +45,17 @@ ORACLE = """
 import math
 import numpy as np
 
-def clip(x): return max(min(x, 20), -20)
+def whole(x): return x + 0.0
+def clip(x): return whole(max(min(x, 20), -20))
 def cut(x): return float(math.trunc(x))
 def div(x, y): return x if y == 0 else x / y
-def quotient(x, y): return x if y == 0 else cut(x / y)
+class Quotient(float):
+    # cut off towards 0 unless it is converted to a real at once
+    def __new__(cls, x, y):
+        own = super().__new__(cls, cut(div(x, y)))
+        own.exact = div(x, y)
+        return own
+def real(x): return x.exact if isinstance(x, Quotient) else x
 def remainder(x, y): return 0.0 if y == 0 else x - cut(x / y) * y
 def at(k): return int(max(min(k, 2), 0))
 def C(x): return float(np.interp(x, [-2.0, 0.0, 1.0, 4.0], [1.0, -1.0, 3.0, 2.0]))
@@ -121,7 +128,7 @@ def reals(depth):
         join("abs({})", "abs({})", inner),
         join("(-{})", "(-{})", inner),
         join("(if {} then {} else {})", "({1} if {0} else {2})", truth, inner, inner),
-        join("real({})", "{}", whole),
+        whole.map(lambda item: Pair(f"real({item.esdl})", f"real({item.python})")),
         join("C.getAt({})", "C({})", inner),
         join("M.getAt({}, {})", "M({}, {})", inner, inner),
         join("v[{}]", "s.v[at({})]", whole),
@@ -138,9 +145,9 @@ def integers(depth):
     return st.one_of(
         leaves,
         *(join(f"({{}} {op} {{}})", f"({{}} {op} {{}})", inner, inner) for op in "+-*"),
-        join("({} / {})", "quotient({}, {})", inner, inner),
+        join("({} / {})", "Quotient({}, {})", inner, inner),
         join("({} % {})", "remainder({}, {})", inner, inner),
-        join("(if {} then {} else {})", "({1} if {0} else {2})", truth, inner, inner),
+        join("(if {} then {} else {})", "whole({1} if {0} else {2})", truth, inner, inner),
         st.just(Pair("second.counted()", "s.second.counted()")),
     )
 

@@ -25,6 +25,11 @@ def test_integers_are_divided_towards_zero(tmp_path):
     assert outputs(tmp_path, text, {"i": [7, -7, 0]})["calc"].tolist() == [301.0, -301.0, 0.0]
 
 
+def test_a_quotient_of_integers_converted_at_once_is_not_cut_off(tmp_path):
+    text = method("return real(i / 4);", arguments="integer in i")
+    assert outputs(tmp_path, text, {"i": [7, -7, 0]})["calc"].tolist() == [1.75, -1.75, 0.0]
+
+
 def test_division_by_zero_gives_the_numerator(tmp_path):
     assert outputs(tmp_path, method("return 3.0 / x;"), {"x": [2.0, 0.0]})["calc"].tolist() == [1.5, 3.0]
 

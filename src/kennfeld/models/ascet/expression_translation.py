@@ -357,13 +357,17 @@ class ExpressionTranslation:
             raise UnsupportedEsdlError(f"unknown method {name}", nearest(name, known), tree.place) from None
         if not isinstance(kind, NumberType) or len(tree.arguments) != 1:
             raise UnsupportedEsdlError(f"a conversion to {describe_type(kind)}", place=tree.place)
-        return Operand(self.converted(self.operand(tree.arguments[0]), kind), kind)
+        operand = self.operand(tree.arguments[0])
+        if kind.kind == "real" and isinstance(operand.tree, m.Call) and operand.tree.of == m.Name("esdl:quotient"):
+            # generated code divides integers as reals if the quotient is converted at once
+            return Operand(call_of("divide", *operand.tree.arguments), kind)
+        return Operand(self.converted(operand, kind), kind)
 
     def converted(self, operand: Operand, kind: NumberType) -> m.Expression:
         """Return a number converted to a type: integers are cut off towards 0 and limited to the range of the type."""
-        if not kind.is_whole or operand.type.kind == "boolean":
-            return operand.tree
         tree = operand.tree
+        if not kind.is_whole or operand.type.kind == "boolean":
+            return tree
         if operand.type.kind == "real":
             tree = call_of("truncate", tree)
         elif kind.low <= operand.type.low and operand.type.high <= kind.high:
