@@ -6,6 +6,7 @@ Precedence, from lowest to highest:
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final, TypeVar
 
 from kennfeld.ascet import syntax as e
@@ -134,7 +135,7 @@ class EsdlExpressionParser(TokenReader):
             if level < lowest:
                 return left
             self.at += 1
-            right = self.nested(lambda level=level: self._binary(level + 1))  # type: ignore[misc]
+            right = self.nested(partial(self._binary, level + 1))
             left = e.Binary(operator, left, right, place=place)
         raise self.fault(f"more than {_MAX_TERMS} terms in an expression", "Split it by a variable.")
 

@@ -11,14 +11,10 @@ from typing import Final
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.expression_parser import EsdlSyntaxError
 from kennfeld.ascet.lexer import MAX_CHARACTERS, tokens_of
-from kennfeld.ascet.statement_parser import EsdlStatementParser
+from kennfeld.ascet.state_machine_parser import DeclarationHead, StateMachineParser
 from kennfeld.errors import Finding, InputError, Location
 
 _MAX_ERRORS: Final = 40
-_MODIFIERS: Final = frozenset(
-    {"public", "private", "protected", "static", "singleton", "stateless", "extern", "virtual", "final", "volatile"}
-    | {"nonvolatile", "abstract", "native", "exported", "imported", "local", "inline", "set", "get", "reference"}
-)
 _KINDS: Final = ("characteristic", "const", "sysconst")
 _DECLARES: Final = frozenset(
     {"type", "unit", "class", "data", "formula", "representation", "qualifier", "segment", "import", *_KINDS}
@@ -78,16 +74,7 @@ class _Members:
     initializers: list[e.Initializer] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class _Head:
-    """Annotations, modifiers and the documentation comment before a declaration."""
-
-    annotations: tuple[e.Annotation, ...]
-    modifiers: frozenset[str]
-    description: str
-
-
-class _FileParser(EsdlStatementParser):
+class _FileParser(StateMachineParser):
     def __init__(self, text: str, name: str) -> None:
         super().__init__(tokens_of(text))
         self.file_name, self.findings = name, list[Finding]()
@@ -148,7 +135,7 @@ class _FileParser(EsdlStatementParser):
     def _declaration(self) -> None:
         if self.accept(";"):
             return
-        head = self._head()
+        head = self.head()
         place = self.token.place
         match self.token.text:
             case "package":
@@ -173,36 +160,6 @@ class _FileParser(EsdlStatementParser):
                 self.declarations += [e.Constant(element, place=place) for element in self._elements(head)]
             case _:
                 raise self.fault(f"expected a declaration, got {self._shown()}")
-
-    def _head(self) -> _Head:
-        """Read annotations and modifiers."""
-        annotations: list[e.Annotation] = []
-        modifiers: list[str] = []
-        description = self.token.description
-        while True:
-            if self.is_at("@"):
-                annotations.append(self._annotation())
-            elif self.token.kind == "name" and self.token.text in _MODIFIERS and self._is_modifier():
-                modifiers.append(self.take().text)
-            else:
-                return _Head(tuple(annotations), frozenset(modifiers), self.token.description or description)
-
-    def _is_modifier(self) -> bool:
-        """Return True if the next word is a modifier and not the name or type of an element."""
-        return self.ahead(1).kind == "name" or self.ahead(1).text in ("@", "^")
-
-    def _annotation(self) -> e.Annotation:
-        place = self.expect("@").place
-        name = self.qualified_name()
-        arguments: list[e.Expression] = []
-        if self.accept("("):
-            while not self.accept(")"):
-                if self.ahead(1).text == "=":
-                    self.at += 2
-                arguments.append(self.expression())
-                if not self.is_at(")"):
-                    self.expect(",")
-        return e.Annotation(name, tuple(arguments), place=place)
 
     def _skip_block(self) -> None:
         """Skip a declaration or member up to its closing brace or semicolon."""
@@ -303,7 +260,7 @@ class _FileParser(EsdlStatementParser):
         self.expect("{")
         labels: list[tuple[str, e.Expression | None]] = []
         while not self.accept("}"):
-            self._head()
+            self.head()
             name = self.name()
             labels.append((name, self.expression() if self.accept("=") else None))
             if not self.is_at("}"):
@@ -325,7 +282,7 @@ class _FileParser(EsdlStatementParser):
             self.qualified_name()
         return e.Interface(name, tuple(self._members().elements), place=place)
 
-    def _class(self, head: _Head, place: e.TextPosition) -> e.ClassDeclaration:
+    def _class(self, head: DeclarationHead, place: e.TextPosition) -> e.ClassDeclaration:
         self.expect("class")
         name = self.name()
         clauses: dict[str, list[str]] = {"reads": [], "writes": [], "using": [], "extends": [], "implements": []}
@@ -361,14 +318,14 @@ class _FileParser(EsdlStatementParser):
     def _member(self, members: _Members) -> None:
         if self.accept(";"):
             return
-        head = self._head()
+        head = self.head()
         place = self.token.place
         if self.is_at("representation", "formula", "dataset"):
             self._skip_block()
         elif self.is_at("initializer") and self.ahead(2).text == "(":
             members.initializers.append(self._initializer(place))
         elif self.is_at("statemachine"):
-            members.machines.append(self._state_machine(place))
+            members.machines.append(self.state_machine(place))
         elif self._is_method():
             members.methods.append(self._method(head, place))
         else:
@@ -393,10 +350,10 @@ class _FileParser(EsdlStatementParser):
         self._arguments()
         return e.Initializer(name, self.block(), place=place)
 
-    def _elements(self, head: _Head) -> list[e.Element]:
+    def _elements(self, head: DeclarationHead) -> list[e.Element]:
         """Read the declaration of one or several elements of a type."""
         kind = self.take().text if self.is_at(*_KINDS) else ""
-        more = self._head() if kind else head
+        more = self.head() if kind else head
         modifiers = head.modifiers | more.modifiers
         description = head.description or more.description
         type_of_all = e.TypeName(self.qualified_name(), place=self.token.place)
@@ -440,7 +397,7 @@ class _FileParser(EsdlStatementParser):
             letters.append((name, self.expression()))
         return text, tuple(letters)
 
-    def _method(self, head: _Head, place: e.TextPosition) -> e.Method:
+    def _method(self, head: DeclarationHead, place: e.TextPosition) -> e.Method:
         result = e.TypeName(self.qualified_name(), place=place)
         self.sizes()
         place = self.token.place
@@ -465,7 +422,7 @@ class _FileParser(EsdlStatementParser):
         )  # fmt: skip
 
     def _argument(self) -> e.Argument:
-        self._head()
+        self.head()
         place = self.token.place
         words = ("in", "out", "inout")
         direction = self.take().text if self.is_at(*words) else ""
@@ -477,80 +434,3 @@ class _FileParser(EsdlStatementParser):
         name = self.name()
         self.sizes()
         return e.Argument(name, type_name, direction or "in", place=at)
-
-    # state machines
-
-    def _state_machine(self, place: e.TextPosition) -> e.StateMachine:
-        self.expect("statemachine")
-        name, trigger, labels = self.name(), "", ""
-        while self.is_at("default", "using"):
-            if self.accept("default"):
-                self.expect("trigger")
-                trigger = self.name()
-            else:
-                self.at += 1
-                labels = self.qualified_name()
-        self.expect("{")
-        start, states = "", list[e.State]()
-        while not self.accept("}"):
-            if self.accept("start"):
-                start = self.name()
-                self.expect(";")
-            else:
-                states.append(self.nested(self._state))
-        return e.StateMachine(name, labels, tuple(states), start, trigger, place=place)
-
-    def _state(self) -> e.State:
-        head = self._head()
-        del head
-        place = self.token.place
-        if not self.is_at("state", "junction"):
-            raise self.fault(f"expected a state, got {self._shown()}")
-        is_junction = self.take().text == "junction"
-        name = self.name()
-        actions: dict[str, e.Statements] = {}
-        transitions: list[e.Transition] = []
-        states: list[e.State] = []
-        start, history = "", False
-        self.expect("{")
-        while not self.accept("}"):
-            if self.is_at("entry", "static", "exit") and self.ahead(1).text == "{":
-                word = self.take().text
-                actions[word] = self.block()
-            elif self.is_at("transition"):
-                transitions.append(self._transition())
-            elif self.accept("start"):
-                start = self.name()
-                self.expect(";")
-            elif self.accept("history"):
-                history = True
-                self.accept(";")
-            else:
-                states.append(self.nested(self._state))
-        return e.State(
-            name,
-            actions.get("entry", ()),
-            actions.get("static", ()),
-            actions.get("exit", ()),
-            tuple(transitions),
-            tuple(states),
-            start,
-            is_junction,
-            history,
-            place=place,
-        )
-
-    def _transition(self) -> e.Transition:
-        place = self.expect("transition").place
-        trigger = ""
-        if self.token.kind == "name" and self.ahead(1).text == ":":
-            trigger = self.name()
-            self.expect(":")
-        elif self.accept("trigger"):
-            trigger = self.name()
-        condition: e.Expression = e.Truth(True, place=place) if self.is_at("to") else self.expression()
-        self.expect("to")
-        target = self.name()
-        action = self.block() if self.is_at("{") else ()
-        self.accept(";")
-        return e.Transition(condition, target, action, trigger, place=place)

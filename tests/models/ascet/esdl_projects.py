@@ -216,6 +216,35 @@ class Vehicle {
 }
 """
 
+MACHINE = """type States is enum { Idle, Ready, Busy, Slow };
+class C {
+	@set private boolean go = false;
+	@set private real level = 0.0;
+	@get private real trace = 0.0;
+	real log(real in digit) { trace = trace * 10.0 + digit; return trace; }
+	public void step() triggers Machine;
+	public States now() { return Machine.getState(); }
+	statemachine Machine using States {
+		start Idle;
+		state Idle {
+			entry { log(1.0); }
+			static { trace = 0.0; }
+			transition go to Busy { log(2.0); };
+		}
+		state Busy {
+			entry { log(3.0); }
+			static { log(4.0); }
+			exit { log(5.0); }
+			transition !go to Idle;
+			start Ready;
+			state Ready { entry { log(6.0); } exit { log(7.0); } transition level > 0.0 to choose; }
+			state Slow { entry { log(8.0); } static { log(9.0); } transition level < 0.0 to Ready; }
+			junction choose { transition level > 5.0 to Idle; transition level > 2.0 to Slow; }
+		}
+	}
+}
+"""
+
 
 def write_project(folder, files):
     """Write the files of a project, and the library beside it."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from esdl_projects import class_model, run, write_project
+from esdl_projects import MACHINE, class_model, run, write_project
 
 from kennfeld.errors import InputError
 from kennfeld.models.ascet.importing import esdl, import_esdl
@@ -164,36 +164,6 @@ def test_a_fixed_table_has_breakpoints_at_equal_distance(tmp_path):
 def test_the_delta_time_is_the_step(tmp_path):
     text = "import Lib.Time.DeltaTime;" + method("return x * DeltaTime.deltaT;")
     assert outputs(tmp_path, text, {"x": [3.0]}, step=0.25)["calc"].tolist() == [0.75]
-
-
-MACHINE = """type States is enum { Idle, Ready, Busy, Slow };
-class C {
-	@set private boolean go = false;
-	@set private real level = 0.0;
-	@get private real trace = 0.0;
-	real log(real in digit) { trace = trace * 10.0 + digit; return trace; }
-	public void step() triggers Machine;
-	public States now() { return Machine.getState(); }
-	statemachine Machine using States {
-		start Idle;
-		state Idle {
-			entry { log(1.0); }
-			static { trace = 0.0; }
-			transition go to Busy { log(2.0); };
-		}
-		state Busy {
-			entry { log(3.0); }
-			static { log(4.0); }
-			exit { log(5.0); }
-			transition !go to Idle;
-			start Ready;
-			state Ready { entry { log(6.0); } exit { log(7.0); } transition level > 0.0 to choose; }
-			state Slow { entry { log(8.0); } static { log(9.0); } transition level < 0.0 to Ready; }
-			junction choose { transition level > 5.0 to Idle; transition level > 2.0 to Slow; }
-		}
-	}
-}
-"""
 
 
 def test_a_state_machine_runs_its_actions_in_order(tmp_path):

@@ -6,7 +6,8 @@ from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.matlab import syntax as m
-from kennfeld.models.ascet.expression_translation import ExpressionTranslation, call_of, position
+from kennfeld.models.ascet.call_translation import CallTranslation
+from kennfeld.models.ascet.expression_translation import call_of, position
 from kennfeld.models.ascet.instances import ClassInstance, state_label
 from kennfeld.models.ascet.name_resolution import EnumerationName
 from kennfeld.models.ascet.program_code import RESULT, MethodCode, Operand, Place, ProgramCode, leaf_names
@@ -29,7 +30,7 @@ _MAX_COPIES: Final = 10_000  # elements that an assignment copies one by one
 _MAX_STATEMENTS: Final = 50_000  # of a method, after structs and arrays are split
 
 
-class MethodTranslation(ExpressionTranslation):
+class MethodTranslation(CallTranslation):
     """Translation of one method of an instance; statements that are not supported are reported and left out."""
 
     def __init__(self, code: ProgramCode, instance: ClassInstance, method: e.Method, name: str) -> None:
