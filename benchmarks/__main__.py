@@ -14,6 +14,7 @@ TOPICS = {
     "limits": "benchmarks.limits",
     "scaling": "benchmarks.scaling",
     "states": "benchmarks.states",
+    "large": "benchmarks.large",
     "compile": "benchmarks.compiling",
     "startup": "benchmarks.startup",
     "files": "benchmarks.files",

@@ -134,3 +134,15 @@ def test_what_a_killed_process_of_the_same_number_left_is_no_obstacle(file):
     beside.write_text("left", encoding="utf-8")
     write_whole(file, "new")
     assert (file.read_text(encoding="utf-8"), names_in(file.parent)) == ("new", ["a.txt"])
+
+
+@posix
+@pytest.mark.parametrize("mode", [None, 0o644])
+def test_a_private_file_is_readable_by_its_owner_only(file, mode):
+    if mode is None:
+        file.unlink()
+    else:
+        file.chmod(mode)
+    write_whole(file, "secret", private=True)
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert file.read_text(encoding="utf-8") == "secret"

@@ -8,16 +8,17 @@ from contextlib import contextmanager, suppress
 from errno import EACCES, EINVAL
 from pathlib import Path
 
+PRIVATE = 0o600  # permissions of a file that only its owner can read
 _ANY_WRITE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
 
-def write_whole(path: Path, content: bytes | str, *, durable: bool = False) -> None:
+def write_whole(path: Path, content: bytes | str, *, durable: bool = False, private: bool = False) -> None:
     """Write a temporary file and rename it, so that nobody sees half a file; text as UTF-8. See `replace_atomically`.
 
     With `durable` it is on the disk before the old file is removed: a power cut leaves one of the two. Raises
     `OSError`.
     """
-    with replace_atomically(path) as temporary, temporary.open("wb") as file:
+    with replace_atomically(path, private=private) as temporary, temporary.open("wb") as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
         if durable:
             file.flush()
@@ -25,7 +26,7 @@ def write_whole(path: Path, content: bytes | str, *, durable: bool = False) -> N
 
 
 @contextmanager
-def replace_atomically(path: Path) -> Iterator[Path]:
+def replace_atomically(path: Path, *, private: bool = False) -> Iterator[Path]:
     """Yield the path of a temporary file that replaces a file if the block raises no exception.
 
     A symbolic link stays one: the file it points to is replaced. The new file has the permissions of the old one, and
@@ -33,6 +34,7 @@ def replace_atomically(path: Path) -> Iterator[Path]:
 
     Args:
         path: The file to write, whether or not it exists.
+        private: Only its owner can read the new file, whatever the permissions of the old one.
 
     Yields:
         A path in the same folder with the same extension; there is no such file yet, or an empty one.
@@ -44,7 +46,9 @@ def replace_atomically(path: Path) -> Iterator[Path]:
     before = _replaceable(target)
     temporary = target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{target.suffix}")
     try:
-        if before is not None:
+        if private:
+            _create_private(temporary)
+        elif before is not None:
             _create_like(temporary, before)
         yield temporary
         temporary.replace(target)
@@ -68,10 +72,14 @@ def _replaceable(target: Path) -> os.stat_result | None:
 
 def _create_like(path: Path, before: os.stat_result) -> None:
     """Create an empty file that nobody can read who could not read the previous one."""
-    path.unlink(missing_ok=True)
-    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+    _create_private(path)
     for owner in (before.st_uid, -1) if hasattr(os, "chown") else ():
         with suppress(OSError):
             os.chown(path, owner, before.st_gid)
             break
     path.chmod(stat.S_IMODE(before.st_mode))
+
+
+def _create_private(path: Path) -> None:
+    path.unlink(missing_ok=True)
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, PRIVATE))

@@ -5,6 +5,7 @@ import pytest
 
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape_layout import MANY, TapeLayout
+from kennfeld.native.workspace import BatchMemory
 
 
 class Tape:
@@ -64,7 +65,8 @@ def test_sums_without_states(m, columns):
     tape = Tape(m, 0, columns)
     gradient, matrix = np.zeros(columns), np.zeros((columns, columns))
     native = sweeps(tape.pattern)
-    native.normal(tape.length, *at(tape.residual, tape.weight), *tape.entries(), *at(matrix), columns, *at(gradient))
+    head = (tape.length, *at(tape.residual, tape.weight), *tape.entries(), *at(gradient))
+    native.normal(*head, *at(matrix), columns, *BatchMemory(tape.room, columns, m).pointers)
     native.fold(matrix.ctypes.data, columns, columns)
     close(gradient, tape.sums[0])
     close(matrix, tape.sums[1])

@@ -22,7 +22,8 @@ from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
-from kennfeld.native.workspace import Workspace
+from kennfeld.native.symmetric import SymmetricMatrix
+from kennfeld.native.workspace import Workspace, stores_blocks
 
 TAPE_BYTES = 256 * 1024
 SHARES = 4
@@ -36,7 +37,7 @@ class Normal:
     """
 
     gradient: Float  # Float[free]
-    matrix: Float  # Float[free, free]
+    matrix: SymmetricMatrix  # [free, free]
 
 
 Run = list[Chunk]  # chunks that follow each other: a whole piece with states, any single chunk without
@@ -80,7 +81,8 @@ class Accumulator:
     def prepare(self) -> None:
         """Compile what `normal` calls, so that the first iteration does not wait for it."""
         with_states = ("backward", "forward") if self.sparse else ("rows",)
-        for name in (*(with_states if self.kernel.pattern.carried else ("normal",)), "fold"):
+        without = ("block_normal",) if stores_blocks(self.kernel) else ("normal", "fold")
+        for name in (*with_states, "fold") if self.kernel.pattern.carried else without:
             getattr(self.kernel.sweeps, name)
 
     def _deal(self) -> list[list[Run]]:
@@ -88,7 +90,8 @@ class Accumulator:
         if self.stateful:
             runs = [list(chunks) for _, chunks in groupby(self.chunks, key=lambda chunk: chunk.piece)]
         entries, columns = self.kernel.entries.room, self.kernel.values.free
-        useful = self.samples.count * (entries * entries + 100) // (20 * (columns * columns + 1000))
+        stored = columns if stores_blocks(self.kernel) else columns * columns
+        useful = self.samples.count * (entries * entries + 100) // (20 * (stored + 1000))
         dealt = shares([sum(c.length for c in run) for run in runs], max(1, min(SHARES, useful)))
         return [[runs[i] for i in share] for share in dealt]
 
@@ -137,17 +140,17 @@ class Accumulator:
 
         def work(space: Workspace, runs: list[Run]) -> None:
             space.use(values)
-            space.gradient[:] = 0.0
-            space.matrix[:] = 0.0
+            space.clear()
             for run in runs:
                 self._sum_run(space, run)
 
         self._each_share(work)
         for space in self._workspaces[1:]:
-            first.matrix += space.matrix
-            first.gradient += space.gradient
-        first.fold()
-        return Normal(first.gradient, first.matrix)
+            first.add(space)
+        if first.storage is not None and first.storage.mostly_used:
+            for space in self._workspaces:
+                space.fill()
+        return Normal(first.gradient, first.fold())
 
     def _sum_run(self, space: Workspace, run: Run) -> None:
         if not self.kernel.pattern.carried:

@@ -22,7 +22,9 @@ from kennfeld.arrays import Bool, Float, Int, aligned_zeros
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 from kennfeld.native.addresses import INT64, address, is_strided, strided
+from kennfeld.native.block_matrix import BLOCKS, BlockMatrix
 from kennfeld.native.envelope import BLOCK, Envelope
+from kennfeld.native.symmetric import SymmetricMatrix
 
 FACTOR = (("ptr", "panels"), ("ptr", "start"), ("ptr", "first"), ("ptr", "inverse"), ("i64", "blocks"))
 MATRIX = (("ptr", "matrix"), ("i64", "stride"), ("ptr", "diagonal"), ("ptr", "order"), ("i64", "size"))
@@ -84,6 +86,16 @@ class Factor:
         _functions()["load"](*self.pointers, *pointers, *order, address(counts, 2, INT64))
         return bool(counts[0] == counts[1])
 
+    def load_blocks(self, matrix: BlockMatrix, diagonal: Float) -> bool:
+        """Load matrix + diag(diagonal); return True if all non-zeros of the matrix lie in the envelope."""
+        outside, size = np.zeros(1, dtype=np.int64), self.envelope.size
+        ordered = np.empty(size)
+        ordered[:] = np.require(diagonal, np.float64, ["C"])[self.envelope.order]
+        rows = np.append(self.envelope.place, -1)[matrix.places]  # -1 stays
+        arguments = (*matrix.storage.pointers, address(rows, kind=INT64), address(ordered, size), size)
+        _functions()["load_blocks"](*self.pointers, *arguments, address(outside, 1, INT64))
+        return not outside[0]
+
     def factor(self) -> bool:
         """Replace the loaded matrix by its factor; return True if it is positive definite."""
         failed = np.zeros(1, dtype=np.int64)
@@ -126,7 +138,8 @@ class Cholesky:
 
     def __init__(self, size: int) -> None:
         _functions()  # compiled now, not in the first factorisation
-        self._pattern: Bool = np.eye(size, dtype=bool)
+        self._pattern: Bool | None = None  # non-zeros of all arrays so far
+        self._pairs = np.zeros(0, dtype=np.int64)  # those of block matrices, as row * size + column
         self._least = 0.0  # work of the envelope when its order was found
         self._factor = Factor.empty(Envelope(np.arange(size), np.arange(-(-size // BLOCK))))
 
@@ -135,21 +148,26 @@ class Cholesky:
         """Number of rows of the matrices."""
         return self._factor.envelope.size
 
-    def factor(self, matrix: Float, diagonal: Float) -> Factor | None:
+    def factor(self, matrix: SymmetricMatrix, diagonal: Float) -> Factor | None:
         """Factor matrix + diag(diagonal); return None if it is not positive definite. The factor is valid until the
         next call.
 
         Args:
-            matrix: symmetric, shape (size, size); only its lower triangle is read.
+            matrix: symmetric, shape (size, size); only the lower triangle of an array is read.
             diagonal: shape (size,).
 
         >>> factor = Cholesky(2).factor(np.array([[4.0, 2.0], [2.0, 1.0]]), np.array([0.0, 1.0]))
         >>> factor.solve(np.array([6.0, 4.0]))
         array([1., 1.])
         """
-        if not self._factor.load(matrix, diagonal):
-            filled = matrix != 0
-            self._pattern |= filled | filled.T  # rounding may leave a zero in one half alone
+        if isinstance(matrix, BlockMatrix):
+            if not self._factor.load_blocks(matrix, diagonal):
+                self._factor = Factor.empty(self._extended(matrix))
+                self._factor.load_blocks(matrix, diagonal)
+        elif not self._factor.load(matrix, diagonal):
+            filled = (matrix != 0) | np.eye(self.size, dtype=bool)
+            filled |= filled.T  # rounding may leave a zero in one half alone
+            self._pattern = filled if self._pattern is None else self._pattern | filled
             envelope = Envelope.ordered(self._pattern, self._factor.envelope.order)
             if envelope.work > POOR * self._least:  # the old order has become poor
                 envelope = Envelope.of(self._pattern)
@@ -157,6 +175,14 @@ class Cholesky:
             self._factor = Factor.empty(envelope)
             self._factor.load(matrix, diagonal)
         return self._factor if self._factor.factor() else None
+
+    def _extended(self, matrix: BlockMatrix) -> Envelope:
+        """Return an envelope of the non-zeros of all block matrices so far; the full one if many are non-zero."""
+        if matrix.storage.mostly_used:
+            return Envelope.full(self.size)
+        rows, columns, _ = matrix.nonzeros()
+        self._pairs = np.union1d(self._pairs, rows * self.size + columns)
+        return Envelope.of_pairs(self.size, *np.divmod(self._pairs, self.size))
 
 
 def panel_of(f: FunctionWriter, block: str) -> str:
@@ -208,7 +234,7 @@ def divide(f: FunctionWriter, panel: str, other: str, j: str, rest: list[str]) -
 
 @cache
 def _functions() -> dict[str, NativeFunction]:
-    return compile_functions(_load(), _factor(), _forward(), _backward())
+    return compile_functions(_load(), _load_blocks(), _factor(), _forward(), _backward())
 
 
 def _load() -> FunctionWriter:
@@ -237,6 +263,54 @@ def _load() -> FunctionWriter:
                 f.store(ZERO, place, f.mul(k, BLOCK))
             f.store(ONE, place, f.mul(i, BLOCK))
     return f
+
+
+def _load_blocks() -> FunctionWriter:
+    """Write `load_blocks(factor, blocks, places, ordered, size, outside)`: fill the panels from a block matrix.
+
+    `rows` holds for each row of the blocks its row in the factor, or -1; `ordered` is the diagonal to add. Non-zeros
+    outside the envelope are counted.
+    """
+    own = (("ptr", "rows"), ("ptr", "ordered"), ("i64", "size"), ("ptr", "outside"))
+    f = FunctionWriter("load_blocks", [*FACTOR, *BLOCKS, *own])
+    entries = f.load("%start", "%blocks", "i64")
+    f.do(f"call void @llvm.memset.p0.i64(ptr %panels, i8 0, i64 {f.mul(entries, 8)}, i1 false)")
+    with f.loop(0, f.load("%used", kind="i64")) as k:
+        place, block = f.load("%places", k, "i64"), f.at("%entries", f.mul(k, BLOCK * BLOCK))
+        top, left = (f.new(f"{part} i64 {place}, %across") for part in ("sdiv", "srem"))
+        on_diagonal = f.new(f"icmp eq i64 {top}, {left}")
+        with f.loop(0, BLOCK) as a:
+            row = f.load("%rows", f.add(f.mul(top, BLOCK), a), "i64")
+            with f.when(f.new(f"icmp sge i64 {row}, 0")):
+                end = f.new(f"select i1 {on_diagonal}, i64 {f.add(a, 1)}, i64 {BLOCK}")
+                with f.loop(0, end) as b:
+                    column = f.load("%rows", f.add(f.mul(left, BLOCK), b), "i64")
+                    with f.when(f.new(f"icmp sge i64 {column}, 0")):
+                        _place_entry(f, row, column, f.load(block, f.add(f.mul(a, BLOCK), b)))
+    with f.loop(0, f.mul("%blocks", BLOCK)) as i:
+        own_place = f.at(_panel_row(f, i), f.mul(i, BLOCK))
+        inside = f.new(f"icmp slt i64 {i}, %size")
+        with f.when(inside):
+            f.increase(f.load("%ordered", i), own_place)
+        with f.when(f.new(f"xor i1 {inside}, true")):
+            f.store(ONE, own_place)
+    return f
+
+
+def _panel_row(f: FunctionWriter, row: str) -> str:
+    """Return the address of a row of the panels in column 0."""
+    return f.at(panel_of(f, f.new(f"lshr i64 {row}, 3")), f.new(f"and i64 {row}, {BLOCK - 1}"))
+
+
+def _place_entry(f: FunctionWriter, row: str, column: str, value: str) -> None:
+    """Write an entry into the panels, or count it if it is a non-zero outside the envelope."""
+    high, low = f.extreme("smax", row, column), f.extreme("smin", row, column)
+    inside = f.new(f"icmp sge i64 {low}, {first_of(f, f.new(f'lshr i64 {high}, 3'))}")
+    with f.when(inside):
+        f.store(value, _panel_row(f, high), f.mul(low, BLOCK))
+    with f.when(f.new(f"xor i1 {inside}, true")):
+        there = f.new(f"zext i1 {f.new(f'fcmp une double {value}, {ZERO}')} to i64")
+        f.store(f.add(f.load("%outside", kind="i64"), there), "%outside", kind="i64")
 
 
 def _count(f: FunctionWriter, row: str, first: str | int, end: str, index: Callable[[str], str], result: str) -> None:

@@ -44,6 +44,19 @@ class Envelope:
         return min(envelopes, key=lambda envelope: envelope.work)
 
     @classmethod
+    def of_pairs(cls, size: int, rows: Int, columns: Int) -> "Envelope":
+        """Return a small envelope of a symmetric matrix with non-zeros at pairs of rows and columns, on one side."""
+        envelopes = []
+        for order in orders_of_pairs(size, rows, columns):
+            place = np.empty(size, dtype=np.int64)
+            place[order] = np.arange(size)
+            ends = np.sort(place[[rows, columns]] // BLOCK, axis=0)
+            first = np.arange(-(-size // BLOCK))
+            np.minimum.at(first, ends[1], ends[0])
+            envelopes.append(cls(order, first))
+        return min(envelopes, key=lambda envelope: envelope.work)
+
+    @classmethod
     def ordered(cls, pattern: Bool, order: Int) -> "Envelope":
         """Return the envelope of a symmetric pattern in a given order."""
         ordered = pattern[np.ix_(order, order)]
@@ -67,11 +80,30 @@ class Envelope:
         return float(np.sum(np.square(np.arange(1.0, self.blocks + 1) - self.first)))
 
     @cached_property
+    def place(self) -> Int:
+        """The row of each original row in the order."""
+        place = np.empty(self.size, dtype=np.int64)
+        place[self.order] = np.arange(self.size)
+        return place
+
+    @cached_property
     def start(self) -> Int:
         """Offset of each block row minus its first column; the last element is the total length."""
         lengths = BLOCK * BLOCK * (np.arange(1, self.blocks + 1) - self.first)
         ends = np.cumsum(lengths)
         return np.append(ends - lengths - BLOCK * BLOCK * self.first, lengths.sum())
+
+
+def orders_of_pairs(size: int, rows: Int, columns: Int) -> Iterator[Int]:
+    """Yield orders of many rows with a small envelope, given pairs of coupled rows on one side of the diagonal."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    both = (np.concatenate([rows, columns]), np.concatenate([columns, rows]))
+    pattern = csr_array((np.ones(both[0].size, dtype=np.int8), both), shape=(size, size))
+    for rest, last in split_busy(np.diff(pattern.indptr)):
+        inner = reverse_cuthill_mckee(pattern[rest][:, rest], symmetric_mode=True)
+        yield np.concatenate([rest[inner], last])
 
 
 def split_busy(degree: Int) -> Iterator[tuple[Int, Int]]:

@@ -27,8 +27,6 @@ class Gram:
 
     def __init__(self, factor: Factor) -> None:
         self._factor = factor
-        self._place = np.empty(factor.envelope.size, dtype=np.int64)
-        self._place[factor.envelope.order] = np.arange(factor.envelope.size)
         self._halves = np.zeros((0, factor.inverse.size, BLOCK))  # V, block row by block row, column by column
         self._begins = np.zeros(0, dtype=np.int64)  # of each block row of V, its first block column
         self._numbers = np.zeros(0, dtype=np.int64)  # of each row of V, that of A from 1 on; 0 fills up blocks
@@ -36,7 +34,7 @@ class Gram:
 
     def add(self, columns: Int, coefficients: Float) -> None:
         """Append rows of A, given by their columns and the coefficients there, both of shape (rows, width)."""
-        place = self._place[columns]
+        place = self._factor.envelope.place[columns]
         begin = np.where(coefficients != 0, place // BLOCK, self._factor.envelope.blocks).min(axis=1)
         order = np.argsort(begin, kind="stable")
         halves = _scatter(place[order], coefficients[order], self._factor.inverse.size)

@@ -27,11 +27,12 @@ free^2). G accepts repeated columns in any order; `fold` computes H from it.
 from functools import cache, cached_property
 
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import HALF, FunctionWriter
+from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native.forward_sweep import forward_functions
 from kennfeld.native.jacobian_sweeps import rows_functions
+from kennfeld.native.sample_sums import block_sums, dense_sums
 from kennfeld.native.tape_layout import TapeLayout
-from kennfeld.native.tape_reader import ENTRIES, SUMS, TapeEntries, dot, load_row, times
+from kennfeld.native.tape_reader import dot, load_row, times
 
 
 class Sweeps:
@@ -42,7 +43,15 @@ class Sweeps:
 
     @cached_property
     def normal(self) -> NativeFunction:
-        return compile_functions(_normal(self.pattern), loops=True)["normal"]
+        return compile_functions(dense_sums(self.pattern.outputs), loops=True)["normal"]
+
+    @cached_property
+    def block_normal(self) -> NativeFunction:
+        return compile_functions(block_sums(self.pattern.outputs, full=False), loops=True)["normal"]
+
+    @cached_property
+    def full_normal(self) -> NativeFunction:
+        return compile_functions(block_sums(self.pattern.outputs, full=True), loops=True)["normal"]
 
     @cached_property
     def backward(self) -> NativeFunction:
@@ -65,30 +74,6 @@ class Sweeps:
 def sweeps(pattern: TapeLayout) -> Sweeps:
     """Return the sweeps of a layout; kernels of the same layout share them."""
     return Sweeps(pattern)
-
-
-def _normal(pattern: TapeLayout) -> FunctionWriter:
-    """Write `normal(length, residual, weight, entries, sums)` for models without states.
-
-        gradient += D' W r,   G += D' W D below the diagonal, half of it on the diagonal
-
-    for D [outputs, free] of each sample, stored as entries (column, slopes [outputs]).
-    """
-    m = pattern.outputs
-    f = FunctionWriter("normal", [("i64", "length"), ("ptr", "residual"), ("ptr", "weight"), *ENTRIES, *SUMS])
-    with f.loop(0, "%length") as k:
-        residual, weight = load_row(f, "%residual", k, m), load_row(f, "%weight", k, m)
-        entries = TapeEntries(f, k, m)
-        with f.loop(0, entries.count) as e:
-            column, slopes = entries.read(e)
-            weighted = [f.fmul(w, s) for w, s in zip(weight, slopes, strict=True)]
-            f.increase(dot(f, weighted, residual), "%gradient", column)
-            row = f.at("%matrix", f.mul(column, "%columns"))
-            f.increase(f.fmul(HALF, dot(f, weighted, slopes)), row, column)
-            with f.loop(0, e) as other:
-                other_column, other_slopes = entries.read(other)
-                f.increase(dot(f, weighted, other_slopes), row, other_column)
-    return f
 
 
 def _backward(pattern: TapeLayout) -> FunctionWriter:

@@ -5,9 +5,13 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT32, INT64, POINTER, address, strided
+from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.kernel import Kernel
+from kennfeld.native.sample_sums import BATCH, batch_width
 from kennfeld.native.samples import Chunk, Samples
 from kennfeld.native.tape_reader import VECTOR
+
+LARGE = 1000  # values from which the zeros of the Gauss-Newton matrix are worth leaving out
 
 
 class Workspace:
@@ -35,10 +39,14 @@ class Workspace:
         self.sensitivities = _aligned_zeros(slots, self.width, self.width)
         self.next, self.reach = np.zeros((n, self.width)), np.zeros(entries * pattern.batch * n)
         self.turn = np.zeros(max(n, 1), dtype=np.int64)
-        self.gradient, self.matrix = np.zeros(columns), _aligned_zeros(columns, columns, _round_to_vectors(columns))
+        self.gradient = np.zeros(columns)
+        self.storage = BlockStorage(columns) if stores_blocks(kernel) else None
+        dense = columns if self.storage is None else 0
+        self.matrix = _aligned_zeros(dense, dense, _round_to_vectors(dense))
         self._jacobian: Float | None = None
         self._entries = (*_entry_addresses(self.index, self.slope, self.count), entries)
-        self._sums = (*strided(self.matrix, columns), address(self.gradient))
+        self._sums = (*strided(self.matrix, dense), address(self.gradient))
+        self._batch = BatchMemory(0 if n else entries, columns, m)
         self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
         axes = (address(kernel.axes), address(widths, len(kernel.layout.axes)))
         self._targets = address(samples.targets, kind=POINTER)
@@ -70,11 +78,44 @@ class Workspace:
 
     def normal(self, chunk: Chunk) -> None:
         """Add the tape to the sums, for models without states."""
-        self.kernel.sweeps.normal(chunk.length, *self._steps[:2], *self._entries, *self._sums)
+        tape = (chunk.length, *self._steps[:2], *self._entries, self._sums[2])
+        storage, batch = self.storage, self._batch
+        if storage is None:
+            self.kernel.sweeps.normal(*tape, *self._sums[:2], *batch.pointers)
+            return
+        following = np.zeros(1, dtype=np.int64)
+        sweeps = self.kernel.sweeps
+        normal = sweeps.full_normal if storage.full else sweeps.block_normal
+        while following[0] < chunk.length:
+            storage.reserve(batch.width**2)
+            resumed = (storage.capacity, address(following, kind=INT64))
+            normal(*tape, *storage.pointers, *batch.pointers, *resumed)
 
-    def fold(self) -> None:
-        """Compute the Gauss-Newton matrix from the sums."""
-        self.kernel.sweeps.fold(*self._sums[:2], self.kernel.values.free)
+    def clear(self) -> None:
+        """Set the sums to zero."""
+        self.gradient[:], self.matrix[:] = 0.0, 0.0
+        if self.storage is not None:
+            self.storage.clear()
+
+    def add(self, other: "Workspace") -> None:
+        """Add the sums of another workspace."""
+        self.gradient += other.gradient
+        self.matrix += other.matrix
+        if self.storage is not None and other.storage is not None:
+            self.storage.add(other.storage)
+
+    def fill(self) -> None:
+        """Store all blocks of the matrix."""
+        if self.storage is not None:
+            self.storage.fill()
+
+    def fold(self) -> Float | BlockMatrix:
+        """Return the Gauss-Newton matrix, computed from the sums."""
+        columns = self.kernel.values.free
+        if self.storage is not None:
+            return BlockMatrix(self.storage, np.arange(columns))
+        self.kernel.sweeps.fold(*self._sums[:2], columns)
+        return self.matrix
 
     def backward(self, chunk: Chunk) -> None:
         """Compute Q and L after each sample of the tape."""
@@ -147,6 +188,23 @@ class Workspace:
             part = first[:, used]
             self.matrix[np.ix_(used, used)] += 0.5 * part.T @ self.q @ part
             self.gradient[used] += part.T @ self.l
+
+
+def stores_blocks(kernel: Kernel) -> bool:
+    """Return True if the Gauss-Newton matrix is stored in blocks: if it is large, and no state couples all values."""
+    return kernel.values.free > LARGE and not kernel.pattern.carried
+
+
+class BatchMemory:
+    """Memory of `sample_sums` for samples with up to `room` entries."""
+
+    def __init__(self, room: int, columns: int, outputs: int) -> None:
+        self.width = batch_width(room) if room else 0
+        self._number = np.full(columns if room else 0, -1, dtype=np.int32)
+        self._columns = np.zeros(self.width, dtype=np.int32)
+        self._rows, self._weighted = (aligned_zeros(BATCH * outputs * self.width) for _ in range(2))
+        numbers = (address(self._number, kind=INT32), address(self._columns, kind=INT32))
+        self.pointers = (*numbers, address(self._rows), address(self._weighted), self.width)
 
 
 def _round_to_vectors(columns: int) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.native.cholesky import Cholesky
 from kennfeld.native.samples import Piece, Samples
+from kennfeld.native.symmetric import SymmetricMatrix, zero
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
 from kennfeld.optimize.quality import SAMPLES_PER_BLOCK
@@ -79,16 +80,15 @@ class LeastSquaresObjective:
         """Return the cost without roughness."""
         return self.cost(values) - self._compiled.roughness.cost(values)
 
-    def normal(self, values: Float) -> tuple[Float, Float]:
+    def normal(self, values: Float) -> tuple[Float, SymmetricMatrix]:
         """Return half the gradient and the Gauss-Newton matrix."""
         data = self._sums.normal(self._values(values))
-        diagonal = np.diag(data.matrix).copy()
+        diagonal = data.matrix.diagonal().copy()
         faint = self._faint(diagonal) & (diagonal > 0)
         if faint.any():
             data = self._sums.normal(self._full)  # judging may have computed it elsewhere
             data.gradient[faint] = 0.0
-            data.matrix[faint, :] = 0.0
-            data.matrix[:, faint] = 0.0
+            zero(data.matrix, faint)
         self._compiled.roughness.add(values, data.gradient, data.matrix)
         return data.gradient, data.matrix
 
@@ -116,7 +116,7 @@ class LeastSquaresObjective:
 
     def informed(self, values: Float) -> Bool:
         """Mark the values on which the cost depends."""
-        informed = (self.rows(values)[1] != 0).any(axis=0) if self.uses_qr else np.diag(self.normal(values)[1]) > 0
+        informed = (self.rows(values)[1] != 0).any(axis=0) if self.uses_qr else self.normal(values)[1].diagonal() > 0
         return np.asarray(informed)
 
     def _faint(self, curvature: Float) -> Bool:
@@ -128,7 +128,7 @@ class LeastSquaresObjective:
         if last is not None and np.array_equal(last[0], full):
             return last[1]
         curvature = (
-            _squares(self._sums.rows(full)[1]) if self.uses_qr else np.diag(self._sums.normal(full).matrix).copy()
+            _squares(self._sums.rows(full)[1]) if self.uses_qr else self._sums.normal(full).matrix.diagonal().copy()
         )
         self._last_curvature = full.copy(), curvature
         return curvature
@@ -205,7 +205,7 @@ class _Sensitivity:
             samples = _all_scored(self._compiled.samples) if self._compiled.sums.stateful else None
             if samples is not None:
                 matrix = self._compiled.sums_over(samples).normal(values).matrix
-                self._everywhere = self._largest(np.nan_to_num(np.diag(matrix), posinf=0.0))
+                self._everywhere = self._largest(np.nan_to_num(matrix.diagonal(), posinf=0.0))
         return self._everywhere
 
     def _largest(self, each: Float) -> Float:

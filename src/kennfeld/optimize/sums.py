@@ -10,6 +10,7 @@ from typing import Protocol
 from kennfeld.arrays import Float, Int
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Samples
+from kennfeld.native.symmetric import SymmetricMatrix
 
 
 class NormalEquations(Protocol):
@@ -20,8 +21,8 @@ class NormalEquations(Protocol):
         """J'Wr, Float[free]."""
 
     @property
-    def matrix(self) -> Float:
-        """J'WJ, Float[free, free]."""
+    def matrix(self) -> SymmetricMatrix:
+        """J'WJ, [free, free]."""
 
 
 class Sums(Protocol):

@@ -17,6 +17,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.free_axes import key_of
 from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.native.symmetric import SymmetricMatrix, add_entries
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
@@ -85,12 +86,12 @@ class Roughness:
         differences = self._differences(values)
         return float(differences @ differences)
 
-    def add(self, values: Float, gradient: Float, matrix: Float) -> None:
+    def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
         """Add half the gradient and the matrix of the penalty, in place."""
         slopes = self.coefficients * self._differences(values)[:, None]
         gradient += np.bincount(self.columns.ravel(), slopes.ravel(), minlength=self.size)
         rows, columns, entries = self._matrix
-        matrix[rows, columns] += entries
+        add_entries(matrix, rows, columns, entries)
 
     @cached_property
     def _matrix(self) -> tuple[Int, Int, Float]:
@@ -183,13 +184,14 @@ class MovingRoughness:
         row, _ = self._linear(values)
         return self.fixed.cost(values) + float(row @ row)
 
-    def add(self, values: Float, gradient: Float, matrix: Float) -> None:
+    def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
         """Add half the gradient and the Gauss-Newton matrix of the penalty, in place."""
         self.fixed.add(values, gradient, matrix)
         row, slopes = self._linear(values)
         np.add.at(gradient, self.columns, slopes * row[:, None])
-        places = (self.columns[:, :, None], self.columns[:, None, :])
-        np.add.at(matrix, places, slopes[:, :, None] * slopes[:, None, :])
+        products = slopes[:, :, None] * slopes[:, None, :]
+        rows, columns = np.broadcast_arrays(self.columns[:, :, None], self.columns[:, None, :])
+        add_entries(matrix, rows.ravel(), columns.ravel(), products.ravel())
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Return residuals and Jacobian rows whose squares are the penalty."""
@@ -253,12 +255,13 @@ class Restrained:
         pull = float(self.weights @ (values - self.toward) ** 2)
         return self.roughness.cost(values) + self.steps.cost(values) + pull
 
-    def add(self, values: Float, gradient: Float, matrix: Float) -> None:
+    def add(self, values: Float, gradient: Float, matrix: SymmetricMatrix) -> None:
         """Add half the gradient and the matrix of the penalty, in place."""
         self.roughness.add(values, gradient, matrix)
         self.steps.add(values, gradient, matrix)
         gradient += self.weights * (values - self.toward)
-        matrix[np.diag_indices_from(matrix)] += self.weights
+        at = np.arange(values.size)
+        add_entries(matrix, at, at, self.weights)
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Return residuals and Jacobian rows whose squares are the penalty."""

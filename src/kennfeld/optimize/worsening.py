@@ -7,6 +7,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Location
+from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
@@ -71,7 +72,7 @@ def admissible_share(compiled: CompiledProblem, limits: LinearLimits, values: Fl
         allowed: cost of the data.
     """
     normal = compiled.sums.normal(compiled.full(values))
-    data, pull = normal.matrix.copy(), normal.gradient.copy()
+    data, pull = as_array(normal.matrix), normal.gradient.copy()
     smoothness, bend = np.zeros_like(data), np.zeros_like(pull)
     compiled.roughness.add(values, bend, smoothness)
     moving = limits.movable & (values > limits.lower) & (values < limits.upper)

@@ -25,11 +25,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from kennfeld.atomic_files import write_whole
+
 MAX_AGE = 30 * 86_400  # s after which a key is forgotten
 MAX_SERVERS = 50  # files that are kept
 MAX_CHALLENGES = 16  # that wait for a proof
 MAX_NONCE = 200  # characters
-PRIVATE = 0o600
 
 
 @dataclass(frozen=True)
@@ -75,12 +76,10 @@ def _read_private(path: Path) -> dict[str, Any]:
 def remember_server(project: Path | None, known: KnownServer) -> None:
     """Keep port and key of a server. A folder that cannot be written is not an error."""
     path = _file(project)
-    part = path.with_name(f".{secrets.token_hex(8)}")
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE), "w", encoding="utf-8") as file:
-            json.dump({"port": known.port, "key": known.key, "time": time.time()}, file)
-        part.replace(path)
+        content = json.dumps({"port": known.port, "key": known.key, "time": time.time()})
+        write_whole(path, content, private=True)
         files = sorted(path.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)
         for old in files[:-MAX_SERVERS]:
             old.unlink(missing_ok=True)

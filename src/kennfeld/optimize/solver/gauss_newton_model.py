@@ -9,6 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.native.cholesky import Cholesky, Factor
+from kennfeld.native.symmetric import SymmetricMatrix, as_array, part
 
 SCALE_MEMORY = 0.5  # share of its column scale that a value keeps at least from one iteration to the next
 PROBE = 0.1  # share of a step at which its curvature is measured
@@ -33,7 +34,7 @@ class Objective(Protocol):
     def cost(self, values: Float) -> float:
         """Return the cost; not finite if the model fails."""
 
-    def normal(self, values: Float) -> tuple[Float, Float]:
+    def normal(self, values: Float) -> tuple[Float, SymmetricMatrix]:
         """Return half the gradient, and the Gauss-Newton matrix; valid until the next call."""
 
     def rows(self, values: Float) -> tuple[Float, Float]:
@@ -56,15 +57,14 @@ class GaussNewtonModel:
             jacobian = jacobian[:, movable]
             self.residual, self.jacobian = residual, jacobian
             self.r_factor, self.q_residual = _triangle(jacobian, residual)
-            self.hessian: Float | None = None
+            self.hessian: SymmetricMatrix | None = None
             self.gradient = jacobian.T @ residual
             diagonal = np.einsum("ij,ij->j", jacobian, jacobian)
         else:
             gradient, matrix = objective.normal(values)
-            all_move = movable.size == values.size
-            self.gradient = gradient if all_move else gradient[movable]
-            self.hessian = matrix if all_move else matrix[np.ix_(movable, movable)]
-            diagonal = np.diag(self.hessian)
+            self.gradient = gradient if movable.size == values.size else gradient[movable]
+            self.hessian = part(matrix, movable)
+            diagonal = self.hessian.diagonal()
         self.diagonal = diagonal
         full = np.zeros(values.size)
         full[movable] = diagonal
@@ -101,7 +101,7 @@ class GaussNewtonModel:
             if secant is None:
                 factor = self.objective.cholesky(self.movable.size).factor(matrix, damped)
             else:
-                factor = Cholesky(self.movable.size).factor(matrix + secant.matrix, damped)
+                factor = Cholesky(self.movable.size).factor(as_array(matrix) + secant.matrix, damped)
             return None if factor is None else (factor, factor.solve(-self.gradient))
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
         stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped))])

@@ -21,6 +21,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
@@ -268,8 +269,8 @@ class _Dense:
 
         Values without data are tied to their neighbours along the dense axes.
         """
-        _, matrix = self.objective.normal(values)
-        whole, diagonal = matrix.copy(), np.diag(matrix)
+        whole = as_array(self.objective.normal(values)[1])
+        diagonal = whole.diagonal().copy()
         for axis in axes:
             three = np.stack([axis.columns[i : len(axis.columns) - 2 + i].ravel() for i in range(3)], axis=1)
             bend = np.array([1.0, -2.0, 1.0])

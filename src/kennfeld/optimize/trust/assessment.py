@@ -1,6 +1,6 @@
 """Assessment of the uncertainty at the end of a fit, computed when it is first used."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.trust.active_limits import describe_distances, describe_output_limits
 from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
+from kennfeld.optimize.trust.matrices import coupling
 from kennfeld.optimize.trust.noise import Group, groups, noise_of_criteria, persistence_of_criteria
 from kennfeld.optimize.trust.null_space import null_space
 from kennfeld.optimize.trust.trust import Trust
@@ -136,7 +137,8 @@ class TrustAssessment:
         directions += [words.searched(name, where) for name, where in flat.items() if where.any()]
         if not local.seen.any():
             return tuple(directions)
-        candidates = table_changes(self.problem.model.graph, parameters, tables)
+        coupled = _coupled_tables(local, split.columns, list(tables))
+        candidates = table_changes(self.problem.model.graph, parameters, tables, coupled)
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
@@ -155,6 +157,20 @@ class TrustAssessment:
             f"The search ended with status {self.status}. The gradient suggests that values would still move {size}; "
             "uncertainties refer to the last iterate."
         )
+
+
+def _coupled_tables(local: Estimate, columns: Mapping[str, Int], tables: Sequence[str]) -> dict[str, list[str]]:
+    """Return for each table the others that act on the same data, those that do so most first."""
+    groups = np.full(local.reduction.size, -1.0)
+    for number, name in enumerate(tables):
+        groups[columns[name]] = number
+    strengths = coupling(local.data, local.narrow(groups).astype(np.int64), len(tables))
+    np.fill_diagonal(strengths, 0.0)
+    order = np.argsort(-strengths, axis=1, kind="stable")
+    return {
+        name: [tables[other] for other in row if strengths[number, other] > 0]
+        for number, (name, row) in enumerate(zip(tables, order, strict=True))
+    }
 
 
 def count_touching_samples(compiled: CompiledProblem, full: Float) -> Int:

@@ -23,6 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.native.symmetric import SymmetricMatrix, as_array, as_sparse, zero, zeros_like
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
@@ -282,8 +283,8 @@ class _Measured:
         objective = LeastSquaresObjective(compiled)
         self._faint = objective.faint(values)
         self.rows: Float | None = None
+        data: SymmetricMatrix
         sums = self._slope_weighted()
-        smoothness = np.zeros((values.size, values.size))
         if objective.uses_qr:
             residual, jacobian = sums.rows(self._full)
             jacobian[:, self._faint] = 0.0
@@ -291,6 +292,7 @@ class _Measured:
             self.rows = np.vstack([jacobian, compiled.roughness.rows(values)[1]])
         else:
             data, gradient = self._normal(sums)
+        smoothness = zeros_like(data)
         compiled.roughness.add(values, gradient, smoothness)
         self._sparse = not objective.uses_qr and should_be_sparse(data, smoothness)
         self.data, self.smoothness = self._copy(data), self._copy(smoothness)
@@ -313,20 +315,15 @@ class _Measured:
         entries = self.data.data if self._sparse else self.data
         return bool(np.isfinite(entries).all() and np.isfinite(self.gradient).all())
 
-    def _normal(self, sums: Sums) -> tuple[Float, Float]:
+    def _normal(self, sums: Sums) -> tuple[SymmetricMatrix, Float]:
         """Return the curvature of some data, valid until the next call, and half the gradient."""
         normal = sums.normal(self._full)
-        normal.matrix[self._faint, :] = 0.0
-        normal.matrix[:, self._faint] = 0.0
+        zero(normal.matrix, self._faint)
         return normal.matrix, np.where(self._faint, 0.0, normal.gradient)
 
-    def _copy(self, matrix: Float) -> Matrix:
+    def _copy(self, matrix: SymmetricMatrix) -> Matrix:
         """Return a copy of a matrix, sparse if all of them are."""
-        if not self._sparse:
-            return matrix.copy()
-        from scipy.sparse import csr_array
-
-        return csr_array(matrix)
+        return as_sparse(matrix) if self._sparse else as_array(matrix)
 
     @cached_property
     def parts(self) -> list[Matrix]:

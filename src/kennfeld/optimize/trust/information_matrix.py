@@ -13,6 +13,7 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, whole
+from kennfeld.threads import blas_threads
 
 TOUCHING = 1e-9  # of the size of a row: how near to its side a row counts as met
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
@@ -211,6 +212,12 @@ class Spectrum:
 
         `pattern` has the non-zeros of H and of all matrices that will be multiplied with the inverse.
         """
+        return cls._by_factor(matrix, pattern) or cls.of_matrix(whole(matrix))
+
+    @classmethod
+    @blas_threads(WEAKEST)
+    def _by_factor(cls, matrix: Sparse, pattern: Sparse) -> "Spectrum | None":
+        """Analyse a sparse H; None if so much is undetermined that its eigenvalues cost no more."""
         scale = np.sqrt(matrix.diagonal())
         none = np.zeros((scale.size, 0))
         inverse = SparseInverse(matrix, pattern, scale, none, np.zeros(0, dtype=np.int64))
@@ -218,13 +225,14 @@ class Spectrum:
             weakness, weak = _weakest(inverse.factor.solve, scale.size)
             return cls(scale, inverse, none, weak, weakness)
         lowest = _lowest(rescale(matrix, 1 / scale))
-        if lowest is not None:
-            values, vectors, null = lowest
-            loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
-            inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
-            if inverse.factor.negative == 0:
-                return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
-        return cls.of_matrix(whole(matrix))
+        if lowest is None:
+            return None
+        values, vectors, null = lowest
+        loose, weakest = vectors[:, :null], slice(null, null + WEAKEST)
+        inverse = SparseInverse(matrix, pattern, scale, loose, pivots(loose))
+        if inverse.factor.negative:
+            return None
+        return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
 
     @classmethod
     def of_rows(cls, rows: Float) -> "Spectrum":

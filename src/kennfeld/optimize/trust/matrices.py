@@ -3,15 +3,16 @@
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, Sparse
+from kennfeld.native.symmetric import SymmetricMatrix, count_nonzero
 
 Matrix = Float | Sparse
 LARGE, FEW = 1000, 0.1  # rows above which a matrix may be sparse, and share of non-zeros up to which it is
 
 
-def should_be_sparse(matrix: Float, *others: Float) -> bool:
+def should_be_sparse(matrix: SymmetricMatrix, *others: SymmetricMatrix) -> bool:
     """Return True if matrices with these non-zeros should be sparse."""
-    filled = sum(np.count_nonzero(each) for each in (matrix, *others))
-    return bool(len(matrix) > LARGE and filled <= FEW * matrix.size)
+    filled = sum(count_nonzero(each) for each in (matrix, *others))
+    return len(matrix) > LARGE and filled <= FEW * len(matrix) ** 2
 
 
 def whole(matrix: Matrix) -> Float:
@@ -36,3 +37,22 @@ def rescale(matrix: Matrix, units: Float) -> Matrix:
     from scipy.sparse import csr_array, diags_array
 
     return csr_array(diags_array(units) @ matrix @ diags_array(units))
+
+
+def coupling(matrix: Matrix, groups: Int, count: int) -> Float:
+    """Return how strongly groups of values act on the same data: sums of the entries in units of the diagonal.
+
+    Args:
+        matrix: curvature, its diagonal > 0 where a value has data.
+        groups: number of the group of each value, Int[values]; -1 for none.
+        count: number of groups.
+
+    Returns:
+        Float[count, count].
+    """
+    units = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
+    used = np.flatnonzero((groups >= 0) & (units > 0))
+    sizes = abs(rescale(part(matrix, used), 1 / units[used]))
+    members = np.zeros((used.size, count))
+    members[np.arange(used.size), groups[used]] = 1.0
+    return np.asarray(members.T @ (sizes @ members))

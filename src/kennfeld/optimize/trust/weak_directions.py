@@ -39,6 +39,7 @@ PLAINER = 4.0  # times the ratio that a direction may have that shifts one table
 MIN_NEW_SHARE = 0.2  # of a combination, outside the span of the directions before it
 MIN_NEW_SHARE_OTHERS = 0.8  # the same for other directions
 RIDGE = 1e-9  # of the diagonal: undetermined values adapt as little as possible, far above rounding errors
+MAX_FOLLOWED = 8  # tables that one follows
 MANY = 48  # table changes from which only two are combined
 
 
@@ -61,15 +62,25 @@ class TableChange:
     fed: frozenset[str] = frozenset()
 
 
-def table_changes(graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool]) -> list[TableChange]:
-    """Return the distinct simple changes of all tables in `held`, which marks values that cannot change."""
+def table_changes(
+    graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool], coupled: Mapping[str, Sequence[str]]
+) -> list[TableChange]:
+    """Return the distinct simple changes of some tables.
+
+    Args:
+        graph: the model.
+        parameters: tables at the end of the fit.
+        held: marks for each table the values that cannot change.
+        coupled: for each table the others that act on the same data, those that do so most first.
+    """
     places, fed = _lookups(graph)
     changes = []
     tables = [name for name in held if parameters[name].kind != "rbf"]
     for name in tables:
         changes += _own_changes(parameters[name], held[name], fed.get(name, []))
-        for other in tables:
-            if other != name and places.get(name) and places.get(name) == places.get(other):
+        others = [other for other in coupled[name] if other in tables and places.get(name) == places.get(other)]
+        if places.get(name):
+            for other in others[:MAX_FOLLOWED]:
                 table = parameters[other]
                 values, axes = np.nan_to_num(table.values), parameters[name].index_axes
                 change = regrid(values, table.index_axes, axes, table.extrapolation)
@@ -293,12 +304,20 @@ class _DirectionSearch:
 
         Changes of different tables are orthogonal, so the ratios are eigenvalues.
         """
-        which = combinations(range(len(self.tables)), count)
-        groups = np.array([g for g in which if len({self.tables[i] for i in g}) == count], dtype=np.int64)
-        groups = groups.reshape(-1, count)
+        groups = self._groups(count)
         ratios, vectors = np.linalg.eigh(self.gram[groups[:, :, None], groups[:, None, :]])
         for k in np.flatnonzero(ratios[:, 0] < (MAX_ADAPTABLE_RATIO if count == 2 else MAX_RATIOS[count - 1])):
             yield groups[k], vectors[k][:, 0]
+
+    def _groups(self, count: int) -> Int:
+        """Return groups of table changes of different tables; pairs only if they act on the same data."""
+        if count == 2:
+            number = np.unique(self.tables, return_inverse=True)[1]
+            apart = number[:, None] != number
+            return np.argwhere(np.triu(apart & (np.abs(self.gram) > ROUNDING), 1))
+        which = combinations(range(len(self.tables)), count)
+        groups = [g for g in which if len({self.tables[i] for i in g}) == count]
+        return np.array(groups, dtype=np.int64).reshape(-1, count)
 
     def _adapt(self, names: Sequence[str], trials: Sequence[_TrialDirection]) -> Iterator[_TrialDirection]:
         """Return the combinations that are poorly determined once the other values of these tables adapt.

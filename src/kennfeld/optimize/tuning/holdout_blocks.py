@@ -13,6 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native.samples import Piece, Samples
+from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet
@@ -112,7 +113,7 @@ class HoldoutBlocks:
         for number, share in enumerate(shares):
             sums = self.compiled.sums_over(samples_of(number))
             misfit, equations = sums.cost(full), sums.normal(full)
-            yield HoldoutBlock(misfit, equations.gradient.copy(), equations.matrix.copy(), float(share))
+            yield HoldoutBlock(misfit, equations.gradient.copy(), as_array(equations.matrix), float(share))
 
     def _in_time(self, number: int) -> Samples:
         """Return the recordings that contain a block, with its targets only: states depend on the samples before."""

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
@@ -331,7 +332,7 @@ class SmoothnessSelection:
     def _data(self, values: Float) -> tuple[Float, Float]:
         """Return half the gradient and the Gauss-Newton matrix of the data alone."""
         data = self.compiled.sums.normal(self.compiled.full(values))
-        return data.gradient.copy(), data.matrix.copy()
+        return data.gradient.copy(), as_array(data.matrix)
 
     def _scales(self, matrix: Float) -> Float:
         return np.array([block.scale(matrix) for block in self.automatic])
