@@ -250,3 +250,46 @@ def test_formula_text_of_a_class_gives_the_same_graph(tmp_path):
     again = formula(to_text(model.graph, model.step), parameters=model.values)
     columns = {"go": [0, 1, 1, 0], "level": [0, 0, 3, 0]}
     np.testing.assert_array_equal(run(again, columns)["now"], run(model, columns)["now"])
+
+
+def _doubled(form, count):
+    return "".join(form.format(i, i - 1) for i in range(1, count))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "type A0 is real; "
+        + _doubled("type A{0} is struct {{ A{1} a; A{1} b; }}; ", 40)
+        + "class C { A39 z; public real calc(real in x) { return z.a.a.a + x; } }",
+        "class A0 { real m; } "
+        + _doubled("class A{0} {{ A{1} a; A{1} b; A{1} c; }} ", 14)
+        + "class C { A13 z; public real calc(real in x) { return z.a.a.a.m + x; } }",
+        "class C { real f0(real in x) { return x; } "
+        + _doubled("real f{0}(real in x) {{ return f{1}(x) + f{1}(x); }} ", 40)
+        + "public real calc(real in x) { return f39(x); } }",
+        "type S is enum { A, B }; class C { @get real y; public void calc() triggers M; statemachine M using S { "
+        "start A; state A { transition true to j0; } state B { } "
+        + "".join(
+            f"junction j{i} {{ transition y > 0.0 to j{i + 1}; transition true to j{i + 1}; }} " for i in range(18)
+        )
+        + "junction j18 { transition true to B; } } }",
+        "class C { public real calc(real in x) { for (i in 0 .. 1000000000) { x = x + 1.0; } return x; } }",
+        "class C { real v[999999999]; public real calc(real in x) { return v[0]; } }",
+    ],
+)
+def test_programs_that_grow_without_bound_end_in_findings(tmp_path, text):
+    with pytest.raises(InputError):
+        class_model(tmp_path, text, class_name="C")
+
+
+def test_dependent_characteristics_are_calculated_once(tmp_path):
+    chain = _doubled('characteristic real a{0} <- "x + x", x = a{1}; ', 40)
+    text = method("return a39 * x;", members=f"characteristic real a0 = 1.5; {chain}")
+    assert outputs(tmp_path, text, {"x": [1.0]})["calc"].tolist() == [1.5 * 2.0**39]
+
+
+def test_a_dependent_characteristic_of_itself_is_an_error(tmp_path):
+    members = 'characteristic real a <- "x", x = b; characteristic real b <- "x", x = a;'
+    with pytest.raises(InputError, match="depends on itself"):
+        class_model(tmp_path, method("return a * x;", members=members))

@@ -16,7 +16,7 @@ from kennfeld.models.ascet.name_resolution import (
     Named,
     NameResolver,
 )
-from kennfeld.models.ascet.program_code import Operand, Place, ProgramCode
+from kennfeld.models.ascet.program_code import DependentCode, Operand, Place, ProgramCode
 from kennfeld.models.ascet.resolved_types import (
     BOOLEAN,
     INTEGER,
@@ -172,7 +172,18 @@ class ExpressionTranslation:
         return call_of("index", operand.tree, m.Number(float(dimension.first)), m.Number(float(dimension.size)))
 
     def _dependent(self, instance: ClassInstance, element: e.Element, tree: e.Expression) -> Operand:
-        """Translate the formula of a dependent parameter."""
+        """Translate a dependent characteristic; its formula is translated and evaluated once."""
+        label = f"{instance.label}.{element.name}"
+        dependents = self.code.dependents
+        if label not in dependents:
+            dependents[label] = None
+            dependents[label] = self._formula(instance, element, tree)
+        if dependents[label] is None:
+            raise UnsupportedEsdlError(f"the dependent parameter {element.name} depends on itself", place=tree.place)
+        self.used.add(label)
+        return Operand(m.Name(label), REAL)
+
+    def _formula(self, instance: ClassInstance, element: e.Element, tree: e.Expression) -> DependentCode:
         assert element.formula is not None
         text, letters = element.formula
         parser = EsdlExpressionParser(tokens_of(text))
@@ -183,22 +194,14 @@ class ExpressionTranslation:
         except EsdlSyntaxError as error:
             message = f"the formula of {element.name} is wrong: {error.message}"
             raise UnsupportedEsdlError(message, place=tree.place) from None
-        outer, self.names = self.names, NameResolver(self.program, instance)
+        names, used = self.names, self.used
+        self.names, self.used = NameResolver(self.program, instance), set()
         try:
-            return self.nested(element.name, lambda: self.operand(_substituted(formula, dict(letters), element.place)))
+            operand = self.lazily(partial(self.operand, _substituted(formula, dict(letters), element.place)))
+            self.code.read |= self.used
+            return DependentCode(operand.tree, frozenset(self.used))
         finally:
-            self.names = outer
-
-    def nested(self, name: str, read: Callable[[], Result]) -> Result:
-        """Call `read`; raises `UnsupportedEsdlError` if dependent parameters depend on each other."""
-        open_names: list[str] = self.__dict__.setdefault("_open_names", [])
-        if name in open_names:
-            raise UnsupportedEsdlError(f"the dependent parameter {name} depends on itself")
-        open_names.append(name)
-        try:
-            return read()
-        finally:
-            open_names.pop()
+            self.names, self.used = names, used
 
     # operators
 

@@ -171,6 +171,7 @@ class EsdlModelImport:
 
     def _lowered(self, main: Sequence[MethodCode], startup: Sequence[MethodCode]) -> EsdlImport:
         builder = self.builder = BoundedGraphBuilder()
+        self._nodes: dict[str, Nodes] = {}
         self.units: dict[str, str] = {}
         fixed = {label: self._fixed(label) for label in sorted(self.code.read | self.code.assigned)}
         mutable = [label for label in fixed if label in self.code.assigned]
@@ -185,6 +186,20 @@ class EsdlModelImport:
 
     def _fixed(self, label: str) -> Nodes:
         """Return the nodes of a variable that no method changes."""
+        if label not in self._nodes:
+            self._nodes[label] = self._evaluated(label) if label in self.code.dependents else self._stored(label)
+        return self._nodes[label]
+
+    def _evaluated(self, label: str) -> Nodes:
+        """Return the nodes of a dependent characteristic."""
+        formula = self.code.dependents[label]
+        assert formula is not None
+        context = self._context(self.builder)
+        interpreter = StatementInterpreter(context, {name: self._fixed(name) for name in sorted(formula.used)})
+        with _Stops(self, context):
+            return interpreter.nodes(formula.tree)
+
+    def _stored(self, label: str) -> Nodes:
         variable = self.program.variables[label]
         if variable.storage == "step":
             return np.array([[self.builder.input("dt")]], dtype=np.int64)

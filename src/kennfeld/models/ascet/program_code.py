@@ -61,6 +61,14 @@ class MethodCode:
     is_complete: bool = True
 
 
+@dataclass(frozen=True)
+class DependentCode:
+    """The formula of a dependent characteristic, and the labels of the variables in it."""
+
+    tree: m.Expression
+    used: frozenset[str]
+
+
 def leaf_names(name: str, kind: Type) -> list[str]:
     """Return the names of the local variables that hold the numbers of an argument or a result."""
     result: list[str] = []
@@ -78,6 +86,7 @@ class ProgramCode:
     Attributes:
         translate: translates a method of an instance under a name, for arguments of these types.
         functions: functions by name.
+        dependents: formulas of dependent characteristics by label; None while a formula is translated.
         findings: what is not supported, in all translated methods.
         assigned: labels of the variables that a method assigns.
         read: labels of all variables that a method uses.
@@ -86,6 +95,7 @@ class ProgramCode:
     program: Program
     translate: "Translate"
     functions: dict[str, MethodCode] = field(default_factory=dict)
+    dependents: dict[str, DependentCode | None] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     assigned: set[str] = field(default_factory=set)
     read: set[str] = field(default_factory=set)

@@ -35,10 +35,11 @@ class NumberType:
 
 @dataclass(frozen=True)
 class StructType:
-    """A struct with its elements in order."""
+    """A struct with its elements in order; `size` is the number of numbers and tables in it."""
 
     name: str
     elements: "tuple[tuple[str, Type], ...]"
+    size: int = 0
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,16 @@ REAL: Final = NumberType("real")
 BOOLEAN: Final = NumberType("boolean", 0.0, 1.0)
 INTEGER: Final = NumberType("integer", -(2.0**31), 2.0**31 - 1)
 Fields: TypeAlias = tuple[str, ...]
+
+
+def size_of(kind: Type) -> int:
+    """Return the number of numbers and tables in a type, an open dimension counted as 1."""
+    match kind:
+        case StructType():
+            return kind.size
+        case ArrayType(dimensions, element):
+            return math.prod(dimension.size or 1 for dimension in dimensions) * size_of(element)
+    return 1
 
 
 def leaves_of(kind: Type) -> Iterator[tuple[Fields, "NumberType | TableType | AxisType", tuple[Dimension, ...]]]:

@@ -19,6 +19,7 @@ from kennfeld.models.ascet.unsupported import UnsupportedEsdlError
 STATE: Final = "%state"  # name of the variable of the state within the statements
 _TAKEN = "%taken"
 _MAX_JUNCTIONS = 20  # passed by one transition
+_MAX_PATHS = 2_000  # of all transitions through junctions
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,7 @@ class _MachineCode:
     def __init__(self, machine: e.StateMachine, numbers: Mapping[str, int], trigger: str) -> None:
         self.machine, self.numbers, self.trigger = machine, numbers, trigger
         self.by_name = {path.name: path for path in _paths(machine.states)}
+        self.paths = 0
         self.junctions = {state.name: state for state in _junctions(machine.states)}
 
     def statements(self) -> e.Statements:
@@ -157,8 +159,10 @@ class _MachineCode:
         self, leaf: _StatePath, depth: int, transition: e.Transition, actions: tuple[e.Statements, ...], passed: int
     ) -> e.Statements:
         """Return the statements behind a junction; the path is taken only if it leads to a state."""
-        if passed > _MAX_JUNCTIONS:
-            raise UnsupportedEsdlError("a loop of junctions is not supported", place=transition.place)
+        self.paths += 1
+        if passed > _MAX_JUNCTIONS or self.paths > _MAX_PATHS:
+            message = "a loop of junctions, or too many paths through them, is not supported"
+            raise UnsupportedEsdlError(message, place=transition.place)
         result: e.Statements = ()
         for following in reversed(self.junctions[transition.target].transitions):
             place, path = following.place, (*actions, following.action)

@@ -19,6 +19,7 @@ from kennfeld.models.ascet.resolved_types import (
     StructType,
     TableType,
     Type,
+    size_of,
 )
 from kennfeld.models.ascet.unsupported import UnsupportedEsdlError
 
@@ -82,7 +83,7 @@ class TypeResolver:
             case e.EnumType(labels):
                 return self._enumeration(labels, scope, name)
             case e.StructType(elements):
-                return StructType(name, tuple((item.name, self.element(item, scope)) for item in elements))
+                return self._struct(elements, scope, name)
             case e.ArrayType(sizes, element):
                 return self._array(sizes, self.resolve(element, scope), scope)
             case e.TableType(axes, value, form):
@@ -91,6 +92,13 @@ class TypeResolver:
                 return AxisType(self._as_number(self.resolve(element, scope)), name)
             case e.UnsupportedType(word):
                 raise UnsupportedEsdlError(f"types of the kind {word} are not supported")
+
+    def _struct(self, elements: tuple[e.Element, ...], scope: FileScope, name: str) -> StructType:
+        kinds = tuple((item.name, self.element(item, scope)) for item in elements)
+        size = sum(size_of(kind) for _, kind in kinds)
+        if size > _MAX_SIZE:
+            raise UnsupportedEsdlError(f"the struct {name} has more than {_MAX_SIZE} elements")
+        return StructType(name, kinds, size)
 
     def element(self, element: e.Element, scope: FileScope) -> Type:
         """Return the type of an element; sizes behind its name fill the open dimensions of its type."""
@@ -143,9 +151,10 @@ class TypeResolver:
         own = tuple(self.dimension(size, scope) for size in sizes)
         inner, element = (element.dimensions, element.element) if isinstance(element, ArrayType) else ((), element)
         dimensions = (*own, *inner)
-        if math.prod(dimension.size or 1 for dimension in dimensions) > _MAX_SIZE or len(dimensions) > 3:
+        result = ArrayType(dimensions, element)
+        if size_of(result) > _MAX_SIZE or len(dimensions) > 3:
             raise UnsupportedEsdlError(f"an array of more than {_MAX_SIZE} elements or 3 dimensions")
-        return ArrayType(dimensions, element)
+        return result
 
     def dimension(self, size: e.Expression | None, scope: FileScope) -> Dimension:
         """Return a dimension: a size, a range, or the values of a type."""
