@@ -165,6 +165,12 @@ def test_an_error_names_the_file_and_what_was_expected():
         parse_esdl("class A { real x = ; }", "a.esdl")
 
 
+@pytest.mark.parametrize("number", ["1e999", "0x_", "9" * 400])
+def test_a_number_that_is_not_finite_is_an_error(number):
+    with pytest.raises(InputError, match="invalid number"):
+        parse_esdl(f"class A {{ real x = {number}; }}")
+
+
 def test_an_open_comment_is_named():
     with pytest.raises(InputError, match=r"\*/ is missing behind /\*"):
         parse_esdl("class A { /* real x; }")

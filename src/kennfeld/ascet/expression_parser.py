@@ -5,6 +5,7 @@ Precedence, from lowest to highest:
     ||  <  &&  <  |  <  ^  <  &  <  == !=  <  < <= > >= between  <  << >>  <  + -  <  * / %  <  unary - + ! ~
 """
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final, TypeVar
@@ -210,6 +211,8 @@ class EsdlExpressionParser(TokenReader):
         try:
             value = float(int(plain, 16)) if is_hexadecimal else float(plain)
         except (ValueError, OverflowError):
+            value = math.inf
+        if not math.isfinite(value):
             raise EsdlSyntaxError(token, f"invalid number {token.text[:40]}") from None
         unit = self._unit() if self.is_at("[") else ""
         return e.Number(value, is_real, unit, token.text, place=token.place)

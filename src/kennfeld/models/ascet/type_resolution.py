@@ -232,16 +232,12 @@ def dotted(tree: e.Expression) -> str:
 
 
 def _arithmetic(operator: str, a: float, b: float) -> float:
-    match operator:
-        case "+":
-            return a + b
-        case "-":
-            return a - b
-        case "*":
-            return a * b
-    if b == 0:
+    if operator == "/" and b == 0:
         raise UnsupportedEsdlError("division by zero in a constant")
-    return a / b
+    result = {"+": a + b, "-": a - b, "*": a * b, "/": a / (b or 1.0)}[operator]
+    if not math.isfinite(result):
+        raise UnsupportedEsdlError("a constant is too large")
+    return result
 
 
 def _checked(first: float, last: float, enumeration: NumberType | None = None) -> Dimension:
