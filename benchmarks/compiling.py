@@ -1,5 +1,6 @@
 """Topic `compile`: from formula text to machine code with derivatives, over nodes and states of the model."""
 
+import os
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -23,13 +24,14 @@ WATCHED = {  # column: functions whose time it sums, by the module that calls th
     "split": ("kennfeld.optimize.problem:split",),
     "differentiate": ("kennfeld.native.kernel:differentiate",),
     "IR text": tuple(f"kennfeld.native.kernel:{name}" for name in ("cost_code", "tape_code", "start_code")),
-    "LLVM": ("kennfeld.native.kernel:compile_functions",),
+    "LLVM": ("kennfeld.machine_code.engine:_object_code",),
     "data-only part": ("kennfeld.preprocessing.samples:_preparation",),
 }
 
 
 def measure(nodes: int, states: int) -> dict[str, Any]:
-    """One model, in a process of its own."""
+    """One model, in a process of its own, without code that was kept."""
+    os.environ["KENNFELD_CACHE"] = ""
     from kennfeld.criteria import Criterion
     from kennfeld.dataset import Dataset
     from kennfeld.models.formula import formula

@@ -9,7 +9,10 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map
 
-__all__ = ["COLUMNS", "FORMULAS", "NOISE", "load_drive", "parameters", "write_drive"]
+__all__ = [
+    *("AIR", "COLUMNS", "FORMULAS", "FUEL", "NOISE", "SPEED"),
+    *("drive", "filtered", "lag_of", "load_drive", "parameters", "surface", "write_drive"),
+]
 
 Float = NDArray[np.float64]
 COLUMNS = ("time", "Speed", "Fuel", "Air", "Temperature")
@@ -29,12 +32,12 @@ def write_drive(file: Path, samples: int, step: float, states: int = 1, seed: in
     data = np.empty((len(COLUMNS), samples))
     time, speed, fuel, air, temperature = data
     time[:] = np.arange(samples) * step
-    speed[:] = _drive(random, time, SPEED)
-    fuel[:] = _drive(random, time, FUEL)
+    speed[:] = drive(random, time, SPEED)
+    fuel[:] = drive(random, time, FUEL)
     air[:] = AIR[0] + (AIR[1] - AIR[0]) * (speed / SPEED[1]) * (0.35 + 0.65 * fuel / FUEL[1])
     temperature[:] = surface(speed, fuel)
     for lag in range(states):
-        _lag(temperature, lag_of(air, lag), step)
+        temperature[:] = filtered(temperature, lag_of(air, lag), step)
     temperature += random.normal(0.0, NOISE, samples)
     np.save(file, data)
 
@@ -51,7 +54,7 @@ def lag_of(air: Float, number: int) -> Float:
     return result
 
 
-def _drive(random: np.random.Generator, time: Float, span: tuple[float, float]) -> Float:
+def drive(random: np.random.Generator, time: Float, span: tuple[float, float]) -> Float:
     """Levels held for some seconds, joined smoothly, with a ripple."""
     length = time[-1] - time[0]
     ends = np.cumsum(random.uniform(1.0, 12.0, int(length / 6.5) + 200))
@@ -65,15 +68,15 @@ def _drive(random: np.random.Generator, time: Float, span: tuple[float, float]) 
     return result
 
 
-def _lag(values: Float, constant: Float, step: float) -> None:
-    """A PT1: y += dt/(T + dt) (x - y), in place, beginning with the first x."""
+def filtered(values: Float, constant: Float, step: float) -> Float:
+    """A PT1: y += dt/(T + dt) (x - y), beginning with the first x."""
     share = (step / (constant + step)).tolist()
     y = float(values[0])
     out = []
     for x, a in zip(values.tolist(), share, strict=True):
         y += a * (x - y)
         out.append(y)
-    values[:] = out
+    return np.array(out)
 
 
 def load_drive(file: str, count: int = 0) -> Dataset:

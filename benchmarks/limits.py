@@ -1,17 +1,19 @@
-"""Topic `limits`: what limits of slopes cost on the torque problem."""
+"""Topic `limits`: what limits of slopes cost on the torque problem, a run and a single step."""
 
 from typing import Any
 
 import numpy as np
 
 from benchmarks.machine import load
-from benchmarks.measure import apart, threads
+from benchmarks.measure import apart, repeated, threads
 from benchmarks.table import Table, seconds
 
-__all__ = ["run", "solve"]
+__all__ = ["run", "solve", "step"]
 
 REPEATS = 5
 SIDES = (44, 56)  # percentiles of the slopes of the fit without limits, which become their limits
+DAMPING = 1e-4
+VIOLATED = (0, 15, 60, 150)  # limits that the free step of a single program violates
 
 
 def solve(limited: bool) -> dict[str, Any]:
@@ -55,8 +57,70 @@ def solve(limited: bool) -> dict[str, Any]:
     }
 
 
+def step(violated: int) -> dict[str, Any]:
+    """One damped step after eight iterations, whose slopes along a map's axis are limited to half their change.
+
+    The factor and the quadratic program with the active limits of the same one before, as in a descent.
+    """
+    from kennfeld.criteria import Criterion
+    from kennfeld.models.formula import formula
+    from kennfeld.optimize import Problem
+    from kennfeld.optimize.compiled import CompiledProblem
+    from kennfeld.optimize.objective import LeastSquaresObjective
+    from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel
+    from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+    from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
+    from kennfeld.optimize.solver.quadratic_program import QuadraticProgram
+    from kennfeld.project.demo import torque
+
+    start = torque.start()
+    model = formula(torque.FORMULA, parameters=list(start))
+    criteria = (Criterion("TorquePredict", "Torque"),)
+    compiled = CompiledProblem(Problem(model, (torque.bench(),), start, criteria, smoothness=torque.SMOOTHNESS))
+    objective = LeastSquaresObjective(compiled)
+    size = objective.start.size
+    free = LinearLimits.none(size)
+    at = levenberg_marquardt(objective, objective.start, free, SolverSettings(max_iterations=8)).values
+    linearised = GaussNewtonModel(objective, at, np.arange(size), None)
+
+    damped = linearised.damped_factor(DAMPING)
+    assert damped is not None
+    shape, first = start["MapOptTorque"].values.shape, compiled.values.offsets["MapOptTorque"]
+    numbers = first + np.arange(shape[0] * shape[1]).reshape(shape)
+    pairs = np.stack([numbers[:, :-1].ravel(), numbers[:, 1:].ravel()], axis=1)
+    changes, here = (np.diff(values[pairs], axis=1).ravel() for values in (damped.step, at))
+    limited = np.argsort(-np.abs(changes))[:violated]
+    lower, upper = np.full(len(pairs), -np.inf), np.full(len(pairs), np.inf)
+    for side, falls in ((lower, True), (upper, False)):
+        which = limited[(changes[limited] < 0) == falls]
+        side[which] = here[which] + 0.5 * changes[which]
+    rows = LinearRows(pairs, np.tile([-1.0, 1.0], (len(pairs), 1)), lower, upper)
+    program = QuadraticProgram(LinearLimits(free.lower, free.upper, rows))
+    active = program.solve(damped.factor, damped.step, at).active
+    return {
+        "active": int(np.count_nonzero(active)),
+        "program": repeated(lambda: program.solve(damped.factor, damped.step, at, active), most=2000)["best"],
+        "factor": repeated(lambda: linearised.damped_factor(DAMPING), most=1000)["best"],
+    }
+
+
 def run() -> list[Table]:
-    """Without limits, and with some four hundred of which a third are active at the end."""
+    """A run without limits, and with some four hundred of which a third are active at the end; then single steps."""
+    return [_runs(), _steps()]
+
+
+def _steps() -> Table:
+    columns = ("violated by the free step", "active", "threads", "factor and free step", "quadratic program")
+    table = Table("limits: a step for 519 values", columns)
+    for violated in VIOLATED:
+        best = apart("benchmarks.limits:step", cores=1, violated=violated)
+        durations = (seconds(best["factor"]), seconds(best["program"]))
+        table.add(str(violated), str(best["active"]), str(threads(1)), *durations)
+    table.notes = [f"Budget: 0.1 ms with ten active limits, in addition to the factor. Load at the end {load()}."]
+    return table
+
+
+def _runs() -> Table:
     columns = ("limits", "active at the end", "threads", "iterations", "evaluations", "optimize", "whole", "cost")
     table = Table("limits: 519 values of the torque problem, slopes of two maps limited", columns)
     fastest = {}
@@ -73,4 +137,4 @@ def run() -> list[Table]:
         f"Budget: below 3 times the run without limits; it took {ratio:.1f} times that.",
         f"The shortest of {REPEATS} runs, the second fit of its process. Load at the end {load()}.",
     ]
-    return [table]
+    return table

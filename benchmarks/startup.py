@@ -28,6 +28,7 @@ def run() -> list[Table]:
     _row(table, "import kennfeld", [*python, "import kennfeld"])
     _row(table, "import kennfeld; kennfeld.calibrate", [*python, "import kennfeld; kennfeld.calibrate"])
     _row(table, "kennfeld --help", [str(command), "--help"])
+    _row(table, "kennfeld calibrate --help", [str(command), "calibrate", "--help"])
     with tempfile.TemporaryDirectory() as folder:
         for name in ("torque", "exhaust", "idle"):
             _demo(table, command, name, Path(folder) / name)
@@ -50,6 +51,8 @@ def _demo(table: Table, command: Path, name: str, folder: Path) -> None:
         table.add(row, "-", "-", "-", f"missing: {written}")
         return
     _row(table, row, _calibrate(command, folder))
+    for other in ("info", "check", "simulate", "report"):
+        _row(table, f"kennfeld {other} ({name} demo)", [str(command), other, str(folder / "kennfeld.toml")])
 
 
 def _calibrate(command: Path, folder: Path) -> list[str]:

@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from kennfeld import cli, read_parameters
 from kennfeld.measurement import cache as caching
@@ -96,8 +96,11 @@ class TestWrongUse:
         [
             (["calibrate"], "Missing argument 'PROJECT'. See kennfeld calibrate --help."),
             (["calibrte", "x"], "Did you mean 'calibrate'? See kennfeld --help."),
-            (["calibrate", "--worker", "3", "x"], "No such option: --worker"),
-            (["calibrate", "--workers", "0", "x"], "Invalid value for '--workers'"),
+            (["calibrate", "--worker", "3", "x"], "No such option '--worker'. Did you mean '--workers'? See"),
+            (["calibrate", "--workers", "0", "x"], "Invalid value for '--workers': 0 is not in the range x>=1."),
+            (["calibrate", "--workers", "some", "x"], "Invalid value for '--workers'"),
+            (["surrogate", "trian"], "Did you mean 'train'? See kennfeld surrogate --help."),
+            (["surrogate"], "Missing command. See kennfeld surrogate --help."),
             (["info", "a", "b"], "See kennfeld info --help."),
             (["demo", "boost"], "demo: unknown demo boost. The demos are: torque, exhaust, idle."),
             (["check", "nowhere/kennfeld.toml"], "the project file does not exist. Check the path."),

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from typing import Any
 
     from kennfeld import report
-    from kennfeld.analysis import cross_validate, residuals
+    from kennfeld.analysis.cross_validation import cross_validate
     from kennfeld.analysis.extrapolation import find_extrapolation
+    from kennfeld.analysis.residuals import residuals
     from kennfeld.calfiles import read as read_parameters
     from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
     from kennfeld.criteria import Criterion, Region, Target
@@ -101,8 +102,9 @@ __all__ = [
 __version__ = "0.1.0"
 
 _NAMES = {
-    "analysis": "cross_validate residuals",
+    "analysis.cross_validation": "cross_validate",
     "analysis.extrapolation": "find_extrapolation",
+    "analysis.residuals": "residuals",
     "calfiles": "read_parameters",
     "constraints": "Equality Limit Pin Shape Term",
     "criteria": "Criterion Region Target",

@@ -3,41 +3,61 @@
 import gc
 import sys
 from collections.abc import Sequence
-from typing import Annotated
 
-import typer
+import click
 
 from kennfeld import __version__
 from kennfeld.errors import InputError, KennfeldError
 from kennfeld.terminal import file_commands, project_commands
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
-from kennfeld.terminal.output import print_findings, print_lines
+from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import end_like_ctrl_c
+from kennfeld.threads import let_blas_threads_sleep
 
-app = typer.Typer(
-    name="kennfeld",
-    help="Calibrate sensor models of engine control units: formula and measurement in, curves and maps out.",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+
+class _Commands(click.Group):
+    """Commands that the help lists in the order in which they were added; Ctrl-C ends them without a word of click."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def invoke(self, ctx: click.Context) -> int | None:
+        try:
+            status: int | None = super().invoke(ctx)
+        except KeyboardInterrupt:
+            return INTERRUPTED
+        return status
+
+
+@click.group(cls=_Commands, no_args_is_help=False, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, message="kennfeld %(version)s")
+def app() -> None:
+    """Calibrate sensor models of engine control units: formula and measurement in, curves and maps out."""
+
+
+@click.group(no_args_is_help=False)
+def surrogate() -> None:
+    """Train data-driven models, which formula text can call."""
+
+
 for command in (
     *(project_commands.demo, project_commands.app, project_commands.check, project_commands.calibrate),
     *(project_commands.simulate, project_commands.report),
     *(file_commands.info, file_commands.convert, file_commands.diff, file_commands.merge),
 ):
-    app.command()(command)
-surrogates = typer.Typer(help="Train data-driven models, which formula text can call.")
-surrogates.command()(project_commands.train)
-app.add_typer(surrogates, name="surrogate")
+    app.add_command(command)
+surrogate.add_command(project_commands.train)
+app.add_command(surrogate)
 
 
 def main() -> None:
     """Run the command `kennfeld` and end the process."""
     gc.set_threshold(200_000, 50, 50)  # a short process leaves little to collect; looking for it takes a tenth of it
+    let_blas_threads_sleep()
     end_like_ctrl_c()
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    gc.freeze()  # the end of the process then does not search all objects once more
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -51,15 +71,15 @@ def run(arguments: Sequence[str]) -> int:
         print_findings(*error.findings)
     except KennfeldError as error:
         print_findings(str(error))
-    except typer.TyperException as error:
+    except click.ClickException as error:
         print_findings(_usage_sentence(error))
     except OSError as error:
         print_findings(f"{error.filename or 'the system'}: {error.strerror or error}")
     except MemoryError as error:
         detail = f" ({error})" if str(error) else ""
         print_findings(f"Not enough memory{detail}. Use fewer samples or breakpoints.")
-    except typer.Abort as abort:
-        if isinstance(abort.__cause__, EOFError):  # which typer takes for the end of what somebody types
+    except click.Abort as abort:
+        if isinstance(abort.__cause__, EOFError):  # which click takes for the end of what somebody types
             raise abort.__cause__ from None
         return INTERRUPTED
     except KeyboardInterrupt:
@@ -67,23 +87,8 @@ def run(arguments: Sequence[str]) -> int:
     return WRONG_INPUT
 
 
-def _usage_sentence(error: typer.TyperException) -> str:
+def _usage_sentence(error: click.ClickException) -> str:
     text = error.format_message().strip()
     context = getattr(error, "ctx", None)
     end = "" if text.endswith((".", "?", "!")) else "."
     return f"{text}{end} See {context.command_path if context else 'kennfeld'} --help."
-
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        print_lines(f"kennfeld {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _kennfeld(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
-    ] = False,
-) -> None:
-    pass

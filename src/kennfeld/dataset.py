@@ -14,6 +14,7 @@ from kennfeld.numeric import array, number, truths
 Use = Literal["training", "test"]
 
 PAUSE = 20.0  # median steps; a longer one is a pause of the recording
+SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow with the data
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,15 +152,14 @@ class Dataset(Mapping[str, Channel]):
             raise ArgumentError(
                 f"time of dataset {self.name} has shape {time.shape}, its channels have {self.samples} samples"
             )
-        steps = np.diff(time)
-        steps[self.starts[1:] - 1] = 1.0
-        bad = np.flatnonzero(~(steps > 0))
-        if bad.size:
-            k = int(bad[0])
-            raise ArgumentError(
-                f"time of dataset {self.name} does not increase at sample {k + 1}: "
-                f"{time[k]:g} s, then {time[k + 1]:g} s"
-            )
+        for first, steps in time_steps(time, self.starts, between=1.0):
+            bad = np.flatnonzero(~(steps > 0))
+            if bad.size:
+                k = first + int(bad[0]) - 1
+                raise ArgumentError(
+                    f"time of dataset {self.name} does not increase at sample {k + 1}: "
+                    f"{time[k]:g} s, then {time[k + 1]:g} s"
+                )
         object.__setattr__(self, "time", time)
 
     @classmethod
@@ -245,6 +245,22 @@ class Dataset(Mapping[str, Channel]):
 
     def __len__(self) -> int:
         return len(self.channels)
+
+
+def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tuple[int, Float]]:
+    """Yield a number of a sample and the steps in s before it and the samples after it, block by block.
+
+    `between` stands for the steps from one piece to the next.
+
+    >>> [steps for _, steps in time_steps(np.array([0.0, 0.1, 0.0, 0.2]), np.array([0, 2]))]
+    [array([0.1, nan, 0.2])]
+    """
+    for first in range(1, time.size, SAMPLES_PER_BLOCK):
+        last = min(first + SAMPLES_PER_BLOCK, time.size)
+        steps = np.diff(time[first - 1 : last])
+        begin, end = np.searchsorted(starts, [first, last])
+        steps[starts[begin:end] - first] = between
+        yield first, steps
 
 
 def replace_infinite(values: Float) -> tuple[Float, str]:

@@ -5,6 +5,7 @@ doubles only.
 """
 
 import numbers
+import sys
 from decimal import Decimal
 from typing import Any
 
@@ -62,19 +63,28 @@ def array(source: Any, label: str) -> Float:
     """
     if hasattr(source, "to_numpy") and hasattr(source, "dtype") and not isinstance(source.dtype, np.dtype):
         source = source.to_numpy(dtype=object)  # pandas' own types keep missing values apart from the others
-    masked = np.ma.getmask(source)
+    masked = _mask(source)
     try:
         values = np.asarray(source)
     except ValueError:
         raise ArgumentError(f"{label} must be numbers in rows of equal length") from None
     if values.dtype.kind in _NUMERIC:
         plain = np.asarray(values, dtype=np.float64)
-        return plain if masked is np.ma.nomask else np.where(masked, np.nan, plain)
+        return plain if masked is None else np.where(masked, np.nan, plain)
     if values.dtype.kind in _OTHER:
         raise ArgumentError(f"{label} must be numbers, got {_OTHER[values.dtype.kind]}")
     objects = np.array(source, dtype=object)
-    objects[masked] = None
+    if masked is not None:
+        objects[masked] = None
     return _of_objects(objects, label)
+
+
+def _mask(source: Any) -> Bool | None:
+    """Return the mask of a masked array; None for any other source, and if nothing is masked."""
+    masked_arrays = sys.modules.get("numpy.ma")  # loaded if there is any masked array
+    if masked_arrays is None or (mask := masked_arrays.getmask(source)) is masked_arrays.nomask:
+        return None
+    return np.asarray(mask)
 
 
 def truths(source: Any, label: str) -> Bool:
@@ -90,6 +100,8 @@ def truths(source: Any, label: str) -> Bool:
     >>> truths([1, False], "locked of Gain")
     array([ True, False])
     """
+    if isinstance(source, np.ndarray) and source.dtype == np.bool_ and not np.ma.isMaskedArray(source):
+        return source.copy()
     values = array(source, label)
     if np.isnan(values).any():
         raise ArgumentError(f"{label} must be true or false, but a value is missing")

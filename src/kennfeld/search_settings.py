@@ -26,7 +26,12 @@ class SearchSettings:
         "auto",
     )
     max_iterations: int = key("maximum number of iterations of one descent", 200, least=1)
-    tolerance: float = key("relative change of the cost at which a descent ends", 1e-8, above=0)
+    tolerance: float | None = key(
+        "relative change of the cost at which a [descent](method.md#descent) ends",
+        None,
+        above=0,
+        default_text="1e-8; up to 3e-5 for large problems",
+    )
     starts: int = key(
         "number of [starts](method.md#several-starts): the first from the initial values, the others spread around "
         "them",

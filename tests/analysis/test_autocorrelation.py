@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.analysis import autocorrelation
+from kennfeld.analysis.autocorrelation import autocorrelation
 from kennfeld.optimize.trust.persistence import SAMPLES_PER_BLOCK
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.analysis import CrossValidation
+from kennfeld.analysis.cross_validation import CrossValidation
 from kennfeld.optimize.api import build_problem
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from kennfeld import Criterion, Curve, Dataset, Limit, Map, ParameterSet, Scalar, formula
-from kennfeld.analysis import active_constraints, output_ranges
+from kennfeld.analysis.limit_margins import active_constraints, output_ranges
 from kennfeld.constraints import Equality, Shape, Term
 from kennfeld.optimize import Problem
 

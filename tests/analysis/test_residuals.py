@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld import Criterion, Cube, Curve, Dataset, Map, ParameterSet, Scalar, formula
-from kennfeld.analysis import residuals
 from kennfeld.analysis.cell_errors import tally
 from kennfeld.analysis.evaluation import Evaluator
-from kennfeld.analysis.residuals import sample_leverage
+from kennfeld.analysis.leverage import sample_leverage
+from kennfeld.analysis.residuals import residuals
 from kennfeld.optimize import Problem
 from kennfeld.optimize.lookup_coverage import Lookups, coordinates
 
@@ -92,12 +92,12 @@ def test_coordinates_that_a_parameter_moves_are_followed():
     data = Dataset.of("d", {"x": [1.0, 2.0, 3.0], "t": [0.0, 0.0, 0.0]})
     tables = [Scalar("K", 10.0), Curve("C", [0, 15, 25, 40], [0.0] * 4)]
     problem = problem_of("y = C(K * x)", tables, data)
+    (found,) = residuals(problem, problem.parameters)
+    assert found.cells[0].samples.tolist() == [1, 1, 1]
     for computed in (True, False):
         evaluator = Evaluator(problem, coordinates(problem))
         series = evaluator.series(problem.parameters)
         lookups = Lookups(problem, problem.parameters, evaluator.values if computed else ())
-        (found,) = residuals(problem, problem.parameters, series=series, lookups=lookups)
-        assert found.cells[0].samples.tolist() == [1, 1, 1]
         assert tally(lookups, problem.parameters, series).touching["C"].tolist() == [1, 2, 2, 1]
 
 

@@ -3,17 +3,22 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import wraps
 from pathlib import Path
 from textwrap import dedent
+from typing import Any
 
 import numpy as np
 import pytest
+from reference import compiled
 
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.machine_code import code_cache, engine
 from kennfeld.machine_code.code_cache import cache_folder, keep_code, key_of, read_code
+from kennfeld.native import kernel, simulator
 from kennfeld.native.simulator import Simulator
+from kennfeld.native.sweeps import sweeps
 from models import MODELS, case
 
 KEY = key_of("a module")
@@ -83,40 +88,51 @@ def test_what_was_not_used_for_the_longest_time_goes_first(folder: Path, monkeyp
     assert [read_code(key) is not None for key in keys] == [True, False, True, True]
 
 
-def simulated() -> list[np.ndarray]:
-    """Return all nodes of all models over random samples."""
+def computed() -> list[np.ndarray]:
+    """Return all nodes of all models over random samples, and their costs with derivatives."""
     results = []
     for make in MODELS.values():
         model = case(make(), 70, (0, 1, 30))
         lowered = lower_lookups(model.graph, model.parameters)
-        simulator = Simulator(lowered, list(lowered.graph.names.values()), model.parameters)
-        results.append(simulator.over(model.columns, model.samples, model.parameters, model.starts))
+        nodes = Simulator(lowered, list(lowered.graph.names.values()), model.parameters)
+        results.append(nodes.over(model.columns, model.samples, model.parameters, model.starts))
+        made = compiled(model)
+        normal = made.accumulator().normal(made.values)
+        results += [normal.matrix.copy(), normal.gradient.copy()]
     return results
 
 
 def test_kept_code_gives_the_same_numbers(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "_WORTH", 0.0)
-    first = simulated()
+    sweeps.cache_clear()
+    first = computed()
     files = list(folder.iterdir())
     assert files
 
     def refuse(*_: object) -> None:
-        raise AssertionError("compiled again")
+        raise AssertionError("written or compiled again")
 
-    monkeypatch.setattr(engine, "_tidy", refuse)
-    monkeypatch.setattr(engine, "_optimise", refuse)
-    for now, before in zip(simulated(), first, strict=True):
+    monkeypatch.setattr(engine, "_object_code", refuse)
+    monkeypatch.setattr(kernel, "_kernel_code", renamed(refuse, kernel._kernel_code))
+    monkeypatch.setattr(simulator, "_simulator_code", renamed(refuse, simulator._simulator_code))
+    sweeps.cache_clear()
+    for now, before in zip(computed(), first, strict=True):
         np.testing.assert_array_equal(now, before)
+
+
+def renamed(function: Callable[..., Any], other: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that goes by the name of another one."""
+    return wraps(other)(lambda *arguments: function(*arguments))
 
 
 def test_another_process_uses_kept_code(folder: Path) -> None:
     code = """
         import sys
         sys.path[:] = {path!r}
-        from test_code_cache import simulated
+        from test_code_cache import computed
         from kennfeld.machine_code import engine
         engine._WORTH = 0.0
-        print(repr(sum(float(abs(nodes).sum()) for nodes in simulated())))
+        print(repr(sum(float(abs(numbers).sum()) for numbers in computed())))
     """
     path = [str(Path(__file__).parent), *sys.path]
     command = [sys.executable, "-c", dedent(code).format(path=path)]

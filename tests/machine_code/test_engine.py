@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from reference import compiled
 
-from kennfeld.machine_code.engine import Engine
+from kennfeld.machine_code.engine import compile_functions
 from kennfeld.machine_code.ir import FunctionWriter, literal
 from models import MODELS, case
 
@@ -20,13 +20,12 @@ def adder(value):
 def test_a_function_is_called_with_addresses_and_numbers():
     f = adder(2.5)
     x = np.arange(4.0)
-    Engine(f.text()).function(f.name, f.parameters)(x.ctypes.data, 3)
+    compile_functions(f)["put"](x.ctypes.data, 3)
     assert x.tolist() == [2.5, 3.5, 4.5, 3.0]
 
 
 def test_a_function_outlives_the_name_of_its_engine():
-    f = adder(1.0)
-    call = Engine(f.text()).function(f.name, f.parameters)
+    call = compile_functions(adder(1.0))["put"]
     gc.collect()
     x = np.zeros(2)
     call(x.ctypes.data, 2)
@@ -34,7 +33,7 @@ def test_a_function_outlives_the_name_of_its_engine():
 
 
 def test_engines_with_equal_names_do_not_meet():
-    one, two = (Engine(adder(v).text()).function("put", adder(v).parameters) for v in (1.0, 10.0))
+    one, two = (compile_functions(adder(v))["put"] for v in (1.0, 10.0))
     x = np.zeros(1)
     one(x.ctypes.data, 1)
     two(x.ctypes.data, 1)
@@ -42,15 +41,16 @@ def test_engines_with_equal_names_do_not_meet():
 
 
 def test_wrong_code_is_refused():
+    f = adder(1.0)
+    f.do("add")
     with pytest.raises(RuntimeError, match="LLVM IR parsing error"):
-        Engine("define void @f( {")
+        compile_functions(f)
 
 
 def test_engines_compile_under_threads_at_once():
     def work(value):
-        f = adder(value)
         x = np.zeros(100)
-        Engine(f.text()).function(f.name, f.parameters)(x.ctypes.data, 100)
+        compile_functions(adder(value))["put"](x.ctypes.data, 100)
         return x
 
     with ThreadPoolExecutor(8) as pool:
@@ -89,5 +89,5 @@ def test_a_literal_keeps_its_bits(value):
     f = FunctionWriter("put", [("ptr", "x")])
     f.store(literal(value), "%x")
     x = np.ones(1)
-    Engine(f.text()).function(f.name, f.parameters)(x.ctypes.data)
+    compile_functions(f)[f.name](x.ctypes.data)
     assert x.tobytes() == np.array([value]).tobytes()

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from noise import assert_close, spread, steady
 from random_graphs import cases
 from reference import compiled
+from segments import cut_code
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.lookup_lowering import lower_lookups
@@ -28,7 +29,7 @@ def results(made):
 def test_code_cut_into_functions_gives_what_one_function_gives(model, segment, monkeypatch):
     graph = MODELS[model]()
     whole = results(compiled(case(graph, 90, (0, 40))))
-    monkeypatch.setattr(emitter, "SEGMENT", segment)
+    cut_code(monkeypatch, segment)
     for a, b in zip(results(compiled(case(graph, 90, (0, 40)))), whole, strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.max(np.abs(b)))
 
@@ -41,7 +42,7 @@ def test_an_output_may_stand_in_another_function_than_its_entries(segment, monke
         total = b.call("add", total, b.lookup("C", b.input(coordinate)))
     graph = b.finish({"y": total})
     whole = results(compiled(case(graph, 20)))
-    monkeypatch.setattr(emitter, "SEGMENT", segment)
+    cut_code(monkeypatch, segment)
     for a, b_ in zip(results(compiled(case(graph, 20))), whole, strict=True):
         np.testing.assert_allclose(a, b_, rtol=0, atol=1e-13 * np.max(np.abs(b_)))
 
@@ -63,7 +64,7 @@ def test_random_models_do_not_depend_on_where_the_code_is_cut(case, segment):
 
     exact, change = reference(plain), spread(plain, reference)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(emitter, "SEGMENT", segment)
+        cut_code(patch, segment)
         assert_close(run(), exact, change, steady(exact, change))
         made = compiled(case)
         made.accumulator().costs(made.values)

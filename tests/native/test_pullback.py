@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 from reference import compiled
+from segments import cut_code
 
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
-from kennfeld.native import emitter
 from models import MODELS, case, coupled
 
 
@@ -59,7 +59,7 @@ def test_the_code_around_a_pull_back_may_be_cut(segment, share, monkeypatch):
     share()
     model = case(coupled(3), 60, (0, 20))
     whole = results(compiled(model))
-    monkeypatch.setattr(emitter, "SEGMENT", segment)
+    cut_code(monkeypatch, segment)
     assert_equal(results(compiled(model)), whole)
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.fit import default_tolerance
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
@@ -358,3 +360,16 @@ def test_values_said_to_keep_their_start_do():
     result = kf.calibrate("m = C(k * x)", {"x": x, "y": 0.2 * x}, start, target="y")
     unseen = ~result.trust.informed["C"]
     assert result.parameters["C"].values[unseen].tolist() == start["C"].values[unseen].tolist()
+
+
+@pytest.mark.parametrize(
+    ("count", "samples", "tolerance"), [(5, 40, 1e-8), (10, 400, 3e-5), (10, 200_000, 2.5e-5), (4, 400_000, 2e-6)]
+)
+def test_without_a_tolerance_a_descent_ends_at_what_the_data_can_distinguish(count, samples, tolerance):
+    random = np.random.default_rng(0)
+    data = {name: random.random(samples) for name in ("u", "v", "y")}
+    axis = np.linspace(0, 1, count)
+    start = kf.ParameterSet([kf.Map("A", axis, axis, np.zeros((count, count)))])
+    compiled = CompiledProblem(build_problem("m = A(u, v)", data, start, "y"))
+    assert compiled.residuals == samples
+    assert default_tolerance(compiled, LeastSquaresObjective(compiled)) == pytest.approx(tolerance)

@@ -119,12 +119,19 @@ def test_simulations_read_columns_of_any_type_and_layout(kind):
         lambda value: Shape("C", 0, "slope", value),
         lambda value: Equality([Term("C")], value),
         lambda value: Term("C", factor=value),
-        lambda value: kf.Options(tolerance=value),
+        lambda value: kf.Options(spread=value),
     ],
 )
 def test_settings_that_are_no_numbers_are_refused(make, wrong):
     with pytest.raises(kf.KennfeldError, match=r"must be a (finite )?number"):
         make(wrong)
+
+
+@pytest.mark.parametrize("wrong", ["1", np.array([1.0, 2.0]), 1j])
+def test_a_tolerance_is_a_number_or_chosen_automatically(wrong):
+    assert kf.Options(tolerance=None).tolerance is None
+    with pytest.raises(kf.KennfeldError, match="must be a finite number"):
+        kf.Options(tolerance=wrong)
 
 
 def test_text_in_a_column_is_reported_with_all_its_like():

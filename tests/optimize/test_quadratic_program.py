@@ -9,7 +9,7 @@ from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
-from kennfeld.optimize.solver.quadratic_program import nonnegative_dual, solve
+from kennfeld.optimize.solver.quadratic_program import QuadraticProgram, nonnegative_dual
 
 
 def limited(lower, upper, matrix=None, target=None):
@@ -31,9 +31,8 @@ def convex(size, random, condition=1e2):
 
 
 def solved(matrix, gradient, at, limits, guess=None):
-    return solve(
-        Factor.of(np.asarray(cholesky(matrix, lower=True))), -np.linalg.solve(matrix, gradient), at, limits, guess
-    )
+    factor = Factor.of(np.asarray(cholesky(matrix, lower=True)))
+    return QuadraticProgram(limits).solve(factor, -np.linalg.solve(matrix, gradient), at, guess)
 
 
 def worth(matrix, gradient, step):
@@ -298,5 +297,32 @@ def test_the_factor_is_used_as_it_is():
     factor = Factor.of(lower)
     kept = factor.panels.copy()
     free = -solve_triangular(lower.T, solve_triangular(lower, gradient, lower=True), lower=False)
-    solve(factor, free, np.zeros(5), LinearLimits(np.full(5, -0.01), np.full(5, 0.01)))
+    QuadraticProgram(LinearLimits(np.full(5, -0.01), np.full(5, 0.01))).solve(factor, free, np.zeros(5))
     assert np.array_equal(factor.panels, kept)
+
+
+@given(st.integers(2, 5), st.lists(st.integers(0, 2**32 - 1), min_size=2, max_size=5))
+def test_programs_of_earlier_steps_leave_nothing_behind(count, seeds):
+    limits = limited_map(count, np.random.default_rng(count))
+    program, size = QuadraticProgram(limits), count * count
+    for seed in seeds:
+        random = np.random.default_rng(seed)
+        matrix, gradient = convex(size, random)
+        factor, free = Factor.of(np.asarray(cholesky(matrix, lower=True))), -np.linalg.solve(matrix, gradient)
+        guess = random.integers(-1, 2, size + limits.rows.count) if seed % 2 else None
+        again, first = (
+            program.solve(factor, free, np.zeros(size), guess),
+            solved(matrix, gradient, np.zeros(size), limits, guess),
+        )
+        assert np.array_equal(again.step, first.step)
+        assert np.array_equal(again.active, first.active)
+
+
+def test_the_limits_raise_the_cost_of_the_model_by_their_push():
+    random = np.random.default_rng(5)
+    limits = limited_map(6, random)
+    matrix, gradient = convex(36, random)
+    solution = solved(matrix, gradient, np.zeros(36), limits)
+    assert solution.active.any()
+    step = solution.step
+    assert solution.push == pytest.approx(-step @ (matrix @ step + gradient), rel=1e-9, abs=1e-12)

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE
+from kennfeld.optimize.api import build_problem
+from kennfeld.optimize.compiled import SEARCH_SAMPLES, CompiledProblem
+from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
+from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
 
 TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
 GRID = np.linspace(0, 1, 6)
@@ -55,7 +59,8 @@ def widths(names):
 def test_where_creases_matter_all_ways_are_tried_with_shrinking_widths(both):
     names = [name for name, _ in stages(both)]
     plain = names.index("plain")
-    assert names[plain - 1] == names[-1] == "exact"
+    assert names[plain - 1] == "exact"
+    assert names[-1] == "final"
     for part, ladder in ((names[:plain], SHORT_SCHEDULE), (names[plain:], LONG_SCHEDULE)):
         assert widths(part) == sorted(widths(part), reverse=True)
         assert set(widths(part)) <= set(ladder.widths)
@@ -67,12 +72,14 @@ def test_where_both_ways_end_alike_the_long_one_is_left_out():
     start = chain(np.zeros((6, 6)), smooth.values, np.full((6, 6), 40.0))
     fixed = kf.calibrate(TEXT, data, start, target="y", node="m", smoothness=10.0, free=["M", "Opt"])
     names = [name for name, _ in stages(fixed)]
-    assert names[-1] == "plain"
-    assert "exact" in names
+    assert names[names.index("plain") - 1] == "exact"
+    assert max(widths(names)) == max(SHORT_SCHEDULE.widths)
 
 
 def test_the_lowest_cost_wins(both):
-    assert both.cost_after == min(cost for name, cost in stages(both) if name in ("plain", "exact"))
+    ends = stages(both)
+    assert both.cost_after == ends[-1][1]
+    assert both.cost_after <= min(cost for name, cost in ends if name in ("plain", "exact"))
 
 
 def test_switched_off_only_the_plain_descent_runs(plain):
@@ -95,7 +102,7 @@ def test_a_function_without_creases_to_smooth_has_one_descent():
     assert {line.stage for line in result.trace} == {"plain"}
 
 
-@pytest.mark.parametrize("stage", ["smooth 1", "smooth 0.25", "plain", "smooth 4", "exact"])
+@pytest.mark.parametrize("stage", ["smooth 1", "smooth 0.25", "plain", "smooth 4", "exact", "final"])
 def test_a_stop_on_the_way_keeps_the_better_values(stage):
     def stop(line):
         if line.stage == stage:
@@ -103,7 +110,7 @@ def test_a_stop_on_the_way_keeps_the_better_values(stage):
 
     result = calibrated(progress=stop)
     assert result.status == "stopped"
-    known = [line.cost for line in result.trace if line.stage in ("plain", "exact")]
+    known = [line.cost for line in result.trace if line.stage in ("plain", "exact", "final")]
     assert result.cost_after <= min([result.cost_before, *known])
     data, _ = problem()
     again = kf.calibrate(
@@ -125,3 +132,51 @@ def test_bounds_hold_at_the_end_of_the_continuation():
     assert np.all((result.parameters["Opt"].values >= -0.2) & (result.parameters["Opt"].values <= 0.25))
     assert np.all(result.parameters["Eta"].values <= 1.0)
     assert np.interp(0.1, DELTA, result.parameters["Eta"].values) == pytest.approx(0.95, rel=1e-9)
+
+
+def test_many_samples_are_thinned_for_the_search_but_not_for_its_end():
+    data, start = problem(samples=2 * SEARCH_SAMPLES)
+    result = kf.calibrate(TEXT, data, start, target="y", node="m", smoothness=1e-3)
+    assert result.converged
+    squares = result.quality[0].samples * result.quality[0].rmse_after ** 2
+    assert result.quality[0].samples == 2 * SEARCH_SAMPLES
+    assert squares <= result.cost_after <= 1.01 * squares
+    searched = [line.cost for line in result.trace if line.stage in ("exact", "plain")]
+    assert min(searched) == pytest.approx(result.cost_after, rel=0.05)  # with the weight of all samples
+
+
+@pytest.mark.parametrize("stage", ["smooth 1", "plain"])
+def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage):
+    data, start = problem(samples=2 * SEARCH_SAMPLES)
+
+    def stop(line):
+        if line.stage == stage:
+            raise kf.Stop
+
+    result = kf.calibrate(TEXT, data, start, target="y", node="m", progress=stop)
+    assert result.status == "stopped"
+    squares = result.quality[0].samples * result.quality[0].rmse_after ** 2
+    assert result.cost_after == pytest.approx(squares, rel=1e-9)
+    assert result.cost_after < result.cost_before
+
+
+def test_a_search_is_given_up_where_an_earlier_one_was_as_good():
+    data, start = problem()
+    compiled = CompiledProblem(build_problem(TEXT, data, start, "y", node="m", smoothness=1e-3))
+    continuation, limits = Continuation.of(compiled), linear_limits(compiled.problem, compiled.values)
+    begin, settings = compiled.start[: compiled.values.free], SolverSettings(tolerance=1e-3)
+    lines = []
+
+    def search(earlier):
+        lines.clear()
+        return continuation.descend(
+            SHORT_SCHEDULE, begin, limits, settings, lambda stage, *_: lines.append(stage), earlier
+        )
+
+    first, costs = search(None)
+    assert list(costs) == list(SHORT_SCHEDULE.widths)
+    again, _ = search(costs)
+    assert again.cost == np.inf
+    assert set(lines) == {"smooth 1"}
+    better, _ = search({width: 1.01 * cost for width, cost in costs.items()})
+    assert better.cost == first.cost

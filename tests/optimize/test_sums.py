@@ -106,9 +106,15 @@ def test_native_code_meets_the_protocol():
 @pytest.mark.parametrize("size", [3, 7], ids=["rows", "normal equations"])
 def test_another_implementation_fits_the_same_values(size):
     problem = torque_problem(size=size)
-    native, divided = CompiledProblem(problem), CompiledProblem(problem, sums_of=TwoHalves)
+    created = []
+
+    def divide(kernel, samples):
+        created.append(TwoHalves(kernel, samples))
+        return created[-1]
+
+    native, divided = CompiledProblem(problem), CompiledProblem(problem, sums_of=divide)
     expected, end = descend(native), descend(divided)
-    assert divided.sums.calls > 0
+    assert created[0].calls > 0
     assert end.status == expected.status == "converged"
     assert end.cost == pytest.approx(expected.cost, rel=1e-9)
     assert end.values == pytest.approx(expected.values, rel=1e-5, abs=1e-5)
@@ -118,10 +124,71 @@ def test_a_whole_calibration_needs_no_more_than_the_protocol(monkeypatch):
     """Continuation, output limits and the uncertainty of the values are included."""
     limited = replace(torque_problem(), limits=(kf.Limit("torque", upper=190.0),))
     expected = run(limited, Options())
-    monkeypatch.setattr("kennfeld.optimize.compiled.Accumulator", TwoHalves)
+    created = []
+    monkeypatch.setattr(
+        "kennfeld.optimize.compiled.Accumulator", lambda *args: created.append(TwoHalves(*args)) or created[-1]
+    )
     result = run(limited, Options())
-    assert isinstance(CompiledProblem(limited).sums, TwoHalves)
+    assert sum(sums.calls for sums in created) > result.iterations
     assert result.status == expected.status
     assert result.cost_after == pytest.approx(expected.cost_after, rel=1e-4)
     for name, deviation in expected.trust.deviation.items():
         assert result.trust.deviation[name] == pytest.approx(deviation, rel=0.05, abs=1e-3, nan_ok=True)
+
+
+class Counted(Accumulator):
+    """Sums that count how often they are computed."""
+
+    normals = costs_computed = 0
+
+    def normal(self, values):
+        self.normals += 1
+        return super().normal(values)
+
+    def cost(self, values):
+        self.costs_computed += 1
+        return super().cost(values)
+
+
+@pytest.fixture
+def counted():
+    """A compiled problem with many samples for few values, and its sums."""
+    created = []
+
+    def count(kernel, samples):
+        created.append(Counted(kernel, samples))
+        return created[-1]
+
+    compiled = CompiledProblem(torque_problem(size=3), sums_of=count)
+    assert 8 * compiled.samples.count > compiled.values.free**2
+    return compiled, created[0]
+
+
+def test_sums_at_the_values_of_the_last_call_are_not_computed_again(counted):
+    compiled, sums = counted
+    first = compiled.sums.normal(compiled.start)
+    gradient, matrix = first.gradient.copy(), first.matrix.copy()
+    first.matrix[:] = 0.0  # callers add the roughness in place
+    for _ in range(2):
+        again = compiled.sums.normal(compiled.start.copy())
+        np.testing.assert_array_equal(again.gradient, gradient)
+        np.testing.assert_array_equal(again.matrix, matrix)
+        again.matrix[:] = 1.0
+    assert sums.normals == 1
+    assert compiled.sums.cost(compiled.start) == compiled.sums.cost(compiled.start.copy())
+    assert sums.costs_computed == 1
+
+
+def test_sums_are_computed_again_for_other_values_and_targets(counted):
+    compiled, sums = counted
+    before = compiled.sums.cost(compiled.start)
+    assert compiled.sums.cost(1.1 * compiled.start) != before
+    target = compiled.samples.wanted.parts[0][0]
+    target.setflags(write=True)
+    target += 5.0
+    compiled.reread_targets()
+    assert compiled.sums.cost(compiled.start) != before
+    compiled.sums.normal(compiled.start)
+    compiled.reread_targets()
+    compiled.sums.normal(compiled.start)
+    assert sums.normals == 2

@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from simulated_datasets import SimulatedDatasets
 
 from kennfeld import InputError, calibrate, read_parameters
 from kennfeld.dataset import Dataset
@@ -19,8 +20,8 @@ class Line:
     formats = (".dcm",)
     surrogates = ()
 
-    def simulate(self, parameters=None, shifts=None):
-        return [Dataset.of("bench", {"y": [1.0, 2.0]})]
+    def simulation(self, parameters=None, shifts=None):
+        return SimulatedDatasets(Dataset.of("bench", {"y": [1.0, 2.0]}))
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +110,7 @@ def test_an_interrupt_is_no_failure_to_write(result, tmp_path, temporary, monkey
 
 def test_what_cannot_be_simulated_is_kept_too(result, tmp_path, temporary):
     class Broken(Line):
-        def simulate(self, parameters=None, shifts=None):
+        def simulation(self, parameters=None, shifts=None):
             raise InputError.of(Location("model"), "cannot be simulated")
 
     told = Findings()

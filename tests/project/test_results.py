@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
+from simulated_datasets import SimulatedDatasets
 
 from kennfeld import Axis, Curve, Dataset, InputError, Map, ParameterSet, Scalar, calibrate, read, read_parameters
 from kennfeld.project.results import COLUMNS, require_room, write, write_simulation, write_text
@@ -20,10 +21,10 @@ class Line:
     formats = (".dcm",)
     surrogates = ()
 
-    def simulate(self, parameters=None, shifts=None):
+    def simulation(self, parameters=None, shifts=None):
         steady = Dataset.of("bench", {"y": [1.0, 2.0], "Torque": [1.5, np.nan]}, units={"y": "Nm"})
         moving = Dataset.of("drive", {"y": [3.0, 4.0, 5.0]}, time=np.array([0.0, 0.1, 0.0]), starts=np.array([0, 2]))
-        return [steady, moving]
+        return SimulatedDatasets(steady, moving)
 
 
 @pytest.fixture(scope="module")
@@ -124,12 +125,12 @@ def test_the_simulation_holds_all_datasets_one_below_the_other(result, tmp_path)
 
 
 def test_units_stay_with_the_simulation(tmp_path):
-    path = write_simulation(Line().simulate()[:1], tmp_path / "simulation.parquet")
+    path = write_simulation(SimulatedDatasets(Line().simulation().datasets[0]), tmp_path / "simulation.parquet")
     assert read(path)["y"].unit == "Nm"
 
 
 def test_a_simulation_can_be_csv(tmp_path):
-    path = write_simulation(Line().simulate(), tmp_path / "simulation.csv")
+    path = write_simulation(Line().simulation(), tmp_path / "simulation.csv")
     lines = path.read_text(encoding="utf-8").splitlines()
     assert lines[0].replace('"', "") == "dataset,piece,time,y,Torque"
     assert lines[1].replace('"', "") == "bench,1,,1,1.5"
@@ -137,14 +138,16 @@ def test_a_simulation_can_be_csv(tmp_path):
 
 
 def test_a_node_that_is_called_like_our_own_columns_gets_another_name(tmp_path):
-    path = write_simulation([Dataset.of("bench", {"piece": [7.0], "time": [8.0]})], tmp_path / "s.parquet")
+    path = write_simulation(
+        SimulatedDatasets(Dataset.of("bench", {"piece": [7.0], "time": [8.0]})), tmp_path / "s.parquet"
+    )
     table = pyarrow.parquet.read_table(path).to_pydict()
     assert (table["piece"], table["piece (model)"], table["time (model)"]) == ([1], [7.0], [8.0])
 
 
 def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"must have the extension \.parquet or \.csv, got \.xlsx"):
-        write_simulation(Line().simulate(), tmp_path / "s.xlsx")
+        write_simulation(Line().simulation(), tmp_path / "s.xlsx")
     assert not list(tmp_path.iterdir())
 
 
@@ -170,7 +173,7 @@ def test_a_text_is_written_whole_into_a_folder_that_is_made(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="permissions and links as POSIX has them")
 @pytest.mark.parametrize(
     "rewrite",
-    [lambda path: write_text("text", path), lambda path: write_simulation(Line().simulate(), path)],
+    [lambda path: write_text("text", path), lambda path: write_simulation(Line().simulation(), path)],
     ids=["text", "simulation"],
 )
 def test_a_file_that_the_user_names_keeps_its_link_and_permissions(rewrite, tmp_path):

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from kennfeld.report.figures import TraceEnvelope, histogram, sample_indices
+from kennfeld.report.drawings import Histogram, Trace, TraceEnvelope, sample_indices
 from kennfeld.report.markup import decimal, element, percent, round_digits, table
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
@@ -37,31 +37,38 @@ def test_every_number_can_be_shown(value):
     assert math.isfinite(value) or decimal(value) == "–"
 
 
-@given(arrays(np.float64, st.integers(0, 400), elements=FLOATS), st.integers(2, 60))
-def test_an_envelope_keeps_extremes_within_its_size(values, most):
+@given(arrays(np.float64, st.integers(0, 400), elements=FLOATS), st.integers(2, 60), st.integers(0, 400))
+def test_an_envelope_keeps_extremes_within_its_size(values, most, cut):
     groups = TraceEnvelope(values.size, most)
-    trace = groups.trace(values)
-    assert trace.size <= max(most + 2, 2)
-    assert groups.places(np.arange(float(values.size))).size == trace.size
+    trace, later = Trace(), Trace()
+    trace.add(groups, 0, values[:cut])
+    later.add(groups, min(cut, values.size), values[cut:])
+    trace.merge(later)
+    points = trace.points(groups)
+    assert points.size <= max(most + 2, 2)
+    twice = 1 if groups.whole else 2
+    firsts = [*groups.firsts(0, min(cut, values.size)), *groups.firsts(min(cut, values.size), values.size)]
+    assert points.size == twice * len(firsts)
     if not np.isnan(values).all():
-        assert np.nanmax(trace) == np.nanmax(values)
-        assert np.nanmin(trace) == np.nanmin(values)
+        assert np.nanmax(points) == np.nanmax(values)
+        assert np.nanmin(points) == np.nanmin(values)
     else:
-        assert np.isnan(trace).all()
+        assert np.isnan(points).all()
 
 
-@given(st.integers(0, 500), st.integers(1, 50), st.lists(st.integers(0, 499), max_size=5))
-def test_some_samples_hold_those_that_must_be_there(count, most, always):
-    always = [i for i in always if i < count]
-    chosen = sample_indices(count, most, always)
-    assert len(chosen) <= max(most + len(always), min(count, most))
-    assert set(always) <= set(chosen.tolist()) or count <= most
+@given(st.integers(0, 500), st.integers(1, 50))
+def test_some_samples_are_drawn_once(count, most):
+    chosen = sample_indices(count, most)
+    assert len(chosen) == min(most, count)
     assert (np.diff(chosen) > 0).all()
 
 
-@given(arrays(np.float64, st.integers(0, 100), elements=FLOATS))
-def test_a_histogram_loses_no_finite_number(values):
-    assert histogram(values, (-1.0, 1.0), 7).sum() == np.isfinite(values).sum()
+@given(arrays(np.float64, st.integers(0, 100), elements=FLOATS), st.integers(0, 100))
+def test_a_histogram_loses_no_finite_number(values, cut):
+    counted = Histogram.of(values[:cut], (-1.0, 1.0), 7)
+    counted.merge(Histogram.of(values[cut:], (-1.0, 1.0), 7))
+    assert counted.counts.sum() == np.isfinite(values).sum()
+    assert counted.beyond == np.count_nonzero(np.isfinite(values) & (np.abs(values) > 1))
 
 
 @given(st.text(), st.text())

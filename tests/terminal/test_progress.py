@@ -1,9 +1,11 @@
 from dataclasses import replace
 
+import pytest
+
 from kennfeld.optimize import TraceLine
 from kennfeld.terminal import progress
 from kennfeld.terminal.output import print_findings, print_lines
-from kennfeld.terminal.progress import display
+from kennfeld.terminal.progress import ReadingProgress, display
 
 LINE = TraceLine(1, 1, "plain", 1234.5, 1.5, 0.1, 1e-3, 0, 0.2)
 
@@ -42,3 +44,34 @@ def test_lines_go_where_they_belong(capsys):
     print_lines("one", "two")
     print_findings("three\nfour")
     assert capsys.readouterr() == ("one\ntwo\n", "three four\n")
+
+
+class TestReading:
+    @pytest.fixture
+    def clock(self, monkeypatch):
+        now = [0.0]
+        monkeypatch.setattr("kennfeld.terminal.progress.time.monotonic", lambda: now[0])
+        return now
+
+    def test_files_that_are_read_at_once_are_not_mentioned(self, clock, capsys):
+        progress = ReadingProgress()
+        for done in range(1, 4):
+            progress(done, 3)
+        assert capsys.readouterr().err == ""
+
+    def test_elsewhere_a_line_appears_from_time_to_time(self, clock, capsys):
+        progress = ReadingProgress()
+        for done in range(1, 11):
+            clock[0] += 0.5
+            progress(done, 10)
+        assert capsys.readouterr().err.splitlines() == ["reading: 4 of 10 files", "reading: 8 of 10 files"]
+
+    def test_on_a_terminal_the_line_is_removed_at_the_end(self, clock, capsys, monkeypatch):
+        progress = ReadingProgress()
+        monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+        for done in range(1, 4):
+            clock[0] += 1.0
+            progress(done, 3)
+        shown = capsys.readouterr().err
+        assert shown.startswith("\rreading: 1 of 3 files\rreading: 2 of 3 files\r")
+        assert shown.rpartition("files")[2].strip() == ""

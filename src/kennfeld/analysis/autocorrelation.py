@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.optimize.trust.persistence import inflation, lagged_products
+from kennfeld.optimize.trust.persistence import MIN_SAMPLES, LaggedProducts, inflation
 
 MAX_LAGS = 1000
 
@@ -46,26 +46,27 @@ def autocorrelation(
     >>> autocorrelation(wave, step=0.1).values[[0, 20, 40]].round(2)
     array([ 1., -1.,  1.])
     """
-    edges = [*(int(start) for start in starts), error.size]
-    known = np.isfinite(error)
-    count = int(known.sum())
-    longest = max((b - a for a, b in pairwise(edges)), default=0)
-    lags = min(most, longest // 4)
-    if lags < 1 or count < 8:
+    known = error[np.isfinite(error)]
+    lags = count_lags(starts, error.size, most)
+    if lags < 1 or not known.size:
         return None
-    centred = np.where(known, error, 0.0)
-    centred[known] -= centred[known].mean()
-    sums, pairs = np.zeros((2, lags + 1))
-    for a, b in pairwise(edges):
-        sums += lagged_products(centred[a:b], lags)
-        if count == error.size:
-            pairs += np.maximum(b - a - np.arange(lags + 1), 0)
-        else:
-            pairs += np.round(lagged_products(known[a:b].astype(np.float64), lags))
-    if not (np.isfinite(sums).all() and sums[0] > 0):
+    products = LaggedProducts.of(error, starts, float(known.mean()), lags)
+    return of_products(products, known.size, step)
+
+
+def count_lags(starts: Sequence[int] | Int, samples: int, most: int = MAX_LAGS) -> int:
+    """Return the greatest lag that is used, in samples."""
+    edges = [*(int(start) for start in starts), samples]
+    return min(most, max((b - a for a, b in pairwise(edges)), default=0) // 4)
+
+
+def of_products(products: LaggedProducts, count: int, step: float | None) -> Autocorrelation | None:
+    """Return the autocorrelation from sums of products of `count` known errors; None if there are too few."""
+    sums, pairs = products.sums, products.pairs
+    if count < MIN_SAMPLES or not (np.isfinite(sums).all() and sums[0] > 0):
         return None
-    covariance = np.divide(sums, pairs, out=np.zeros(lags + 1), where=pairs > 0)
+    covariance = np.divide(sums, pairs, out=np.zeros(sums.size), where=pairs > 0)
     values = covariance / covariance[0]
     unit = "samples" if step is None else "s"
-    steps = np.arange(lags + 1, dtype=np.float64) * (step or 1.0)
+    steps = np.arange(sums.size, dtype=np.float64) * (step or 1.0)
     return Autocorrelation(steps, values, 1.96 / np.sqrt(count), count / inflation(sums, pairs), unit)

@@ -1,7 +1,7 @@
 """Errors by table cell, and the number of samples at each grid point."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -40,28 +40,56 @@ class Tally:
 
 def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[CriterionSeries]) -> Tally:
     """Sum errors by criterion, cell and use, and count samples at grid points, in one pass over all lookups."""
-    sums: dict[tuple[str, int, Use], Float] = {}
-    touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
     by_dataset: dict[tuple[str, Use], list[CriterionSeries]] = {}
     for entry in series:
         by_dataset.setdefault((entry.bound.dataset.name, entry.bound.dataset.use), []).append(entry)
-    for (_, use), same in by_dataset.items():
-        bound = same[0].bound
-        counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in same])
-        fits = use == "training" and bound.dataset.weight > 0
-        for lookup in lookups.blocks(bound):
-            name = lookup.table.name
+    sums = CellSums(lookups)
+    for same in by_dataset.values():
+        sums.merge(CellSums.of(lookups, lookups.blocks(same[0].bound), same))
+    return sums.tally(parameters)
+
+
+@dataclass
+class CellSums:
+    """Sums by cell and counts by grid point, which can be merged with those of other samples."""
+
+    lookups: Lookups
+    errors: dict[tuple[str, int, Use], Float] = field(default_factory=dict)  # Float[3, cells]
+    touching: dict[str, Int] = field(default_factory=dict)  # Int[values]
+
+    @classmethod
+    def of(cls, lookups: Lookups, located: Iterable[Lookup], series: Sequence[CriterionSeries]) -> "CellSums":
+        """Return the sums over a dataset or a part of one, given its lookups and all criteria that it scores."""
+        sums, bound = cls(lookups), series[0].bound
+        counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in series])
+        use, fits = bound.dataset.use, bound.dataset.use == "training" and bound.dataset.weight > 0
+        for lookup in located:
+            name, size = lookup.table.name, lookup.table.size
             known = counts[lookup.samples] & lookup.known
+            touching = sums.touching.setdefault(name, np.zeros(size, dtype=np.int64))
             for at, weight in lookup.corners() if fits else ():
-                touching[name] += np.bincount(at[known & (weight != 0)], minlength=touching[name].size)
-            for errors in same:
-                if errors.criterion in lookups.reached[name]:
+                touching += np.bincount(at[known & (weight != 0)], minlength=size)
+            for errors in series:
+                if errors.criterion in lookups.reached[name] and errors.scored.any():
                     cells = int(np.prod(cell_shape(lookup.table)))
-                    _add(sums.setdefault((name, errors.criterion, use), np.zeros((3, cells))), lookup, errors)
-    return Tally(
-        tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in sums.items()),
-        {name: total.reshape(parameters[name].values.shape) for name, total in touching.items()},
-    )
+                    key = (name, errors.criterion, use)
+                    _add(sums.errors.setdefault(key, np.zeros((3, cells))), lookup, errors)
+        return sums
+
+    def merge(self, later: "CellSums") -> None:
+        """Take in the sums over other samples."""
+        for key, total in later.errors.items():
+            self.errors[key] = self.errors[key] + total if key in self.errors else total
+        for name, count in later.touching.items():
+            self.touching[name] = self.touching[name] + count if name in self.touching else count
+
+    def tally(self, parameters: ParameterSet) -> Tally:
+        """Return the errors by cell and the counts in the shapes of the tables."""
+        touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in self.lookups.reached}
+        return Tally(
+            tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in self.errors.items()),
+            {name: count.reshape(parameters[name].values.shape) for name, count in (touching | self.touching).items()},
+        )
 
 
 def _add(total: Float, lookup: Lookup, series: CriterionSeries) -> None:

@@ -57,35 +57,53 @@ class Evaluator:
     def __init__(self, problem: Problem, extra: Mapping[int, str] | None = None) -> None:
         self._problem, self._extra, self.values = problem, dict(extra or {}), list[Float]()
         self._graph = with_names(problem.graph, self._extra)
-        self.bounds = [problem.bind(dataset) for dataset in problem.datasets]
         self._against_node = [problem.target_node(criterion) is not None for criterion in problem.criteria]
         self._names = [difference(i) for i in range(len(problem.criteria))]
         self._names += [c.node for c, node in zip(problem.criteria, self._against_node, strict=True) if node]
         self._names += self._extra.values()
-        self._nodes: tuple[ParameterSet, NodeSimulator] | None = None
+        self._nodes: list[tuple[ParameterSet, NodeSimulator]] = []
 
     def series(self, parameters: ParameterSet) -> tuple[CriterionSeries, ...]:
         """Return every criterion on every dataset that scores it, dataset by dataset."""
-        if self._nodes is None or not _same_axes(self._nodes[0], parameters):
-            self._nodes = parameters, NodeSimulator(self._graph, parameters, self._names)
-        self.values = []
-        values = ((bound, self._nodes[1].values(bound, parameters)) for bound in self.bounds)
-        return tuple(series for bound, nodes in values for series in self._series(bound, nodes))
+        parts = [self.over(self._problem.bind(dataset), parameters) for dataset in self._problem.datasets]
+        self.values = [part.extra for part in parts]
+        return tuple(series for part in parts for series in part.series if series.scored.any())
+
+    def prepare(self, parameters: ParameterSet) -> NodeSimulator:
+        """Return the compiled nodes for the axes of these parameters."""
+        for known, nodes in self._nodes:
+            if _same_axes(known, parameters):
+                return nodes
+        nodes = NodeSimulator(self._graph, parameters, self._names)
+        self._nodes.append((parameters, nodes))
+        return nodes
+
+    def over(self, bound: BoundDataset, parameters: ParameterSet) -> "EvaluatedCriteria":
+        """Return every criterion over a dataset or a part of one, also those that it does not score."""
+        values = self.prepare(parameters).values(bound, parameters)
+        series = tuple(self._series(bound, values))
+        return EvaluatedCriteria(series, values[len(self._names) - len(self._extra) :])
 
     def _series(self, bound: BoundDataset, values: Float) -> Iterator[CriterionSeries]:
-        count = len(self._problem.criteria)
-        own = iter(values[count:])
-        self.values.append(values[len(self._names) - len(self._extra) :])
+        own = iter(values[len(self._problem.criteria) :])
         for i, criterion in enumerate(self._problem.criteria):
             target = self._problem.target(criterion, bound)
             model = next(own) if self._against_node[i] else values[i]
             # a target that is a node is model minus the scored difference
             measured = model - (values[i] - target) if self._against_node[i] else target
-            if np.isfinite(target).any():
-                channel = criterion.target.name
-                unit = bound.dataset[channel].unit if channel in bound.dataset else ""
-                unit = unit or self._problem.model.graph.units.get(criterion.node, "")
-                yield CriterionSeries(i, bound, unit, model, measured)
+            channel = criterion.target.name
+            unit = bound.dataset[channel].unit if channel in bound.dataset else ""
+            yield CriterionSeries(
+                i, bound, unit or self._problem.model.graph.units.get(criterion.node, ""), model, measured
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedCriteria:
+    """The criteria over some samples, and further nodes, Float[extra, samples]."""
+
+    series: tuple[CriterionSeries, ...]
+    extra: Float
 
 
 def _same_axes(first: ParameterSet, second: ParameterSet) -> bool:

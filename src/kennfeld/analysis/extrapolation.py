@@ -2,22 +2,23 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.dataset import Use
+from kennfeld.dataset import SAMPLES_PER_BLOCK, Use
 from kennfeld.formatting import count_noun
 from kennfeld.graph.traversal import with_names
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.result import finite_or_none
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.surrogate.surrogate_file import Surrogate
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate
-from kennfeld.surrogate.validity import Validity
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import Surrogate
+    from kennfeld.surrogate.validity import Validity
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def find_extrapolation(problem: Problem, parameters: ParameterSet) -> tuple[Extr
 class _Calls:
     """The calls of one surrogate over the datasets of a problem."""
 
-    def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: Surrogate) -> None:
+    def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: "Surrogate") -> None:
         nodes = problem.graph.nodes
         self.problem, self.parameters, self.surrogate = problem, parameters, surrogate
         self.calls = [n.args for n in nodes if n.op == "lookup" and n.payload == surrogate.name]
@@ -177,7 +178,7 @@ class _Calls:
 class _FarthestPoint:
     """Counts the samples outside, and finds the farthest: beyond an end, or else by the distance of the validity."""
 
-    def __init__(self, validity: Validity) -> None:
+    def __init__(self, validity: "Validity") -> None:
         self.validity, self.outside = validity, 0
         self.at, self.point, self._worst = 0, np.empty(0), (0.0, 0.0)
 
@@ -200,15 +201,17 @@ class _FarthestPoint:
             self.at, self.point, self._worst = int(at[i]), points[i], score
 
 
-def _beyond(validity: Validity, points: Float) -> Float:
+def _beyond(validity: "Validity", points: Float) -> Float:
     """Return the distance of each coordinate beyond the training data, in lengths: Float[..., inputs]."""
     with np.errstate(invalid="ignore", over="ignore"):
         past = np.maximum(validity.least - points, points - validity.most) / validity.lengths
     return np.where(np.isnan(past), np.inf, np.maximum(past, 0.0))
 
 
-def surrogate_coordinates(surrogate: Surrogate) -> list[tuple[str, int]]:
+def surrogate_coordinates(surrogate: "Surrogate") -> list[tuple[str, int]]:
     """Return the channel and the lag, in samples, of each coordinate of a surrogate."""
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+
     if not isinstance(surrogate, DynamicSurrogate):
         return [(name, 0) for name in surrogate.inputs]
     delayed = [(surrogate.output, surrogate.output_lags), *zip(surrogate.inputs, surrogate.lags, strict=True)]

@@ -2,77 +2,42 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
-from kennfeld.analysis.autocorrelation import Autocorrelation, autocorrelation
-from kennfeld.analysis.cell_errors import CellErrors, tally
-from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
+from kennfeld.analysis.autocorrelation import Autocorrelation, count_lags, of_products
+from kennfeld.analysis.cell_errors import CellErrors, CellSums
+from kennfeld.analysis.evaluation import CriterionSeries
+from kennfeld.analysis.leverage import LookupWeights
+from kennfeld.analysis.part_evaluation import EvaluatedPart, PartEvaluator
+from kennfeld.analysis.residual_statistics import (
+    MIDDLE,
+    MOST,
+    ErrorCounts,
+    ErrorDetails,
+    ErrorSearches,
+    LargeError,
+    LargeErrors,
+    largest_places,
+    relative_errors,
+    scaled_errors,
+)
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
-from kennfeld.optimize.lookup_coverage import Lookup, Lookups
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import spread
+from kennfeld.optimize.trust.persistence import LaggedProducts
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.sample_weights import sample_weights
+from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.bound_parts import BoundPart
+from kennfeld.sample_statistics import Mergeable, gather
 
-MAX_LEVERAGE = 0.999  # a sample that alone determines a value has no residual
+BEYOND = 3.0  # scaled errors that are rare for a normal distribution: 0.3 %
+_Statistic = TypeVar("_Statistic", bound=Mergeable)  # Python 3.11
+_Row = TypeVar("_Row", bound=Mergeable)
 
 Scaling = Literal["studentized", "standardised"]
-
-
-def sample_leverage(
-    problem: Problem, lookups: Lookups, series: Sequence[CriterionSeries], leverage: Mapping[str, Float]
-) -> dict[int, Float]:
-    """Approximate the leverage of each training sample, by the number of its series.
-
-    The leverage of a grid point, 1 if the data alone determine it, is distributed among the samples that look it up,
-    by their weights in the lookup and in the cost. Its sum over all samples equals that over all grid points, the
-    number of values that the data determine. For a single table whose samples are at its grid points this is the
-    diagonal of the hat matrix; otherwise it approximates it without a matrix of samples by values.
-
-    Args:
-        problem: criteria and their weights.
-        lookups: at the values of the fit.
-        series: the criteria on the datasets.
-        leverage: of the grid points, by table.
-
-    Returns:
-        Float[samples] by number of the series.
-    """
-    training = {i: entry for i, entry in enumerate(series) if entry.bound.dataset.use == "training"}
-    weights = {i: _weight(problem, entry) for i, entry in training.items()}
-    totals = {name: np.zeros(values.size) for name, values in leverage.items() if name in lookups.reached}
-    for i, lookup, at, weight in _corners(lookups, training, totals):
-        total = totals[lookup.table.name]
-        total += np.bincount(at, weight * weights[i][lookup.samples], minlength=total.size)
-    pulls = {i: np.zeros(entry.bound.count) for i, entry in training.items()}
-    for i, lookup, at, weight in _corners(lookups, training, totals):
-        total, own = totals[lookup.table.name], leverage[lookup.table.name].ravel()
-        each = np.divide(own, total, out=np.zeros(total.size), where=total > 0)
-        pulls[i][lookup.samples] += each[at] * (weight * weights[i][lookup.samples])
-    return {i: np.clip(np.nan_to_num(values), 0.0, MAX_LEVERAGE) for i, values in pulls.items()}
-
-
-def _weight(problem: Problem, series: CriterionSeries) -> Float:
-    criterion = problem.criteria[series.criterion]
-    weight = criterion.weight * series.bound.dataset.weight / criterion.scale**2
-    own = sample_weights(criterion, series.bound.dataset)
-    each = weight if own is None else weight * own[series.bound.kept]
-    return np.where(series.scored, each, 0.0)
-
-
-def _corners(
-    lookups: Lookups, training: Mapping[int, CriterionSeries], tables: Mapping[str, Float]
-) -> Iterator[tuple[int, Lookup, Int, Float]]:
-    """Yield the grid points and weights of lookups of these tables, by number of the series that depends on them."""
-    for i, entry in training.items():
-        for lookup in lookups.blocks(entry.bound):
-            if lookup.table.name in tables and entry.criterion in lookups.reached[lookup.table.name]:
-                for at, weight in lookup.corners():
-                    yield i, lookup, at, np.clip(weight, 0.0, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +115,7 @@ class Residuals:
 
 
 def residuals(
-    problem: Problem,
-    parameters: ParameterSet,
-    *,
-    trust: Any = None,
-    worst: int = 20,
-    series: Sequence[CriterionSeries] | None = None,
-    lookups: Lookups | None = None,
-    cells: tuple[CellErrors, ...] | None = None,
+    problem: Problem, parameters: ParameterSet, *, trust: Any = None, worst: int = 20
 ) -> tuple[Residuals, ...]:
     """Analyse the errors of a parameter set, one entry per criterion.
 
@@ -169,160 +127,280 @@ def residuals(
         parameters: the values to analyse.
         trust: the trust of a result; its `leverage` by table is used if it has one.
         worst: number of the largest errors to list.
-        series: the criteria at `parameters`, if computed already.
-        lookups: the lookups at `parameters`, if computed already.
-        cells: the errors by cell, if computed already.
 
     Returns:
         The residuals of each criterion that has a scored sample.
 
     Source of the studentized residual: R. D. Cook, S. Weisberg: Residuals and Influence in Regression, 1982, ch. 2.
     """
-    series = Evaluator(problem).series(parameters) if series is None else series
-    lookups = Lookups(problem, parameters) if lookups is None else lookups
-    cells = tally(lookups, parameters, series).cells if cells is None else cells
-    by_table = getattr(trust, "leverage", None)
-    leverage = sample_leverage(problem, lookups, series, by_table) if by_table else None
-    pairs = [(entry, (leverage or {}).get(i, np.zeros(entry.bound.count))) for i, entry in enumerate(series)]
-    return tuple(
-        _residuals_of_criterion(
-            problem,
-            list(group),
-            "standardised" if leverage is None else "studentized",
-            tuple(cell for cell in cells if cell.criterion == number),
-            worst,
-        )
-        for number, group in groupby(sorted(pairs, key=_criterion), _criterion)
-    )
+    return analyse(problem, parameters, parameters, trust=trust, worst=worst, keep=True).residuals
 
 
-def _criterion(pair: tuple[CriterionSeries, Float]) -> int:
-    return pair[0].criterion
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The errors of one criterion on one dataset before and after a calibration; `number` is that of the criterion."""
+
+    number: int
+    bound: BoundDataset
+    counts: ErrorCounts
+    details: ErrorDetails
+
+    @property
+    def samples(self) -> int:
+        """Number of scored samples."""
+        return self.counts.target.count
 
 
-def _residuals_of_criterion(
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """The errors of all criteria, without the samples themselves; see `residuals`."""
+
+    residuals: tuple[Residuals, ...]
+    fits: tuple[Fit, ...]  # dataset by dataset
+    touching: Mapping[str, Int]  # training samples by grid point, see `Tally`
+
+
+def analyse(
     problem: Problem,
-    pairs: Sequence[tuple[CriterionSeries, Float]],
-    scaling: Scaling,
-    cells: tuple[CellErrors, ...],
-    worst: int,
-) -> Residuals:
-    """Return the residuals of the series of one criterion, each paired with the leverage of its samples."""
-    series = [entry for entry, _ in pairs]
-    criterion = problem.criteria[series[0].criterion]
-    deviation = _deviation(pairs)
-    errors = tuple(_errors(entry, deviation * np.sqrt(1.0 - leverage)) for entry, leverage in pairs)
-    return Residuals(
-        criterion=criterion.node,
-        target=str(criterion.target),
-        unit=series[0].unit,
-        scaling=scaling,
-        deviation=deviation,
-        errors=errors,
-        summaries=tuple(map(_summary, series, errors)),
-        cells=cells,
-        worst=_worst(problem, series, errors, worst),
+    before: ParameterSet,
+    after: ParameterSet,
+    *,
+    trust: Any = None,
+    worst: int = 20,
+    keep: bool = False,
+    evaluator: PartEvaluator | None = None,
+) -> Analysis:
+    """Analyse the errors before and after a calibration part by part; their samples are forgotten unless kept.
+
+    Args:
+        problem: function, data and criteria.
+        before: the values at the start.
+        after: the values to analyse.
+        trust: see `residuals`.
+        worst: number of the largest errors to list.
+        keep: keep the errors of all samples in the result.
+        evaluator: evaluates the criteria at these values.
+    """
+    return _ResidualScan(problem, evaluator or PartEvaluator(problem, before, after), trust, worst).analysis(keep=keep)
+
+
+class _ResidualScan:
+    """The passes of an analysis; the first result of each is by criterion."""
+
+    def __init__(self, problem: Problem, evaluator: PartEvaluator, trust: Any, worst: int) -> None:
+        self._problem, self._evaluator, self._worst = problem, evaluator, worst
+        self._leverage: Mapping[str, Float] = getattr(trust, "leverage", None) or {}
+        self._bounds = [problem.bind(data) for data in problem.datasets]
+        self._weights = LookupWeights()
+
+    def analysis(self, *, keep: bool) -> Analysis:
+        cells = CellSums(self._evaluator.lookups)
+        counts = []
+        for bound in self._bounds:
+            first = self._gather(self._count, bound)
+            counts.append(first.counts.rows)
+            self._weights.merge(first.weights)
+            if any(count.target.count for count in first.counts.rows):
+                cells.merge(first.cells)
+        fits = []
+        for bound, own in zip(self._bounds, counts, strict=True):
+            scored = [number for number, count in enumerate(own) if count.target.count]
+            searches = [count.searches() for count in own]
+            work = partial(self._detail, counts=own, searches=searches)
+            details = self._gather(work, bound).rows if scored else []
+            fits += [Fit(number, bound, own[number], details[number]) for number in scored]
+        tallied = cells.tally(self._evaluator.parameters)
+        return Analysis(tuple(self._of_criteria(fits, tallied.cells, keep=keep)), tuple(fits), tallied.touching)
+
+    def _gather(self, work: Callable[[BoundPart], _Statistic], bound: BoundDataset) -> _Statistic:
+        return gather(work, self._evaluator.parts(bound))
+
+    def _count(self, part: BoundPart) -> "_FirstPass":
+        evaluated = self._evaluator.over(part)
+        lookups, located = self._evaluator.lookups, evaluated.located
+        return _FirstPass(
+            _Rows([ErrorCounts.of(*pair) for pair in zip(evaluated.before, evaluated.after, strict=True)]),
+            CellSums.of(lookups, located, evaluated.after),
+            LookupWeights.of(self._problem, lookups, located, evaluated.after, self._leverage),
+        )
+
+    def _leverages(self, evaluated: EvaluatedPart, series: CriterionSeries) -> Float:
+        lookups = self._evaluator.lookups
+        return self._weights.leverage(self._problem, lookups, evaluated.located, series, self._leverage)
+
+    def _detail(
+        self, part: BoundPart, counts: Sequence[ErrorCounts], searches: Sequence[ErrorSearches]
+    ) -> "_Rows[ErrorDetails]":
+        evaluated, rows = self._evaluator.over(part), []
+        for before, after, count, search in zip(evaluated.before, evaluated.after, counts, searches, strict=True):
+            leverage = self._leverages(evaluated, after)
+            lags = 0 if after.time is None else count_lags(part.whole.starts, part.whole.count)
+            products = None
+            if lags:
+                products = LaggedProducts.of(after.error, after.bound.starts, count.finite.mean, lags)
+            rows.append(
+                ErrorDetails(
+                    search.part(before, after),
+                    products,
+                    self._largest(part, after, leverage),
+                    float(np.sum(1.0 - leverage[after.scored])),
+                )
+            )
+        return _Rows(rows)
+
+    def _largest(self, part: BoundPart, series: CriterionSeries, leverage: Float) -> LargeErrors:
+        places, size = largest_places(series, self._worst)
+        kept, pieces, relative = series.bound.kept, series.piece, relative_errors(series)
+        names = self._problem.model.graph.inputs
+        errors = [
+            LargeError(
+                size=float(size[at]),
+                sample=part.begin + int(kept[at]),
+                piece=part.piece + int(pieces[at]),
+                time=None if series.time is None else float(series.time[at]),
+                measured=float(series.measured[at]),
+                model=float(series.model[at]),
+                error=float(series.model[at] - series.measured[at]),
+                relative=float(relative[at]),
+                leverage=float(leverage[at]),
+                inputs={name: float(series.bound.inputs[name][kept[at]]) for name in names},
+            )
+            for at in places.tolist()
+        ]
+        largest = LargeErrors(self._worst)
+        largest.merge(LargeErrors(self._worst, errors))
+        return largest
+
+    def _of_criteria(self, fits: Sequence[Fit], cells: Sequence[CellErrors], *, keep: bool) -> Iterator[Residuals]:
+        deviations = {n: _deviation([fit for fit in fits if fit.number == n]) for n in sorted({f.number for f in fits})}
+        scaled: dict[tuple[int, int], _Scaled] = {}
+        for bound in {id(fit.bound): fit.bound for fit in fits}.values():
+            own = {fit.number: deviations[fit.number] for fit in fits if fit.bound is bound}
+            rows = self._gather(partial(self._scale, deviations=own, keep=keep), bound).rows
+            scaled |= {(number, id(bound)): row for number, row in zip(own, rows, strict=True)}
+        for number, deviation in deviations.items():
+            own_fits = [fit for fit in fits if fit.number == number]
+            own_scaled = [scaled[number, id(fit.bound)] for fit in own_fits]
+            criterion = self._problem.criteria[number]
+            yield Residuals(
+                criterion=criterion.node,
+                target=str(criterion.target),
+                unit=own_fits[0].counts.unit,
+                scaling="studentized" if self._leverage else "standardised",
+                deviation=deviation,
+                errors=tuple(_errors(fit, row) for fit, row in zip(own_fits, own_scaled, strict=True) if keep),
+                summaries=tuple(map(_summary, own_fits, own_scaled)),
+                cells=tuple(cell for cell in cells if cell.criterion == number),
+                worst=_worst(own_fits, deviation, self._worst),
+            )
+
+    def _scale(self, part: BoundPart, deviations: Mapping[int, float], *, keep: bool) -> "_Rows[_Scaled]":
+        evaluated, rows = self._evaluator.over(part), []
+        for number, deviation in deviations.items():
+            series = evaluated.after[number]
+            scaled = scaled_errors(series.error, deviation, self._leverages(evaluated, series))
+            known = scaled[np.isfinite(scaled)]
+            arrays = [(series.error, relative_errors(series), scaled)] if keep else []
+            rows.append(_Scaled(known.size, int(np.count_nonzero(np.abs(known) > BEYOND)), arrays))
+        return _Rows(rows)
+
+
+@dataclass
+class _Rows(Generic[_Row]):
+    """Statistics of several criteria."""
+
+    rows: list[_Row]
+
+    def merge(self, later: "_Rows[_Row]") -> None:
+        for own, other in zip(self.rows, later.rows, strict=True):
+            own.merge(other)
+
+
+@dataclass
+class _FirstPass:
+    counts: _Rows[ErrorCounts]
+    cells: CellSums
+    weights: LookupWeights
+
+    def merge(self, later: "_FirstPass") -> None:
+        for name, statistic in vars(later).items():
+            getattr(self, name).merge(statistic)
+
+
+@dataclass
+class _Scaled:
+    """Third pass: how many scaled errors are known and how many are beyond 3; all errors if they are kept."""
+
+    known: int
+    beyond: int
+    arrays: list[tuple[Float, Float, Float]]
+
+    def merge(self, later: "_Scaled") -> None:
+        self.known += later.known
+        self.beyond += later.beyond
+        self.arrays += later.arrays
+
+
+def _deviation(fits: Sequence[Fit]) -> float:
+    """Return the root of sum r^2 / (n - sum h) over the training samples, or over all if there are none."""
+    used = [fit for fit in fits if fit.bound.dataset.use == "training" and fit.bound.dataset.weight > 0] or fits
+    total = sum(fit.counts.after.sums.squares for fit in used)
+    free = sum(fit.details.freedom for fit in used)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.sqrt(total / free)) if free > 0 else float("nan")
+
+
+def _errors(fit: Fit, scaled: _Scaled) -> Errors:
+    arrays = [np.concatenate(parts) for parts in zip(*scaled.arrays, strict=True)]
+    return Errors(fit.bound.dataset.name, fit.bound.dataset.use, *arrays)
+
+
+def _summary(fit: Fit, scaled: _Scaled) -> Summary:
+    counts, searches = fit.counts, fit.details.searches
+    finite, variation = counts.finite, counts.target.squares
+    squares = finite.squares + finite.count * finite.mean**2
+    determined = variation > 0 and finite.count == fit.samples
+    memory = None
+    if fit.details.products is not None:
+        memory = of_products(fit.details.products, finite.count, counts.step)
+    return Summary(
+        dataset=fit.bound.dataset.name,
+        use=fit.bound.dataset.use,
+        samples=fit.samples,
+        mean=finite.mean,
+        deviation=finite.deviation,
+        rmse=float(np.sqrt(squares / finite.count)) if finite.count else float("nan"),
+        r2=1.0 - squares / variation if determined else float("nan"),
+        median=searches.size.quantile(MIDDLE),
+        percentile_95=searches.size.quantile(MOST),
+        largest=max(-counts.after.low, counts.after.high) if finite.count else float("nan"),
+        relative=searches.relative.quantile(0.5),
+        beyond=scaled.beyond / scaled.known if scaled.known else float("nan"),
+        autocorrelation=memory,
     )
 
 
-def _deviation(pairs: Sequence[tuple[CriterionSeries, Float]]) -> float:
-    """Return the root of sum r^2 / (n - sum h) over the training samples, or over all if there are none."""
-    used = [(s, h) for s, h in pairs if s.bound.dataset.use == "training" and s.bound.dataset.weight > 0] or pairs
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = sum(float(np.nansum(s.error**2)) for s, _ in used)
-    free = sum(float(np.sum(1.0 - h[s.scored])) for s, h in used)
-    return float(np.sqrt(total / free)) if free > 0 else float("nan")
-
-
-def _errors(series: CriterionSeries, deviation: Float) -> Errors:
-    error, data = series.error, series.bound.dataset
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        size = np.abs(series.measured)
-        relative = np.where(size > 0, error / size, np.nan)
-        scaled = np.where(deviation > 0, error / deviation, np.nan)
-    return Errors(data.name, data.use, error, relative, scaled)
-
-
-def _summary(series: CriterionSeries, errors: Errors) -> Summary:
-    measured = series.measured[series.scored]
-    variation = spread(measured)
-    determined = variation > 0 and np.isfinite(errors.absolute).sum() == measured.size
-    size = np.abs(errors.absolute)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return Summary(
-            dataset=errors.dataset,
-            use=errors.use,
-            samples=measured.size,
-            mean=_of_known(errors.absolute, np.mean),
-            deviation=_of_known(errors.absolute, np.std),
-            rmse=_of_known(errors.absolute, lambda error: np.sqrt(np.mean(error**2))),
-            r2=_of_known(errors.absolute, lambda error: 1.0 - np.sum(error**2) / variation) if determined else np.nan,
-            median=_of_known(size, lambda size: np.quantile(size, 0.5)),
-            percentile_95=_of_known(size, lambda size: np.quantile(size, 0.95)),
-            largest=_of_known(size, np.max),
-            relative=_of_known(np.abs(errors.relative), np.median),
-            beyond=_of_known(errors.scaled, lambda scaled: np.mean(np.abs(scaled) > 3)),
-            autocorrelation=_autocorrelation(series),
-        )
-
-
-def _of_known(values: Float, statistic: Callable[[Float], Any]) -> float:
-    """Return a statistic of the finite values, NaN if there are none."""
-    known = values[np.isfinite(values)]
-    return float(statistic(known)) if known.size else float("nan")
-
-
-def _autocorrelation(series: CriterionSeries) -> Autocorrelation | None:
-    """Return the autocorrelation of the errors of a recording, in s if its time step is even."""
-    if series.time is None:
-        return None
-    steps = np.delete(np.diff(series.time), series.bound.starts[1:] - 1)
-    step = float(np.median(steps)) if steps.size else 0.0
-    even = bool(steps.size and np.all(np.abs(steps - step) <= 1e-3 * step))
-    return autocorrelation(series.error, series.bound.starts, step if even else None)
-
-
-def _worst(
-    problem: Problem, series: Sequence[CriterionSeries], errors: Sequence[Errors], count: int
-) -> tuple[WorstSample, ...]:
+def _worst(fits: Sequence[Fit], deviation: float, count: int) -> tuple[WorstSample, ...]:
     """Return the largest errors of all datasets in descending order; an error that is not finite is the largest.
 
     Of neighbours in time whose errors have the same sign only the worst is listed: they are one event.
     """
-    largest: list[tuple[float, int, int]] = []
-    for i, (entry, own) in enumerate(zip(series, errors, strict=True)):
-        size = np.where(entry.scored, np.nan_to_num(np.abs(own.absolute), nan=np.inf), -1.0)
-        places = np.arange(size.size) if entry.time is None else _peaks(size, own.absolute, entry.bound.starts)
-        if places.size > count:
-            places = places[np.argpartition(-size[places], count)[:count]]
-        largest += [(-float(size[at]), i, int(at)) for at in places if size[at] >= 0]
-    return tuple(_worst_sample(problem, series[i], errors[i], at) for _, i, at in sorted(largest)[:count])
+    largest = [(-error.size, i, error.sample) for i, fit in enumerate(fits) for error in fit.details.largest.errors]
+    by_place = {(i, error.sample): error for i, fit in enumerate(fits) for error in fit.details.largest.errors}
+    return tuple(_worst_sample(fits[i], by_place[i, at], deviation) for _, i, at in sorted(largest)[:count])
 
 
-def _peaks(size: Float, error: Float, starts: Int) -> Int:
-    """Return the index of the largest of each run of errors of one sign."""
-    sign = np.where(size < 0, 0, np.where(error > 0, 1, -1))
-    fresh = np.ones(size.size, dtype=bool)
-    fresh[1:] = sign[1:] != sign[:-1]
-    fresh[starts] = True
-    firsts = np.flatnonzero(fresh)
-    run = np.cumsum(fresh) - 1
-    places = np.flatnonzero(size == np.maximum.reduceat(size, firsts)[run]) if size.size else firsts
-    return places[np.unique(run[places], return_index=True)[1]]
-
-
-def _worst_sample(problem: Problem, series: CriterionSeries, errors: Errors, at: int) -> WorstSample:
-    number, time = int(series.bound.kept[at]), series.time
+def _worst_sample(fit: Fit, error: LargeError, deviation: float) -> WorstSample:
     return WorstSample(
-        dataset=errors.dataset,
-        use=errors.use,
-        sample=number,
-        piece=int(series.piece[at]),
-        time=None if time is None else float(time[at]),
-        measured=float(series.measured[at]),
-        model=float(series.model[at]),
-        error=float(errors.absolute[at]),
-        relative=float(errors.relative[at]),
-        scaled=float(errors.scaled[at]),
-        inputs={name: float(series.bound.inputs[name][number]) for name in problem.model.graph.inputs},
+        dataset=fit.bound.dataset.name,
+        use=fit.bound.dataset.use,
+        sample=error.sample,
+        piece=error.piece,
+        time=error.time,
+        measured=error.measured,
+        model=error.model,
+        error=error.error,
+        relative=error.relative,
+        scaled=float(scaled_errors(np.array([error.error]), deviation, np.array([error.leverage]))[0]),
+        inputs=error.inputs,
     )

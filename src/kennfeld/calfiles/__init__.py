@@ -1,6 +1,7 @@
 """Calibration files: one converter per format, chosen by content when reading and by ending when writing."""
 
-from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
+from typing import TYPE_CHECKING
+
 from kennfeld.calfiles.files import (
     CalibrationFile,
     ParameterSummary,
@@ -13,9 +14,13 @@ from kennfeld.calfiles.files import (
     unwritable,
     write,
 )
-from kennfeld.calfiles.flash.description import A2lFile, describe_a2l
-from kennfeld.calfiles.merging import Change, Merged, merge
+from kennfeld.lazy_names import lazy_names
 from kennfeld.parameter_set import use_writer
+
+if TYPE_CHECKING:
+    from kennfeld.calfiles.comparison import Comparison, Difference, Tolerance, compare
+    from kennfeld.calfiles.flash.description import A2lFile, describe_a2l
+    from kennfeld.calfiles.merging import Change, Merged, merge
 
 __all__ = [
     "A2lFile",
@@ -39,4 +44,12 @@ __all__ = [
     "write",
 ]
 
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "comparison": "Comparison Difference Tolerance compare",
+        "flash.description": "A2lFile describe_a2l",
+        "merging": "Change Merged merge",
+    },
+)
 use_writer(write)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.atomic_files import write_whole
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
 from kennfeld.calfiles.format import HEAD_SIZE, BinaryFormat, CalibrationSource, Format, Item, ReadResult
 from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_content
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
@@ -33,7 +33,12 @@ _FORMATS = (
     Format("CVX (INCA's CSV)", (".csv",), "cvx", ("cvx.reader", "cvx.reader", "cvx.writer"), _CVX),
     Format("CDFX", (".cdfx",), "cdfx", ("cdfx.reader", "cdfx.reader", "cdfx.writer"), _PLAIN),
     Format("DCM", (".dcm",), "dcm", ("dcm.lines", "dcm.reader", "dcm.update"), _DCM),
-    BinaryFormat("Intel HEX or S-records with an A2L file", IMAGE_ENDINGS, "flash", ("flash.description",) * 3),
+    BinaryFormat(
+        "Intel HEX or S-records with an A2L file",
+        IMAGE_ENDINGS,
+        "flash",
+        ("flash.recognition", "flash.description", "flash.description"),
+    ),
     Format("MSQ (TunerStudio)", (".msq",), "msq", ("msq.reader", "msq.reader", "msq.update")),
     Format("ESDL (ASCET)", (".esdl",), "esdl", ("esdl.reader", "esdl.reader", "esdl.update")),
     BinaryFormat("Excel", (".xlsx",), "excel", ("excel.layout", "excel.reader", "excel.writer"), _RICH),

@@ -5,28 +5,30 @@ in its data, which is set when the code is loaded.
 """
 
 import ctypes
-import re
 import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import cache
+from importlib import import_module
 from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
 
 from kennfeld.machine_code.code_cache import keep_code, key_of, read_code
-from kennfeld.machine_code.external import address_of, c_function, external
+from kennfeld.machine_code.external import External, c_function, externals_of, load_pointer
+from kennfeld.machine_code.fingerprint import fingerprint
 from kennfeld.machine_code.ir import FunctionWriter
+from kennfeld.machine_code.object_module import ObjectModule
 
 NativeFunction = Callable[..., None]
+Functions = Sequence[FunctionWriter]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
-_PASSES = "1"  # changes with the passes below, so that code of earlier ones is not used
-_WORTH = 0.004  # s of compiling from which code is kept
+_PASSES = "2"  # changes with the passes below, so that code of earlier ones is not used
+_WORTH = 0.004  # s of writing and compiling from which code is kept
 
-_compiling = threading.Lock()
+_loading = threading.Lock()  # of LLVM, which compiles and loads
 
-_POINTER = re.compile(r"@(kf\.[\w.]+)")
 _KINDS = {"ptr": ctypes.c_void_p, "i64": ctypes.c_int64}
 
 _DECLARATIONS = """
@@ -53,86 +55,134 @@ declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
 
 
 class Engine:
-    """Machine code of one module, kept alive by this object and the functions it returned.
+    """Machine code of one module, kept alive by this object and the functions it returned."""
 
-    `loops` enables optimisation of loops over doubles; the code of a model runs as fast without.
-    """
-
-    def __init__(self, text: str, *, loops: bool = False) -> None:
-        pointers = sorted(set(_POINTER.findall(text)))
-        text += "".join(f"@{name} = externally_initialized global ptr null\n" for name in pointers)
-        addresses = {name: address_of(name) for name in pointers}
-        with _compiling:
-            machine = _machine(0 if len(text) > LONG else 2)
-            self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-            self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object_code(text, loops, machine)))
-            self._engine.finalize_object()
+    def __init__(self, module: ObjectModule) -> None:
+        addresses = {external.pointer: _address_of(external) for external in module.externals}
+        with _loading:
+            self._engine = _load(module.code)
         for name, address in addresses.items():
             ctypes.c_void_p.from_address(self._engine.get_global_value_address(name)).value = address
+        self._parameters = module.functions
 
     def address(self, name: str) -> int:
         """Return the address of a compiled function."""
         return int(self._engine.get_function_address(name))
 
-    def function(self, name: str, parameters: Sequence[tuple[str, str]]) -> NativeFunction:
-        """Return the compiled function with these (type, name) parameters; arrays are passed by address."""
-        result: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind.split()[0]] for kind, _ in parameters))(self.address(name))
+    def functions(self) -> dict[str, NativeFunction]:
+        """Return the compiled functions by name; arrays are passed by address."""
+        return {name: self._function(name, kinds) for name, kinds in self._parameters.items()}
+
+    def _function(self, name: str, kinds: Sequence[str]) -> NativeFunction:
+        result: Any = ctypes.CFUNCTYPE(None, *(_KINDS[kind] for kind in kinds))(self.address(name))
         result.engine = self
         native: NativeFunction = result
         return native
 
 
 def compile_functions(*functions: FunctionWriter, loops: bool = False) -> dict[str, NativeFunction]:
-    """Compile functions as one module, and return them by name; see `Engine`."""
-    engine = Engine("".join(f.text() for f in functions), loops=loops)
-    return {f.name: engine.function(f.name, f.parameters) for f in functions}
+    """Compile functions as one module, and return them by name.
+
+    Args:
+        functions: the functions.
+        loops: optimise loops over doubles; the code of a model runs as fast without.
+    """
+    text = "".join(f.text() for f in functions)
+    return Engine(_module(lambda: functions, f"text {text}", loops)).functions()
+
+
+def compile_written(write: Callable[..., Functions], *arguments: Any) -> dict[str, NativeFunction]:
+    """Compile the functions that `write(*arguments)` returns as one module, and return them by name.
+
+    Nothing is written if the code of an equal call is kept; see `fingerprint` for what `write` may depend on.
+    """
+    return Engine(_module(lambda: write(*arguments), fingerprint(write, arguments), loops=False)).functions()
 
 
 class SharedFunction:
     """A model-independent function called by generated code, compiled once, when first needed."""
 
-    def __init__(self, write: Callable[..., FunctionWriter], *arguments: object) -> None:
+    def __init__(self, write: Callable[..., FunctionWriter], *arguments: int) -> None:
         self._write, self._arguments = write, arguments
-        self._name = ".".join(("shared", write.__module__, write.__name__, *map(str, arguments)))
         self._engine: Engine | None = None
         self._address = 0
         self._lock = threading.Lock()  # two threads might compile, and the engine of one be gone when it is called
 
     def pointer(self, f: FunctionWriter) -> str:
         """Return a register of a function under construction that holds the address."""
-        return external(f, self._name, self._compiled)
+        return load_pointer(f, External(self._write.__module__, self._write.__name__, self._arguments))
 
-    def _compiled(self) -> int:
+    def address(self) -> int:
+        """Return the address of the compiled function."""
         with self._lock:
             if self._engine is None:
-                f = self._write(*self._arguments)
-                self._engine = Engine(f.text())
-                self._address = self._engine.address(f.name)
+                written = fingerprint(self._write, self._arguments)
+                module = _module(lambda: [self._write(*self._arguments)], written, loops=False)
+                self._engine = Engine(module)
+                (self._address,) = map(self._engine.address, module.functions)
             return self._address
 
 
 @cache
-def shared_function(write: Callable[..., FunctionWriter], *arguments: object) -> SharedFunction:
-    """Return the function that `write(*arguments)` writes, the same for equal arguments."""
+def shared_function(write: Callable[..., FunctionWriter], *arguments: int) -> SharedFunction:
+    """Return the function that `write(*arguments)` writes, the same for equal arguments.
+
+    `write` is a function of a module that has no other object of its name.
+    """
     return SharedFunction(write, *arguments)
 
 
-def _object_code(text: str, loops: bool, machine: Any) -> bytes:
-    """Return the machine code of IR, compiled now or before."""
-    loops = loops and len(text) <= LONG
-    target = f"{machine.triple} {llvm.get_host_cpu_name()} {_features()}"
-    key = key_of(_PASSES, llvmlite.__version__, target, str(loops), _DECLARATIONS, text)
-    code = read_code(key)
-    if code is None:
-        began = time.perf_counter()
-        module = llvm.parse_assembly(_DECLARATIONS + text)
-        module.triple = machine.triple
-        module.data_layout = str(machine.target_data)
-        (_optimise if loops else _tidy)(module, machine)
-        code = bytes(machine.emit_object(module))
-        if time.perf_counter() - began > _WORTH:
-            keep_code(key, code)
-    return code
+def _address_of(external: External) -> int:
+    if not external.module:
+        return c_function(external.name)
+    return shared_function(getattr(import_module(external.module), external.name), *external.arguments).address()
+
+
+def _module(write: Callable[[], Functions], content: str | None, loops: bool) -> ObjectModule:
+    """Return the code of functions, compiled now or before.
+
+    `content` determines what is written; without, nothing is kept.
+    """
+    if content is None:
+        return _compile(write(), loops)
+    target = f"{_target().triple} {llvm.get_host_cpu_name()} {_features()}"
+    key = key_of(_PASSES, llvmlite.__version__, target, str(loops), _DECLARATIONS, content)
+    kept = read_code(key)
+    if kept is not None:
+        return ObjectModule.of_bytes(kept)
+    began = time.perf_counter()
+    module = _compile(write(), loops)
+    if time.perf_counter() - began > _WORTH:
+        keep_code(key, module.to_bytes())
+    return module
+
+
+def _compile(functions: Functions, loops: bool) -> ObjectModule:
+    text = "".join(f.text() for f in functions)
+    externals = externals_of(text)
+    text += "".join(f"@{external.pointer} = externally_initialized global ptr null\n" for external in externals)
+    with _loading:
+        code = _object_code(text, loops and len(text) <= LONG)
+    return ObjectModule(code, {f.name: [kind.split()[0] for kind, _ in f.parameters] for f in functions}, externals)
+
+
+def _load(code: bytes) -> Any:
+    """Return an LLVM engine that holds the machine code of an object file."""
+    module = llvm.parse_assembly("")
+    engine = llvm.create_mcjit_compiler(module, _target().create_target_machine(codemodel="jitdefault"))
+    engine.remove_module(module)  # which it would compile, empty as it is, in ten times the time that loading takes
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+def _object_code(text: str, loops: bool) -> bytes:
+    machine = _machine(0 if len(text) > LONG else 2)
+    module = llvm.parse_assembly(_DECLARATIONS + text)
+    module.triple = machine.triple
+    module.data_layout = str(machine.target_data)
+    (_optimise if loops else _tidy)(module, machine)
+    return bytes(machine.emit_object(module))
 
 
 def _machine(opt: int) -> Any:

@@ -1,36 +1,48 @@
 """Functions outside of a module of machine code, which it calls through pointers in its data."""
 
 import ctypes
+import re
 import sys
-from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
+from typing import NamedTuple
 
 from kennfeld.machine_code.ir import FunctionWriter
 
-PREFIX = "kf."
-_ADDRESSES: dict[str, Callable[[], int]] = {}
+_POINTER = re.compile(r"@(kf\.[\w.]+)")
+_WRITTEN: dict[str, "External"] = {}  # by the names of their pointers
 
 
-def external(f: FunctionWriter, name: str, address: Callable[[], int]) -> str:
-    """Return a register that holds the address of a function.
+class External(NamedTuple):
+    """A function that code calls, found again by its name in another process.
 
-    Args:
-        f: the function under construction, which calls it.
-        name: letters, digits, dots and underscores; the same name always stands for the same function.
-        address: gives its address when the code is loaded.
+    It is a function of the C library if there is no `module`. Otherwise the function `name` of that module writes it,
+    called with `arguments`.
     """
-    _ADDRESSES.setdefault(PREFIX + name, address)
-    return f.new(f"load ptr, ptr @{PREFIX}{name}")
+
+    module: str
+    name: str
+    arguments: tuple[int, ...] = ()
+
+    @property
+    def pointer(self) -> str:
+        """The name of the pointer in the data of the code."""
+        return ".".join(("kf", *filter(None, [self.module]), self.name, *map(str, self.arguments)))
 
 
-def address_of(name: str) -> int:
-    """Return the address of a function by the name of its pointer."""
-    return _ADDRESSES[name]()
+def load_pointer(f: FunctionWriter, external: External) -> str:
+    """Return a register of a function under construction that holds the address of an external function."""
+    _WRITTEN.setdefault(external.pointer, external)
+    return f.new(f"load ptr, ptr @{external.pointer}")
+
+
+def externals_of(text: str) -> tuple[External, ...]:
+    """Return the functions to which IR has pointers."""
+    return tuple(_WRITTEN[name] for name in sorted(set(_POINTER.findall(text))))
 
 
 def c_pointer(f: FunctionWriter, name: str) -> str:
     """Return a register that holds the address of a function of the C library."""
-    return external(f, f"c.{name}", partial(c_function, name))
+    return load_pointer(f, External("", name))
 
 
 @cache

@@ -9,6 +9,7 @@ import contextlib
 import json
 import math
 import os
+import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -30,11 +31,7 @@ from kennfeld.measurement.reader import read_leniently
 _NOTES = b"kennfeld"
 _STORED = ("name", "channels", "time", "starts", "clock", "findings")  # what is written of a dataset
 
-_WORTH = {
-    FileKind.MDF: 0.0,
-    FileKind.PARQUET: math.inf,
-    FileKind.CSV: 0.5,
-}  # s of reading that make an entry worthwhile; loading the MDF library alone is slower than the cache
+_WORTH = {FileKind.PARQUET: math.inf, FileKind.CSV: 0.5}  # s of reading that make an entry worthwhile
 _WORTH_ELSE = 0.2
 _MAX_SIZE = 2_000_000_000  # bytes of a folder
 _SETTLED = 2_000_000_000  # ns; a file that was changed shorter before it was hashed may change unnoticed
@@ -169,7 +166,7 @@ class Cache:
             return stored
         before, began = source.path.stat(), time.perf_counter()
         dataset = read_leniently(path, channels, raster, units or {})
-        if time.perf_counter() - began >= _WORTH.get(source.kind, _WORTH_ELSE):
+        if time.perf_counter() - began >= _worth(source.kind):
             with contextlib.suppress(*_ERRORS):
                 self._store(source, before, key, dataset)
         return dataset
@@ -261,6 +258,13 @@ class Cache:
             with contextlib.suppress(OSError):  # another run may remove it
                 stat = entry.stat()
                 yield stat.st_mtime_ns, stat.st_size, entry
+
+
+def _worth(kind: FileKind) -> float:
+    """Return the time of reading in s that makes an entry worthwhile."""
+    if kind is FileKind.MDF and "asammdf" in sys.modules:
+        return 0.0  # loading that library again takes longer than reading the entry
+    return _WORTH.get(kind, _WORTH_ELSE)
 
 
 def _read_entry(entry: Path, name: str) -> Dataset | None:

@@ -13,6 +13,7 @@ from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, replace
 from io import StringIO
 from tempfile import TemporaryDirectory
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from kennfeld.errors import Findings, InputError
 from kennfeld.formatting import join_names
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mdf_blocks import check_links
+from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, plain_unit
@@ -36,6 +38,7 @@ _VARYING_4 = 1  # a channel whose samples lie outside the records
 _VIRTUAL_4 = (3, 6)  # channels without bits in the record
 _MARKED_4 = 2  # flag: the record says which values are invalid
 _MAX_TEXTS = 12  # of an enumeration in a description
+_LIBRARY = Lock()  # the library is used with settings that all threads of the process share
 
 
 @dataclass(frozen=True)
@@ -52,22 +55,31 @@ class _MdfChannel:
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each channel group that holds a requested channel."""
-    with _open(source) as file:
-        entries = _entries(source, file)
-        chosen = _choose(source, entries, selection)
-        if sum(_samples(file, entry.group) for entry in chosen) > _MAX_VALUES:
-            message = f"{len(chosen)} channels of this file hold more than {_MAX_VALUES} values"
-            raise InputError.of(source.location, message, "Name the channels to read.")
-        names: dict[int, list[str]] = {}
-        for entry in entries:
-            names.setdefault(entry.group, []).append(entry.name)
-        groups = dict.fromkeys(entry.group for entry in chosen)
-        return [_table(source, file, [e for e in chosen if e.group == g], names[g]) for g in groups]
+    try:
+        with SortedFile(source.path) as plain:
+            return _read(source, plain, selection)
+    except UnusualLayoutError:
+        pass
+    with _LIBRARY, _open(source) as file:
+        return _read(source, file, selection)
+
+
+def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Table]:
+    entries = _entries(source, file)
+    chosen = _choose(source, entries, selection)
+    if sum(_samples(file, entry.group) for entry in chosen) > _MAX_VALUES:
+        message = f"{len(chosen)} channels of this file hold more than {_MAX_VALUES} values"
+        raise InputError.of(source.location, message, "Name the channels to read.")
+    names: dict[int, list[str]] = {}
+    for entry in entries:
+        names.setdefault(entry.group, []).append(entry.name)
+    groups = dict.fromkeys(entry.group for entry in chosen)
+    return [_table(source, file, [e for e in chosen if e.group == g], names[g]) for g in groups]
 
 
 def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
     """Return a description of each channel group, reading only some of its channels at a time."""
-    with _open(source) as file:
+    with _LIBRARY, _open(source) as file:
         entries = _entries(source, file)
         count = Counter(entry.forms[0] for entry in entries)
         for group in dict.fromkeys(entry.group for entry in entries):

@@ -34,7 +34,8 @@ from kennfeld.measurement.table import (
 )
 from kennfeld.measurement.time_column import find_time, time_in_seconds
 
-BULK = 4_000_000  # bytes; below it compiling the parser costs more than it saves
+BULK = 4_000_000  # bytes of one or several files; below it compiling the parser costs more than it saves
+_LEAST_BULK = 1 << 17  # bytes of a file
 
 _START = 1 << 16  # bytes that settle the encoding and characters that settle the decimal mark in most files
 _MOST = 64_000_000  # characters that are searched for grouped numbers
@@ -105,8 +106,15 @@ def _read_msl(source: MeasurementFile, dialect: Dialect, selection: Selection) -
     return replace(table, details=(*author, *table.details), restarts=True)
 
 
+class _ExactReader:
+    """Bytes that this process has read line by line."""
+
+    seen = 0
+
+
 def _read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table | None:
-    if source.size <= BULK:
+    if source.size < _LEAST_BULK or source.size + _ExactReader.seen <= BULK:
+        _ExactReader.seen += source.size
         return None
     from kennfeld.measurement.bulk_csv import read_bulk
 

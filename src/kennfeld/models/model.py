@@ -1,18 +1,22 @@
 """`Model`: the graph of one time step together with the name, step and parameters of its source."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Location
 from kennfeld.graph import Graph
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.traversal import rewrite
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
-from kennfeld.surrogate.surrogate_file import Surrogate, as_parameters
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 
 def _nothing() -> Mapping[str, Any]:
@@ -49,7 +53,7 @@ class Model:
     declared: Mapping[str, int] = field(default_factory=_nothing)
     source: str = ""
     locations: Mapping[str, Location] = field(default_factory=_nothing)
-    surrogates: tuple[Surrogate, ...] = ()
+    surrogates: tuple["Surrogate", ...] = ()
     values: ParameterSet = field(default_factory=ParameterSet)
     remarks: tuple[Finding, ...] = ()
     stepped: bool = False
@@ -57,6 +61,10 @@ class Model:
     @property
     def carried(self) -> ParameterSet:
         """The parameters that the model provides: `values`, and the expansions of its surrogates."""
+        if not self.surrogates:
+            return ParameterSet().merged(self.values)
+        from kennfeld.surrogate.surrogate_file import as_parameters
+
         return as_parameters(self.surrogates).merged(self.values)
 
 
@@ -92,3 +100,18 @@ def _bound(own: Parameter, side: str, other: Parameter) -> Float | None:
     if bound.shape == other.values.shape:
         return bound
     return bound.ravel()[0] if bound.size and np.all(bound == bound.ravel()[0]) else None
+
+
+def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
+    """Turn inputs of the model that are scalar parameters of the set into lookups."""
+    names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
+    if not names:
+        return model
+
+    def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
+        op, _, payload = model.graph.nodes[at]
+        if op == "input" and payload in names:
+            return b.lookup(payload)
+        return b.node(op, args, payload)
+
+    return replace(model, graph=rewrite(model.graph, resolve))

@@ -233,20 +233,33 @@ class Accumulator:
         Without states only values on which a scored output depends count. `owners` assigns samples to scored samples,
         by non-decreasing numbers, -1 for none: a scored sample then counts once for all samples assigned to it.
         """
-        _, space = self._visit_states(values)
+        values, space = self._visit_states(values)
+        if owners is None:
+            return self._count_touching(values)
         columns = self.kernel.values.free
         counts = np.zeros(columns, dtype=np.int64)
         before = np.zeros(0, dtype=np.int64)
         for chunk in self.chunks:
             self._linearise(space, chunk)
-            if owners is None:
-                counts += space.touched(chunk)
-                continue
             met = space.met(chunk, owners[chunk.first : chunk.last])
             counts += np.bincount(np.setdiff1d(met, before, assume_unique=True) % columns, minlength=columns)
             both = np.union1d(before, met)
             before = both[both // columns == both[-1] // columns] if met.size else before
         return counts
+
+    def _count_touching(self, values: Float) -> Int:
+        counts: list[Int] = []  # of each share, in any order
+
+        def work(space: Workspace, runs: list[Run]) -> None:
+            space.use(values)
+            own = np.zeros(self.kernel.values.free, dtype=np.int64)
+            for chunk in (chunk for run in runs for chunk in run):
+                self._linearise(space, chunk)
+                own += space.touched(chunk)
+            counts.append(own)
+
+        self._each_share(work)
+        return np.asarray(np.sum(counts, axis=0))
 
 
 def _chunk_length(kernel: Kernel, sparse: bool) -> int:

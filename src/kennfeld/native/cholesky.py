@@ -388,19 +388,23 @@ def _forward() -> FunctionWriter:
 def _backward() -> FunctionWriter:
     """Write `backward(factor, rows)`: solve L' x = b in place."""
     f = FunctionWriter("backward", [*FACTOR, *ROWS])
-    v = Vector(f)
     with f.loop(0, "%count") as number:
-        x = f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK))
-        with f.loop(0, "%blocks") as back:
-            i = f.new(f"sub i64 {f.add('%blocks', -1)}, {back}")
-            panel, at = panel_of(f, i), f.mul(i, BLOCK)
-            for c in reversed(range(BLOCK)):
-                column = column_of(f, panel, f.add(at, c))
-                later = [(f.load(column, d), f.load(x, f.add(at, d))) for d in range(c + 1, BLOCK)]
-                rest = f.new(f"fsub double {f.load(x, f.add(at, c))}, {f.dot(later)}")
-                f.store(f.fmul(rest, f.load("%inverse", f.add(at, c))), x, f.add(at, c))
-            solved = v.load(x, at)
-            with f.loop(first_of(f, i), at) as k:
-                total = v.reduce(ZERO, v("fmul", v.load(column_of(f, panel, k)), solved))
-                f.store(f.new(f"fsub double {f.load(x, k)}, {total}"), x, k)
+        substitute_backward(f, f.at("%rows", f.mul(f.mul(number, "%blocks"), BLOCK)))
     return f
+
+
+def substitute_backward(f: FunctionWriter, x: str) -> None:
+    """Solve L' x = b in place, where `x` is the address of b."""
+    v = Vector(f)
+    with f.loop(0, "%blocks") as back:
+        i = f.new(f"sub i64 {f.add('%blocks', -1)}, {back}")
+        panel, at = panel_of(f, i), f.mul(i, BLOCK)
+        for c in reversed(range(BLOCK)):
+            column = column_of(f, panel, f.add(at, c))
+            later = [(f.load(column, d), f.load(x, f.add(at, d))) for d in range(c + 1, BLOCK)]
+            rest = f.new(f"fsub double {f.load(x, f.add(at, c))}, {f.dot(later)}")
+            f.store(f.fmul(rest, f.load("%inverse", f.add(at, c))), x, f.add(at, c))
+        solved = v.load(x, at)
+        with f.loop(first_of(f, i), at) as k:
+            total = v.reduce(ZERO, v("fmul", v.load(column_of(f, panel, k)), solved))
+            f.store(f.new(f"fsub double {f.load(x, k)}, {total}"), x, k)

@@ -41,6 +41,7 @@ class ColumnTable:
         self.parts = [[np.require(part, np.float64, ["C", "A"]) for part in row] for row in arrays]
         self.count = sum(part.size for part in (self.parts or [[]])[0]) if count is None else count
         self._seams: list[tuple[Float, Sequence[Float], Int]] = []
+        self.version = 0  # counts `reread`
         blocks = max(-(-self.count // BLOCK), 1)
         self.addresses: Addresses = np.zeros((len(self.parts), blocks), dtype=np.uintp)
         for result, parts in zip(self.addresses, self.parts, strict=True):
@@ -67,6 +68,7 @@ class ColumnTable:
 
     def reread(self) -> None:
         """Update the copied blocks after the arrays were changed in place."""
+        self.version += 1
         for copied, parts, samples in self._seams:
             copied[:] = _take(parts, samples)
 

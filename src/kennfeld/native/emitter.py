@@ -47,13 +47,14 @@ class MemoryLayout:
     moving: Mapping[AxisKey, int] = field(default_factory=dict)  # first value of each free axis
     free: int = 0  # values before this one are fitted; expansions behind it hold reciprocals of their widths
     axis_offsets: tuple[int, ...] = field(init=False)
-    searches: dict[tuple[int, int], int] = field(default_factory=dict)  # hint of each node searched in an axis
+    searches: Mapping[tuple[int, int], int] = field(default_factory=dict)  # number of each node searched in an axis
     memory_offsets: tuple[int, ...] = field(init=False)
 
     @classmethod
     def of(cls, lowered: LoweredGraph, nodes: Sequence[Node], values: ValueLayout) -> "MemoryLayout":
         """Return the layout for a lowered graph; the inputs are those of `nodes`, in their order."""
         inputs = dict.fromkeys(node.payload for node in nodes if node.op == "input")
+        searched = [(node.args[0], node.payload.number) for node in nodes if node.op in ("position", "density")]
         return cls(
             {name: row for row, name in enumerate(inputs)},
             values.offsets,
@@ -62,6 +63,7 @@ class MemoryLayout:
             tuple(state.latency for state in lowered.graph.states),
             values.moving,
             values.free,
+            {search: number for number, search in enumerate(dict.fromkeys(searched))},
         )
 
     def __post_init__(self) -> None:
@@ -80,12 +82,12 @@ class MemoryLayout:
 
     @property
     def hints(self) -> int:
-        """Number of integers for ring buffers and searches, known once everything is emitted."""
+        """Number of integers for ring buffers and searches."""
         return max(len(self.latencies) + len(self.searches), 1)
 
     def hint(self, x: int, axis: AxisRef) -> int:
         """Return the index at which the search of node `x` in an axis stores its last cell."""
-        return len(self.latencies) + self.searches.setdefault((x, axis.number), len(self.searches))
+        return len(self.latencies) + self.searches[x, axis.number]
 
     def strides(self, table: str) -> list[int]:
         """Return the distance of neighbours along each axis of a table, in values."""

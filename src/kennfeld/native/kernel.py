@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
-from kennfeld.graph.derivative import differentiate
+from kennfeld.graph.derivative import Linearization, differentiate
 from kennfeld.graph.lookup_lowering import Free, LoweredGraph
 from kennfeld.graph.value_layout import order_values
-from kennfeld.machine_code.engine import compile_functions
+from kennfeld.machine_code.engine import compile_written
+from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.jacobian_rows import entries_of
 from kennfeld.native.sample_loop import Output, cost_code
@@ -26,16 +27,13 @@ class Kernel:
         self.outputs = tuple(outputs)
         self.line = differentiate(graph, [output.node for output in outputs], free)
         self.values = order_values(self.line, parameters, tuple(lowered.shapes), free)
-        self.layout = MemoryLayout.of(lowered, graph.nodes, self.values)
+        self.layout = MemoryLayout.of(lowered, self.line.nodes, self.values)
         self.axes = self.layout.breakpoints
         self.pattern = TapeLayout.of(self.line)
         self.entries = entries_of(self.line, self.layout, self.line.atoms)
         self.start_entries = entries_of(self.line, self.layout, self.line.start_atoms)
         self.sweeps = sweeps(self.pattern)
-        codes = [cost_code(self.line, self.layout, self.outputs), tape_code(self.line, self.layout, self.outputs)]
-        if self.line.states:
-            codes.append(start_code(self.line, self.layout))
-        functions = compile_functions(*codes)
+        functions = compile_written(_kernel_code, self.line, self.layout, self.outputs)
         self.cost, self.tape, self.start = functions["cost"], functions["tape"], functions.get("start")
 
     @property
@@ -43,3 +41,8 @@ class Kernel:
         """True if backward and forward sweeps are cheaper than rows, with states."""
         pattern = self.pattern
         return pattern.accumulates and pattern.carried * self.entries.room < self.values.free / 2
+
+
+def _kernel_code(line: Linearization, layout: MemoryLayout, outputs: Sequence[Output]) -> list[FunctionWriter]:
+    codes = [cost_code(line, layout, outputs), tape_code(line, layout, outputs)]
+    return [*codes, start_code(line, layout)] if line.states else codes

@@ -6,10 +6,11 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.derivative import differentiate
+from kennfeld.graph.derivative import Linearization, differentiate
 from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.value_layout import order_values
-from kennfeld.machine_code.engine import compile_functions
+from kennfeld.machine_code.engine import compile_written
+from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native.addresses import INT64, POINTER, address
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.emitter import MemoryLayout
@@ -30,10 +31,7 @@ class Simulator:
         self._layout = MemoryLayout.of(lowered, self._line.nodes, self._values)
         self._axes = self._layout.breakpoints
         self._roots = tuple(roots)
-        codes = [values_code(self._line, self._layout, roots)]
-        if self._line.states:
-            codes.append(start_code(self._line, self._layout))
-        functions = compile_functions(*codes)
+        functions = compile_written(_simulator_code, self._line, self._layout, self._roots)
         self._run, self._start = functions["values"], functions.get("start")
 
     @property
@@ -86,6 +84,11 @@ class Simulator:
         for first in range(0, count, STEPS):
             run.values(address(out), STEPS, first, min(first + STEPS, count))
         return out[:, (count - 1) % STEPS].copy()
+
+
+def _simulator_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int]) -> list[FunctionWriter]:
+    codes = [values_code(line, layout, roots)]
+    return [*codes, start_code(line, layout)] if line.states else codes
 
 
 class _Run:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
-from kennfeld.machine_code.engine import SharedFunction
+from kennfeld.machine_code.engine import shared_function
 from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 # Mills' ratio Phi(-u) / phi(u) for u from 0 to WINDOW, in powers of 4 u / (u + 4) - 1: its Chebyshev
@@ -220,4 +220,4 @@ def _search() -> FunctionWriter:
     return f
 
 
-SEARCH, SMOOTH = SharedFunction(_search), SharedFunction(_smooth)
+SEARCH, SMOOTH = shared_function(_search), shared_function(_smooth)

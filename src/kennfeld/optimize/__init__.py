@@ -1,15 +1,20 @@
 """Calibration: the problem, the solver, and the result."""
 
+from typing import TYPE_CHECKING
+
 from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.criteria import Criterion, Region, Target
-from kennfeld.optimize.api import calibrate, simulate
-from kennfeld.optimize.options import Options, Step
-from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, StartResult, TraceLine
-from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.solver.levenberg_marquardt import Stop
-from kennfeld.optimize.trust import Direction, NullSpace, Remedy, Trust
+from kennfeld.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from kennfeld.optimize.api import calibrate, simulate
+    from kennfeld.optimize.options import Options, Step
+    from kennfeld.optimize.problem import Problem
+    from kennfeld.optimize.quality import Quality
+    from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, StartResult, TraceLine
+    from kennfeld.optimize.search.multistart import run
+    from kennfeld.optimize.solver.levenberg_marquardt import Stop
+    from kennfeld.optimize.trust import Direction, NullSpace, Remedy, Trust
 
 __all__ = [
     "Checkpoint",
@@ -40,3 +45,17 @@ __all__ = [
     "run",
     "simulate",
 ]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "api": "calibrate simulate",
+        "options": "Options Step",
+        "problem": "Problem",
+        "quality": "Quality",
+        "result": "Checkpoint CheckpointSink Progress Result Seconds StartResult TraceLine",
+        "search.multistart": "run",
+        "solver.levenberg_marquardt": "Stop",
+        "trust": "Direction NullSpace Remedy Trust",
+    },
+)

@@ -13,9 +13,7 @@ from kennfeld.errors import ArgumentError, Findings, InputError, warn
 from kennfeld.formatting import nearest
 from kennfeld.free_axes import with_free_axes
 from kennfeld.graph import Graph
-from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.traversal import rewrite
-from kennfeld.models import Model, merge_start_values
+from kennfeld.models import Model, bind_scalars, merge_start_values
 from kennfeld.models.formula import formula
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.overlap import overlap_findings
@@ -189,21 +187,6 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     bound = bind_inputs(finer, graph, channels, function.step)
     nodes = NodeSimulator(graph, values).dataset(bound, values)
     return nodes if finer.scored is None else recorded_samples(nodes, bound.scored)
-
-
-def bind_scalars(model: Model, parameters: ParameterSet) -> Model:
-    """Turn inputs of the model that are scalar parameters of the set into lookups."""
-    names = {name for name in model.graph.inputs if name in parameters and not parameters[name].coordinates}
-    if not names:
-        return model
-
-    def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
-        op, _, payload = model.graph.nodes[at]
-        if op == "input" and payload in names:
-            return b.lookup(payload)
-        return b.node(op, args, payload)
-
-    return replace(model, graph=rewrite(model.graph, resolve))
 
 
 def _model(model: Model | str, parameters: ParameterSet) -> Model:

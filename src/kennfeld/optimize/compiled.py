@@ -18,6 +18,7 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
@@ -26,7 +27,7 @@ from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 
-MAX_SMOOTHED_SAMPLES = 20_000
+SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20  # of steady-state data, of which more are used to compare searches
 
 
 def smoothable(problem: Problem) -> bool:
@@ -58,7 +59,7 @@ class CompiledProblem:
     """A problem ready for evaluation: data-only parts computed, samples sorted, kernel compiled.
 
     With `smooth_like`, the exact form of the same problem, lookups whose coordinate depends on a free parameter are
-    smoothed, and at most `MAX_SMOOTHED_SAMPLES` samples of steady-state data are used.
+    smoothed, over the samples of its `thinned` form.
 
     Attributes:
         problem: the problem.
@@ -90,9 +91,9 @@ class CompiledProblem:
         self.kernel = Kernel(reduced, self._kernel_outputs(reduced.graph), parameters, fitted)
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
         self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
+        self.values = self.kernel.values
         self.samples = self._gathered() if smooth_like is None else self._shared(smooth_like)
         self.sums = self.sums_over(self.samples)
-        self.values = self.kernel.values
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
         self.start = self.values.pack(parameters)
@@ -107,7 +108,7 @@ class CompiledProblem:
 
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""
-        return self._sums_of(self.kernel, samples)
+        return RememberedSums(self._sums_of(self.kernel, samples), samples)
 
     def full(self, values: Float) -> Float:
         """Return the free values, Float[free], followed by the fixed ones."""
@@ -145,6 +146,20 @@ class CompiledProblem:
     def reread_targets(self) -> None:
         """Read targets again that were changed in place; problems made by `reweight` share them."""
         self.samples.wanted.reread()
+
+    def thinned(self) -> "CompiledProblem":
+        """Return the same over a fixed part of the samples if these are many and have no memory, else itself."""
+        samples = self._thinned(self.samples)
+        if samples is self.samples:
+            return self
+        other = copy(self)
+        other.samples, other.sums = samples, self.sums_over(samples)
+        return other
+
+    @property
+    def residuals(self) -> int:
+        """Number of scored samples, over all criteria."""
+        return sum(int(self.samples.scored(piece).sum()) for piece in self.samples.pieces)
 
     def set_width(self, spacings: float) -> None:
         """Set the width of the smoothing in mean breakpoint spacings."""
@@ -190,7 +205,11 @@ class CompiledProblem:
             samples = other.samples
         else:
             samples = other.samples.with_inputs([theirs[name] for name in mine])
-        return samples if self.kernel.line.states else samples.thinned(MAX_SMOOTHED_SAMPLES)
+        return self._thinned(samples)
+
+    def _thinned(self, samples: Samples) -> Samples:
+        most = max(SEARCH_SAMPLES, SAMPLES_PER_VALUE * self.values.free)
+        return samples if self.kernel.line.states else samples.thinned(most)
 
 
 def _even_step(bounds: Sequence[BoundDataset]) -> float | None:

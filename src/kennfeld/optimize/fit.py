@@ -19,7 +19,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
-from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, levenberg_marquardt
+from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
@@ -32,6 +32,7 @@ from kennfeld.threads import blas_threads
 
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
+NOISE_SHARE, MAX_TOLERANCE = 0.05, 3e-5  # see `default_tolerance`
 NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 MAX_DEPARTURES = 3  # searches that may start again from a point at which values cannot move
 MAX_LISTED = 5
@@ -40,6 +41,19 @@ REACHED = 1e-10  # share of the cost at the start below which a fit is as good a
 UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
 Search = Callable[[Float, LinearLimits], SolverResult]
+
+
+def default_tolerance(compiled: CompiledProblem, objective: LeastSquaresObjective) -> float:
+    """Return the relative change of the cost at which a descent ends, as the data can distinguish it.
+
+    Noise in n residuals raises the cost of p fitted values by p/n, relatively, on average. A step that changes it by
+    1/20 of that moves the values by less than a quarter of their standard deviations. Small problems, whose digits are
+    kept by a QR factorisation, end at 1e-8.
+    """
+    if objective.uses_qr:
+        return SolverSettings.tolerance
+    share = NOISE_SHARE * compiled.values.free / max(compiled.residuals, 1)
+    return float(np.clip(share, SolverSettings.tolerance, MAX_TOLERANCE))
 
 
 class FitRun:
@@ -57,11 +71,13 @@ class FitRun:
 
     def __init__(self, problem: Problem, options: Options, progress: Progress | None, seconds: Seconds) -> None:
         check_fittable(problem, globally=options.method == "global").finish()
-        self.problem, self.options, self.progress = problem, options, progress
+        self.problem, self.progress = problem, progress
         self.watch: Callable[[TraceLine, Float], None] | None = None  # as `progress`, with the values
         self.began = time.perf_counter()
         self.exact = CompiledProblem(problem)
         self.objective = LeastSquaresObjective(self.exact)
+        tolerance = options.tolerance or default_tolerance(self.exact, self.objective)
+        self.options = replace(options, tolerance=tolerance)
         smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(self.exact) if smoothed else None
         self.read = seconds.read
@@ -290,7 +306,7 @@ class FitRun:
         if values is None:
             return replace(end, status="failed", message=f"{end.message} Violated limits: {violated}.")
         projected = replace(end, values=values, cost=self.objective.cost(values))
-        if end.status != "converged" or projected.cost <= end.cost + self.options.tolerance * abs(end.cost):
+        if end.status != "converged" or projected.cost <= end.cost + self.options.settings.tolerance * abs(end.cost):
             return projected
         message = (
             "The search ended outside its limits; the result is the nearest values that keep them, not the best ones. "

@@ -8,11 +8,12 @@ from itertools import product
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
 from kennfeld.graph.traversal import dependents, with_names
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, NodeSimulator
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
@@ -164,9 +165,9 @@ class Lookups:
         searched = [n for n in graph.parameters if parameters[n].index_axes and parameters[n].kind != "rbf"]
         self.reached = {n: _reaches(problem, n) for n in searched}
         self._coverage = Coverage(graph, parameters, [n for n in searched if self.reached[n]])
-        names = coordinates(problem)
+        self._names = list(coordinates(problem))
         self._known = {
-            data.name: dict(zip(names, values, strict=True))
+            data.name: dict(zip(self._names, values, strict=True))
             for data, values in zip(problem.datasets, computed, strict=False)
         }
         self._kept: dict[str, list[Lookup]] = {}
@@ -179,6 +180,11 @@ class Lookups:
             self._kept[bound.dataset.name] = list(self._blocks(bound))
         return self._kept[bound.dataset.name]
 
+    def over(self, bound: BoundDataset, computed: Float) -> list[Lookup]:
+        """Return every lookup over a part of a dataset; `computed` are the values of `coordinates` there."""
+        known = dict(zip(self._names, computed, strict=True))
+        return list(self._located(self._coverage.blocks(bound, known)))
+
     def of_table(self, bound: BoundDataset, name: str) -> Iterator[Lookup]:
         """Return the lookups of one table over the kept samples of a dataset."""
         for block in self._coverage.blocks(bound, self._known.get(bound.dataset.name)):
@@ -186,8 +192,11 @@ class Lookups:
                 yield _locate(block, self._parameters[name], {})
 
     def _blocks(self, bound: BoundDataset) -> Iterator[Lookup]:
+        return self._located(self._coverage.blocks(bound, self._known.get(bound.dataset.name)))
+
+    def _located(self, blocks: Iterable[LookupBlock]) -> Iterator[Lookup]:
         first, searched = -1, dict[tuple[int, bytes, str], Located]()
-        for block in self._coverage.blocks(bound, self._known.get(bound.dataset.name)):
+        for block in blocks:
             if block.first != first:
                 first, searched = block.first, {}
             yield _locate(block, self._parameters[block.name], searched)

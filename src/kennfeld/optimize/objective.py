@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.native.cholesky import Cholesky
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.symmetric import SymmetricMatrix, zero
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000  # up to these sizes the Jacobian itself is factored
 MAX_SECANT_VALUES = 128
@@ -144,16 +144,7 @@ class LeastSquaresObjective:
 
         If some simulated samples are not scored, it is at least the largest curvature on all of them.
         """
-        mean = np.zeros(self._free)
-        problem, values = self._compiled.problem, self._compiled.values
-        for name in problem.free_names:
-            at, size = values.offsets[name], problem.parameters[name].size
-            own = diagonal[at : at + size].mean() if size > 1 else 0.0
-            mean[at : at + size] = max(own, self._sensitivity.everywhere(self._full)[at])
-        for key, axis in problem.free_axes.items():
-            part = slice(values.moving[key], values.moving[key] + len(axis.axis))
-            mean[part] = diagonal[part].mean()
-        return mean
+        return self._sensitivity.mean_curvature(self._full, diagonal)
 
 
 def _squares(jacobian: Float) -> Float:
@@ -169,7 +160,16 @@ class _Sensitivity:
         starts = sorted(at for at in (*values.offsets.values(), *values.moving.values()) if at < values.free)
         self._starts = np.array(starts, dtype=np.int64)
         self._sizes = np.diff([*starts, values.free])
+        self._moving = np.isin(self._starts, [*values.moving.values()])
         self._everywhere: Float | None = None
+
+    def mean_curvature(self, values: Float, diagonal: Float) -> Float:
+        """Return `LeastSquaresObjective.mean_curvature`."""
+        if not self._starts.size:
+            return np.zeros(diagonal.size)
+        mean = np.where(self._sizes > 1, np.add.reduceat(diagonal, self._starts) / self._sizes, 0.0)
+        least = np.where(self._moving, 0.0, self.everywhere(values)[self._starts])
+        return np.repeat(np.maximum(mean, least), self._sizes)
 
     def faint(self, values: Float, curvature: Float, curvature_at: Curvature) -> Bool:
         """Mark the free values whose effect is at the level of rounding.

@@ -94,7 +94,7 @@ class Options(SearchSettings):
 
     Args:
         max_iterations: of one descent.
-        tolerance: relative change of the cost at which a descent ends.
+        tolerance: relative change of the cost at which a descent ends; default is 1e-8, or `fit.default_tolerance`.
         continuation: `auto` smooths lookups first if that is possible, or `off`.
         method: `gauss-newton`, or `global` to search without gradients, for few values and a discontinuous cost; all
             values then need bounds.
@@ -128,13 +128,14 @@ class Options(SearchSettings):
         if self.starts > MAX_STARTS:
             raise ArgumentError(f"starts must be <= {MAX_STARTS}, got {self.starts!r}")
         for name in ("spread", "tolerance"):
-            object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
+            if name != "tolerance" or self.tolerance is not None:
+                object.__setattr__(self, name, number(getattr(self, name), name, "the options", above=0))
         object.__setattr__(self, "steps", tuple(self.steps))
 
     @property
     def settings(self) -> SolverSettings:
         """The settings of one descent."""
-        return SolverSettings(self.max_iterations, self.tolerance)
+        return SolverSettings(self.max_iterations, self.tolerance or SolverSettings.tolerance)
 
 
 def matching(by_pattern: Mapping[str, Value], name: str, default: Value) -> Value:

@@ -18,6 +18,7 @@ from kennfeld.models import Model
 from kennfeld.optimize.table_penalties import Restraint
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
+from kennfeld.preprocessing.bound_parts import BoundPart, divide
 from kennfeld.preprocessing.settling import average_window, needs_average
 
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
@@ -106,8 +107,24 @@ class Problem:
         return self.training if self.graph.states else tuple(bound.whole for bound in self.training)
 
     def bind(self, dataset: Dataset) -> BoundDataset:
-        """Bind the channels of a dataset to the inputs of the model."""
-        return bind_inputs(dataset, self.graph, self.channels, self.model.step)
+        """Bind the channels of a dataset to the inputs of the model; a dataset of the problem is bound once."""
+        bound = self._bound.get(id(dataset))
+        if bound is None or bound.dataset is not dataset:
+            bound = bind_inputs(dataset, self.graph, self.channels, self.model.step)
+            if any(own is dataset for own in self.datasets):
+                self._bound[id(dataset)] = bound
+        return bound
+
+    def parts(self, bound: BoundDataset) -> list[BoundPart]:
+        """Divide a bound dataset into parts that can be evaluated apart from each other."""
+        steady = bound.dataset.time is None and not self.graph.states
+        # a condition of a region may have a memory
+        return divide(bound, anywhere=steady and not any(criterion.regions for criterion in self.criteria))
+
+    @cached_property
+    def _bound(self) -> dict[int, BoundDataset]:
+        """The bound datasets by the identity of the dataset."""
+        return {}
 
     @property
     def differences(self) -> list[str]:

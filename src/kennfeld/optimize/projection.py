@@ -10,7 +10,7 @@ from kennfeld.native.cholesky import Factor
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.solver.quadratic_program import solve
+from kennfeld.optimize.solver.quadratic_program import QuadraticProgram
 from kennfeld.optimize.validation import check_linear_limits
 
 MAX_LISTED = 3
@@ -35,7 +35,7 @@ def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
     known = np.abs(np.nan_to_num(clipped))
     size = np.maximum(known, float(known.mean()) or 1.0)[movable]
     narrow = limits.restricted_to(movable, clipped)
-    solution = solve(Factor.of(np.diag(1 / size)), np.zeros(here.size), here, narrow)
+    solution = QuadraticProgram(narrow).solve(Factor.of(np.diag(1 / size)), np.zeros(here.size), here)
     there = clipped.copy()
     there[movable] = solution.apply_to(here, narrow)
     violations = limits.violations(there, limits.sizes(there))

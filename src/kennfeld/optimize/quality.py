@@ -2,21 +2,23 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.dataset import SAMPLES_PER_BLOCK, Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.bound_parts import BoundPart
+from kennfeld.sample_statistics import Moments, gather
 
 CONSTANT = "constant target"  # in place of R2, which compares with the target's variance
-SAMPLES_PER_BLOCK = 65536  # memory does not grow with the data
 
 
 @dataclass(frozen=True)
@@ -128,56 +130,96 @@ class Scorer:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         self._nodes = NodeSimulator(problem.graph, problem.parameters, problem.differences)
-        self._bounds = [problem.bind(dataset) for dataset in problem.datasets]
 
     def errors(self, bound: BoundDataset, parameters: ParameterSet) -> Float:
         """Return model minus target, Float[criteria, samples]; NaN at samples that are not scored."""
-        targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
-        return self._nodes.values(bound, parameters) - np.array(targets)
+        return self._nodes.values(bound, parameters) - self._targets(bound)
+
+    def _targets(self, bound: BoundDataset) -> Float:
+        return np.array([self._problem.target(criterion, bound) for criterion in self._problem.criteria])
 
     def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
         """Return the quality of each criterion on each dataset."""
-        rows = []
-        for bound in self._bounds:
-            targets = [self._problem.target(criterion, bound) for criterion in self._problem.criteria]
-            old, new = (self._sum_errors(bound, targets, parameters) for parameters in (before, after))
-            for i, criterion in enumerate(self._problem.criteria):
-                variation = spread(targets[i])
-                row = Quality(
-                    criterion=criterion.node,
-                    dataset=bound.dataset.name,
-                    use=bound.dataset.use,
-                    samples=new[i].count,
-                    rmse_before=old[i].rmse,
-                    rmse_after=new[i].rmse,
-                    r2_after=1.0 - new[i].squares / variation if variation > 0 else float("nan"),
-                    max_abs_after=new[i].largest if new[i].count else float("nan"),
-                )
-                rows.append(row)
+        rows: list[Quality] = []
+        for bound in map(self._problem.bind, self._problem.datasets):
+            sums = gather(partial(self._sum_part, before=before, after=after), self._problem.parts(bound))
+            rows += (
+                sum_.quality(criterion.node, bound.dataset)
+                for sum_, criterion in zip(sums.criteria, self._problem.criteria, strict=True)
+            )
         return tuple(rows)
 
-    def _sum_errors(self, bound: BoundDataset, targets: Sequence[Float], parameters: ParameterSet) -> list["_Errors"]:
-        sums = [_Errors() for _ in targets]
-        for samples, values in self._nodes.blocks(bound, parameters):
-            for errors, target, value in zip(sums, targets, values, strict=True):
-                errors.add(value, target[samples])
-        return sums
+    def _sum_part(self, part: BoundPart, before: ParameterSet, after: ParameterSet) -> "_PartSums":
+        bound = part.bound
+        values = [self._nodes.values(bound, parameters) for parameters in (before, after)]
+        return _PartSums([_CriterionSums.of(*row) for row in zip(self._targets(bound), *values, strict=True)])
 
 
 @dataclass
-class _Errors:
+class ErrorSums:
+    """Count, sum of squares and largest size of errors; not finite if an error is not."""
+
     count: int = 0
     squares: float = 0.0
     largest: float = 0.0
 
-    def add(self, values: Float, target: Float) -> None:
-        scored = np.isfinite(target)
+    @classmethod
+    def of(cls, errors: Float) -> "ErrorSums":
+        """Return the sums of errors, Float[samples]."""
         with np.errstate(over="ignore", invalid="ignore"):
-            error = values[scored] - target[scored]
-            self.count += error.size
-            self.squares += float(np.sum(error**2))
-            self.largest = float(np.abs(error).max(initial=self.largest))
+            return cls(errors.size, float(np.sum(errors**2)), float(np.abs(errors).max(initial=0.0)))
+
+    def merge(self, later: "ErrorSums") -> None:
+        """Take in the sums of other errors."""
+        self.count += later.count
+        self.squares += later.squares
+        self.largest = float(np.maximum(self.largest, later.largest))
 
     @property
     def rmse(self) -> float:
+        """Root mean square; NaN without errors."""
         return float(np.sqrt(self.squares / self.count)) if self.count else float("nan")
+
+
+@dataclass
+class _CriterionSums:
+    """The errors of one criterion before and after, and the moments of its target."""
+
+    before: ErrorSums
+    after: ErrorSums
+    target: Moments
+
+    @classmethod
+    def of(cls, target: Float, before: Float, after: Float) -> "_CriterionSums":
+        scored = np.isfinite(target)
+        known = target[scored]
+        with np.errstate(over="ignore", invalid="ignore"):
+            old, new = (ErrorSums.of(values[scored] - known) for values in (before, after))
+        return cls(old, new, Moments.of(known))
+
+    def merge(self, later: "_CriterionSums") -> None:
+        self.before.merge(later.before)
+        self.after.merge(later.after)
+        self.target.merge(later.target)
+
+    def quality(self, criterion: str, data: Dataset) -> Quality:
+        variation, after = self.target.squares, self.after
+        return Quality(
+            criterion=criterion,
+            dataset=data.name,
+            use=data.use,
+            samples=after.count,
+            rmse_before=self.before.rmse,
+            rmse_after=after.rmse,
+            r2_after=1.0 - after.squares / variation if variation > 0 else float("nan"),
+            max_abs_after=after.largest if after.count else float("nan"),
+        )
+
+
+@dataclass
+class _PartSums:
+    criteria: list[_CriterionSums]
+
+    def merge(self, later: "_PartSums") -> None:
+        for own, other in zip(self.criteria, later.criteria, strict=True):
+            own.merge(other)

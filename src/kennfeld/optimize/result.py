@@ -1,6 +1,5 @@
 """The result of a calibration, its trace, and the checkpoints from which a search can resume."""
 
-import html
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -179,6 +178,8 @@ class Result:
         return "\n".join([f"{self.status}: {self.message}", *lines, *warnings])
 
     def _repr_html_(self) -> str:
+        import html
+
         head, *rows = ([html.escape(cell) for cell in row] for row in self.table())
         body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
         warnings = "".join(f"<p>warning: {html.escape(str(warning))}</p>" for warning in self.warnings)
@@ -249,3 +250,9 @@ class Checkpoint:
 
 
 CheckpointSink = Callable[[Checkpoint], None]
+
+
+def single_start(result: Result) -> StartResult:
+    """Return the row of a result with a single start."""
+    costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
+    return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)

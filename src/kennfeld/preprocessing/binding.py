@@ -7,12 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import PAUSE, Dataset
+from kennfeld.dataset import PAUSE, Dataset, time_steps
 from kennfeld.errors import InputError, Location
 from kennfeld.graph import Graph
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
 TIME_TOLERANCE = 1e-6  # s; time stamps are no closer
+EVEN = 1e-6  # relative difference of steps that count as equal
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
         functions = {"dt": _steps, "t": _time_in_piece}
         clock = {name: functions[name](time, starts) for name in graph.clocks}
         if dataset.warmup > 0:
-            scored = scored & (_time_in_piece(time, starts) > dataset.warmup - TIME_TOLERANCE)
+            scored = scored & _is_warm(time, starts, dataset.warmup)
     return BoundDataset(dataset, inputs, picked, starts, scored, {**clock, **unheld_inputs(graph, scored.size)})
 
 
@@ -173,17 +174,19 @@ def _find_starts(dataset: Dataset, valid: Bool) -> Int:
     fresh = np.zeros(dataset.samples, dtype=bool)
     fresh[dataset.starts] = True
     fresh[1:] |= ~valid[:-1]
-    if dataset.time is not None:
-        fresh[1:] |= np.diff(dataset.time) > _longest_step(dataset.time, dataset.starts, dataset.max_gap)
+    if dataset.time is not None and (longest := _longest_step(dataset.time, dataset.starts, dataset.max_gap)) < np.inf:
+        for first, steps in time_steps(dataset.time, dataset.starts):
+            fresh[first : first + steps.size] |= steps > longest
     return np.flatnonzero(fresh[valid])
 
 
 def _longest_step(time: Float, starts: Int, max_gap: float) -> float:
     """Return the longest step in s that is not a pause of the recording; infinite if there is no pause."""
-    steps = np.diff(time)
-    steps = np.delete(steps, starts[1:] - 1) if starts.size > 1 else steps
-    if not steps.size or steps.max() <= PAUSE * steps.min():  # checked first: a median is slow
+    ends = [(np.fmin.reduce(steps), np.fmax.reduce(steps)) for _, steps in time_steps(time, starts)]
+    low, high = (np.nan, np.nan) if not ends else (np.fmin.reduce(ends)[0], np.fmax.reduce(ends)[1])
+    if not high > PAUSE * low:  # checked first: a median is slow
         return np.inf
+    steps = np.concatenate([steps[~np.isnan(steps)] for _, steps in time_steps(time, starts)])
     return max(PAUSE * float(np.median(steps)), max_gap)
 
 
@@ -194,14 +197,24 @@ def _steps(time: Float, starts: Int) -> Float:
     """
     if not time.size:
         return time
-    dt = np.diff(time, prepend=time[0])
+    dt = np.empty(time.size)
+    np.subtract(time[1:], time[:-1], out=dt[1:])
     lengths = np.diff(starts, append=time.size)
     alone = float(np.median(np.delete(dt, starts))) if lengths.min() == 1 and dt.size > starts.size else 1.0
     dt[starts] = np.where(lengths > 1, dt[np.minimum(starts + 1, time.size - 1)], alone)
-    even = float(np.median(dt))
-    if max(dt.max() - even, even - dt.min()) <= 1e-6 * even:
+    low, high = float(dt.min()), float(dt.max())
+    even = float(np.median(dt, overwrite_input=high - low <= EVEN * low))
+    if max(high - even, even - low) <= EVEN * even:
         return np.broadcast_to(even, time.size)
     return dt
+
+
+def _is_warm(time: Float, starts: Int, warmup: float) -> Bool:
+    """Mark the samples after the warm-up of their piece."""
+    warm = np.empty(time.size, dtype=bool)
+    for first, last in pairwise([*starts.tolist(), time.size]):
+        warm[first:last] = time[first:last] - time[first] > warmup - TIME_TOLERANCE
+    return warm
 
 
 def _time_in_piece(time: Float, starts: Int) -> Float:

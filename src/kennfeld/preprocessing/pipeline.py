@@ -14,15 +14,16 @@ from kennfeld.formatting import nearest
 from kennfeld.graph import Graph
 from kennfeld.preprocessing.binding import TIME_TOLERANCE
 from kennfeld.preprocessing.calculated import Calculated, holds
+from kennfeld.preprocessing.joined_recordings import JoinedRecordings
 from kennfeld.preprocessing.model_step import refine_step
 from kennfeld.preprocessing.plateaus import steady_points
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.recordings import (
     ChannelRequest,
     DatasetChannels,
+    ReadingWatch,
     RecordingReader,
-    compare_recorded_units,
-    join_recordings,
+    default_name,
 )
 from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.preprocessing.units import Units, check_stated_units, with_stated_units
@@ -54,13 +55,16 @@ class LoadedData:
 Loader = Callable[[DataSettings, ChannelRequest, Calculated], LoadedData]
 
 
-def load_datasets(settings: DataSettings, request: ChannelRequest, calculated: Calculated) -> LoadedData:
+def load_datasets(
+    settings: DataSettings, request: ChannelRequest, calculated: Calculated, watch: ReadingWatch | None = None
+) -> LoadedData:
     """Return all datasets of a project that can be prepared.
 
     Args:
         settings: the datasets, stated units and channel names of the project.
         request: the channels that the project reads.
         calculated: the project's calculated channels.
+        watch: called after each file with the number of files of a dataset that have been read and that of all.
     """
     loaded = LoadedData()
     units = Units(settings.units, request.units)
@@ -70,7 +74,7 @@ def load_datasets(settings: DataSettings, request: ChannelRequest, calculated: C
         channels = DatasetChannels.of(entry, request, calculated)
         formulas |= channels.in_formulas
         used |= channels.used
-        reader = RecordingReader(settings, entry, channels, [*channels.findings])
+        reader = RecordingReader(settings, entry, channels, [*channels.findings], watch)
         dataset = None
         try:
             dataset = prepare_dataset(reader, units, request)
@@ -99,11 +103,15 @@ def prepare_dataset(reader: RecordingReader, units: Units, request: ChannelReque
     entry, channels, findings = reader.entry, reader.channels, reader.findings
     paths = reader.find_files()
     findings += _check_shifts(entry, channels)
-    recordings = reader.read(paths, units)
-    if not recordings:
+    if not paths:
         return None
-    findings += compare_recorded_units(entry, recordings)
-    dataset = join_recordings(entry, paths, recordings)
+    recordings = JoinedRecordings(entry.name or default_name(paths, entry.files[0]), entry, len(paths))
+    for recording in reader.read(paths, units):
+        recordings.add(recording)
+    dataset = recordings.dataset()
+    if dataset is None:
+        return None
+    findings += recordings.findings
     if not entry.steady:
         dataset = _hold_points(dataset, entry, request.step)
     _check_time(dataset, entry, channels.where)

@@ -4,13 +4,12 @@ Optional channels, such as targets, may be missing in some files. If a file lack
 all files without it, what needs it, and similar names that the files have.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from kennfeld.dataset import Dataset, concatenate
+from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.formatting import join_names, nearest, quoted
@@ -19,7 +18,10 @@ from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import describe, read_leniently
 from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
-from kennfeld.preprocessing.units import Units, compare_units, is_unit_missing, select_time_units
+from kennfeld.preprocessing.units import Units, select_time_units
+from kennfeld.threads import map_in_order
+
+ReadingWatch = Callable[[int, int], None]
 
 CACHE = Path(".kennfeld") / "cache"  # in the folder of the project file; contents of files that are slow to read
 
@@ -93,14 +95,15 @@ class DatasetChannels:
 class RecordingReader:
     """Reads the recordings of one dataset; findings are added in the order of the files.
 
-    `offered` collects the channel names of files in which channels are missing, `clocks` the columns that time was
-    read from.
+    `watch` is called after each file with the number of files that have been read and that of all. `offered` collects
+    the channel names of files in which channels are missing, `clocks` the columns that time was read from.
     """
 
     settings: DataSettings
     entry: DatasetEntry
     channels: DatasetChannels
     findings: list[Finding] = field(default_factory=list)
+    watch: ReadingWatch | None = None
     offered: dict[str, None] = field(default_factory=dict)
     clocks: set[str] = field(default_factory=set)
     _missing: dict[str, list[str]] = field(default_factory=dict)  # files without each required channel
@@ -122,62 +125,66 @@ class RecordingReader:
             files |= dict.fromkeys(matches)
         return list(files)
 
-    def read(self, paths: Sequence[str], units: Units) -> list[Dataset]:
-        """Return the recordings that can be read, in the units of the function or of the first file that has one."""
-        cache = Cache(self.settings.folder / CACHE) if self.entry.cache else None
-        recordings = []
-        for path in paths:
-            recording = self._recording(path, cache)
-            if recording is not None:
-                self.findings += recording.findings
-                recordings.append(units.convert(recording, Path(path).name))
-        self._report_missing()
-        return recordings
+    def read(self, paths: Sequence[str], units: Units) -> Iterator[Dataset]:
+        """Yield the recordings that can be read, in the units of the function or of the first file that has one.
 
-    def _recording(self, path: str, cache: Cache | None) -> Dataset | None:
-        """Return the channels of a file, without optional ones that it lacks; None if it is unusable."""
+        Several files are read at the same time. The findings are complete after the last recording.
+        """
+        cache = Cache(self.settings.folder / CACHE) if self.entry.cache else None
+        attempts = map_in_order(partial(self._attempt, cache=cache), paths)
+        for number, (path, attempt) in enumerate(zip(paths, attempts, strict=True), 1):
+            self._add(path, attempt)
+            if self.watch is not None:
+                self.watch(number, len(paths))
+            if attempt.recording is not None:
+                yield units.convert(attempt.recording, Path(path).name)
+        self._report_missing()
+
+    def _add(self, path: str, attempt: "_Attempt") -> None:
+        """Record what was learned about a file."""
+        self.findings += attempt.findings
+        self.offered |= dict.fromkeys(attempt.offered)
+        for name in attempt.missing:
+            self._missing.setdefault(name, []).append(Path(path).name)
+            self._candidates |= dict.fromkeys(attempt.offered)
+        if attempt.recording is not None:
+            self.findings += attempt.recording.findings
+            self.clocks |= {attempt.recording.clock.name} if attempt.recording.clock else set()
+
+    def _attempt(self, path: str, cache: Cache | None) -> "_Attempt":
+        """Read the channels of a file, without optional ones that it lacks."""
         request = self.channels.recorded or None, self.entry.raster
         try:
             names = None if cache is None else cache.load_failed(path, *request)
             if names is None:
-                return self._read(path, *request, cache)
+                return _Attempt(self._read(path, *request, cache))
         except InputError as error:
             try:
                 tables = describe(path).tables
             except InputError:  # the file cannot be read at all
-                self.findings += error.findings
-                return None
+                return _Attempt(findings=error.findings)
             names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
             if cache is not None:
                 cache.keep_failed(path, *request, names)
-        return self._read_available(path, names, cache)
+        return self._attempt_available(path, names, cache)
 
     def _read(self, path: str, channels: Sequence[str] | None, raster: float | None, cache: Cache | None) -> Dataset:
         units = select_time_units(self.settings.units)
         if cache is None:
-            recording = read_leniently(path, channels, raster, units)
-        else:
-            recording = cache.read(path, channels, raster, units=units)
-        if recording.clock is not None:
-            self.clocks.add(recording.clock.name)
-        return recording
+            return read_leniently(path, channels, raster, units)
+        return cache.read(path, channels, raster, units=units)
 
-    def _read_available(self, path: str, names: Sequence[str], cache: Cache | None) -> Dataset | None:
-        """Read a file without the optional channels that it lacks; record the required ones that it lacks."""
-        self.offered |= dict.fromkeys(names)
+    def _attempt_available(self, path: str, names: Sequence[str], cache: Cache | None) -> "_Attempt":
+        """Read a file without the optional channels that it lacks."""
         available = [name for name in self.channels.recorded if name in names]
         required = self.channels.calculated.recorded(self.channels.required)
         missing = [name for name in required if name not in available]
-        for name in missing:
-            self._missing.setdefault(name, []).append(Path(path).name)
-            self._candidates |= dict.fromkeys(names)
         if missing:
-            return None
+            return _Attempt(offered=names, missing=missing)
         try:
-            return self._read(path, available, self.entry.raster, cache)
+            return _Attempt(self._read(path, available, self.entry.raster, cache), offered=names)
         except InputError as error:
-            self.findings += error.findings
-            return None
+            return _Attempt(findings=error.findings, offered=names)
 
     def _report_missing(self) -> None:
         for channel, files in self._missing.items():
@@ -196,24 +203,17 @@ class RecordingReader:
         return "which the project needs" if name is None else f"which [calculated] {name} needs"
 
 
-def join_recordings(entry: DatasetEntry, paths: Sequence[str], recordings: Sequence[Dataset]) -> Dataset:
-    """Return one dataset, each recording a piece; a channel that some recordings lack is NaN there."""
-    channels = {channel.name: channel for part in reversed(recordings) for channel in part.channels}
-    complete = [
-        part.with_channels(
-            *(replace(c, values=np.full(part.samples, np.nan)) for n, c in channels.items() if n not in part)
-        )
-        for part in recordings
-    ]
-    name = entry.name or _default_name(paths, entry.files[0])
-    return replace(
-        concatenate(name, complete),
-        use=entry.use,
-        weight=entry.weight,
-        weight_channel=entry.weight_channel,
-        max_gap=entry.max_gap,
-        warmup=entry.warmup,
-    )
+@dataclass(frozen=True)
+class _Attempt:
+    """The outcome of reading one file.
+
+    `offered` are the names of its channels if some are missing, and `missing` the required ones among these.
+    """
+
+    recording: Dataset | None = None
+    findings: Sequence[Finding] = ()
+    offered: Sequence[str] = ()
+    missing: Sequence[str] = ()
 
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
@@ -230,20 +230,7 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
     return []
 
 
-def compare_recorded_units(entry: DatasetEntry, recordings: Sequence[Dataset]) -> Iterator[Finding]:
-    """Yield a warning for each channel whose unit in one file is not that in another."""
-    units: dict[str, str] = {}
-    for channel in (channel for part in recordings for channel in part.channels):
-        if is_unit_missing(channel.unit):
-            continue
-        first = units.setdefault(channel.name, channel.unit)
-        if channel.unit != first and compare_units(channel.unit, first) != "same":
-            message = f"channel {channel.name} is in {first} in one file and in {channel.unit} in another"
-            yield Finding(entry.location.within("files"), message, "Split the dataset.", severity="warning")
-            units[channel.name] = channel.unit
-
-
-def _default_name(paths: Sequence[str], pattern: str) -> str:
+def default_name(paths: Sequence[str], pattern: str) -> str:
     """Return the stem of the file; for several files their pattern without its wildcards."""
     name = Path((paths[0] if len(paths) == 1 else pattern).partition("#")[0]).name
     stem = Path(name.removesuffix(".gz")).stem

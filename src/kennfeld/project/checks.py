@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles import unwritable
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
@@ -323,15 +323,20 @@ def _channels(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_
     names = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
     names += [c.target.name for c in problem.criteria if c.target.kind == "channel"]
     for name in dict.fromkeys(names):
-        known = [data[name].values[data.counting] for data in training if name in data]
-        for data, values in zip((d for d in training if name in d), known, strict=True):
-            share = float(np.mean(~np.isfinite(values))) if values.size else 0.0
-            if share > MAX_MISSING:
+        levels, count = set[float](), 0
+        for data in (data for data in training if name in data):
+            values, counting = data[name].values, data.counting
+            known = counting & np.isfinite(values)
+            scored, finite = int(np.count_nonzero(counting)), int(np.count_nonzero(known))
+            if scored and (scored - finite) / scored > MAX_MISSING:
+                share = (scored - finite) / scored
                 yield locations[data.name], f"channel {name} is missing in {share:.0%} of the samples", ""
-        whole = np.concatenate(known) if known else np.empty(0)
-        whole = whole[np.isfinite(whole)]
-        if whole.size > 1 and np.all(whole == whole[0]):
-            message = f"channel {name} is constant ({whole[0]:g}) in the training data"
+            if finite:
+                first = float(values[np.argmax(known)])
+                levels |= {first, *([np.nan] if np.any(known & (values != first)) else ())}
+            count += finite
+        if count > 1 and len(levels) == 1:
+            message = f"channel {name} is constant ({levels.pop():g}) in the training data"
             yield locations[training[0].name], message, "Is it the right channel?"
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.calfiles import read_several
-from kennfeld.calfiles.a2l.objects import FlashOrigin
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS, unwritable
+from kennfeld.calfiles.flash.origin import FlashOrigin
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest, size_text
@@ -112,6 +112,8 @@ def _identity(flash: FlashOrigin) -> tuple[Finding, ...]:
 
 def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: Findings) -> bool:
     """Return if the initial files contain an image of each format to be written."""
+    from kennfeld.calfiles.flash.description import unwritable
+
     wanted = [ending for ending in file.calibration.output if ending in IMAGE_ENDINGS]
     reasons = [reason for ending in wanted if (reason := unwritable(image, ending))]
     for reason in reasons:

@@ -11,8 +11,7 @@ from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest
-from kennfeld.models import merge_start_values
-from kennfeld.optimize.api import bind_scalars
+from kennfeld.models import bind_scalars, merge_start_values
 from kennfeld.optimize.limit_nodes import channels_of
 from kennfeld.optimize.options import Step
 from kennfeld.optimize.problem import Problem

@@ -6,21 +6,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from kennfeld.dataset import Channel, Dataset
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.dataset import Dataset
+from kennfeld.errors import Finding, InputError
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.project.initial_calibration import describe_parameter
 from kennfeld.project.schema import ProjectFile, read_project
 from kennfeld.search_settings import SearchSettings
 
 if TYPE_CHECKING:
     from kennfeld.optimize.options import Options
     from kennfeld.optimize.problem import Problem
-    from kennfeld.optimize.quality import NodeSimulator
     from kennfeld.optimize.result import Result
     from kennfeld.preprocessing.pipeline import Loader
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
+    from kennfeld.project.simulation import Simulation
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,55 +172,21 @@ class Project:
         Raises:
             InputError: the project has errors, or a table does not fit the function.
         """
-        problem = self.problem()
-        if shifts:
-            from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+        from kennfeld.project.simulation import simulate_problem
 
-            problem = apply_shifts(problem, shifts)
-        return simulate_problem(problem, parameters)
+        return simulate_problem(self._shifted(shifts), parameters)
 
+    def simulation(
+        self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
+    ) -> "Simulation":
+        """Return the same as `simulate`, to be computed part by part."""
+        from kennfeld.project.simulation import Simulation
 
-def simulate_problem(problem: "Problem", parameters: ParameterSet | None) -> list[Dataset]:
-    """Return the named nodes and target channels over every dataset; a target named like a node gets a suffix."""
-    from kennfeld.optimize.quality import NodeSimulator
+        return Simulation(self._shifted(shifts), parameters)
 
-    values = replace_parameters(problem, parameters)
-    compiled = NodeSimulator(problem.model.graph, values)
-    return [_simulate_dataset(problem, data, values, compiled) for data in problem.datasets]
+    def _shifted(self, shifts: Mapping[str, Mapping[str, float]] | None) -> "Problem":
+        if not shifts:
+            return self.problem()
+        from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 
-
-def _simulate_dataset(problem: "Problem", data: Dataset, values: ParameterSet, compiled: "NodeSimulator") -> Dataset:
-    bound = problem.bind(data)
-    nodes = compiled.dataset(bound, values)
-    bound = bound.shown
-    names = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
-    targets = [
-        Channel(f"{name} (target)" if name in nodes else name, bound.channel(name), data[name].unit)
-        for name in names
-        if name in data
-    ]
-    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=bound.scored)
-
-
-def replace_parameters(problem: "Problem", parameters: ParameterSet | None) -> ParameterSet:
-    """Replace parameters of a problem by those of the same name, which must have the same number of axes.
-
-    Raises `InputError` if one does not fit the function.
-    """
-    if parameters is None:
-        return problem.parameters
-    needed = problem.model.graph.parameters
-    errors = [
-        Finding(
-            Location("parameters"),
-            f"{name} is {describe_parameter(parameters[name])}, but the function looks it up with {count} coordinates",
-        )
-        for name, count in needed.items()
-        if name in parameters and parameters[name].coordinates != count
-    ]
-    if errors:
-        raise InputError(errors)
-    try:
-        return problem.parameters.merged(parameters)
-    except ArgumentError as error:
-        raise InputError.of(Location("parameters"), str(error)) from None
+        return apply_shifts(self.problem(), shifts)

@@ -2,11 +2,11 @@
 
 import csv
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, fields, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -14,18 +14,21 @@ from kennfeld.arrays import Float, Int
 from kennfeld.atomic_files import replace_atomically, write_whole
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.free_axes import free_axes
-from kennfeld.optimize.result import Result, TraceLine
-from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests
+from kennfeld.project.simulation import SimulatedPart, Simulation
 from kennfeld.rbf import RBF
+
+if TYPE_CHECKING:
+    from kennfeld.optimize.result import Result, TraceLine
+    from kennfeld.optimize.trust.trust import Trust
 
 COLUMNS = (
     *("parameter", *AXIS_LETTERS, "value", "unit", "deviation", "scatter"),
@@ -33,11 +36,13 @@ COLUMNS = (
 )
 MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third power
 
+SAMPLES_WRITTEN = 1 << 18  # at once
+
 RESULT = "result.json"
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
 
-def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
+def write_trust(trust: "Trust", parameters: ParameterSet, path: Path) -> None:
     """Write trust.csv: a line for each free value, breakpoints last; unknown cells are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -47,7 +52,7 @@ def write_trust(trust: Trust, parameters: ParameterSet, path: Path) -> None:
             writer.writerows(_lines(trust, name, *_values(name, parameters), leverage.get(name)))
 
 
-def affordable_leverage(trust: Trust) -> Mapping[str, Float]:
+def affordable_leverage(trust: "Trust") -> Mapping[str, Float]:
     """Return the leverage of each value; nothing if there are too many values to compute it."""
     return trust.leverage if sum(a.size for a in trust.deviation.values()) <= MAX_LEVERAGE_VALUES else {}
 
@@ -65,7 +70,12 @@ def _values(name: str, parameters: ParameterSet) -> tuple[Float, str, list[list[
 
 
 def _lines(
-    trust: Trust, name: str, values: Float, unit: str, breakpoints: Sequence[list[float | str]], leverage: Float | None
+    trust: "Trust",
+    name: str,
+    values: Float,
+    unit: str,
+    breakpoints: Sequence[list[float | str]],
+    leverage: Float | None,
 ) -> Iterator[list[Any]]:
     for at in np.ndindex(values.shape):
         place = [points[i] for points, i in zip(breakpoints, at, strict=True)]
@@ -96,14 +106,14 @@ class ResultSource(Protocol):
     def surrogates(self) -> Collection[str]:
         """Names of the surrogates, which have files of their own."""
 
-    def simulate(
+    def simulation(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
-    ) -> list[Dataset]:
-        """Return nodes and targets over all datasets."""
+    ) -> Simulation:
+        """Return nodes and targets over all datasets, to be computed part by part."""
 
 
 def write(
-    result: Result,
+    result: "Result",
     project: ResultSource,
     folder: str | Path,
     documents: Mapping[str, str] | None = None,
@@ -128,7 +138,7 @@ def write(
         InputError: the folder cannot be written.
     """
     target = Path(folder)
-    simulation = project.simulate(result.parameters, result.shifts)
+    simulation = project.simulation(result.parameters, result.shifts)
     with _scratch(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
             remarks = _write_values(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
@@ -164,8 +174,8 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
         return [*warnings, *write_parameters(parameters.without(skipped), path)]
 
 
-def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
-    """Write simulated datasets, one after the other, as Parquet or CSV according to the extension of `path`."""
+def write_simulation(simulation: Simulation, path: str | Path) -> Path:
+    """Write the datasets of a simulation, one after the other, as Parquet or CSV by the extension of `path`."""
     target = Path(path)
     if target.suffix.lower() not in (".parquet", ".csv"):
         raise InputError.of(
@@ -174,7 +184,7 @@ def write_simulation(datasets: Sequence[Dataset], path: str | Path) -> Path:
     with convert_errors(target, "cannot be written", FILE_REMEDY):
         target.parent.mkdir(parents=True, exist_ok=True)
         with replace_atomically(target) as beside:
-            _save(datasets, beside)
+            _save(simulation, beside)
     return target
 
 
@@ -207,42 +217,65 @@ def _scratch(folder: Path) -> Iterator[Path]:
         yield scratch
 
 
-def _write_trace(trace: Sequence[TraceLine], path: Path) -> None:
+def _write_trace(trace: Sequence["TraceLine"], path: Path) -> None:
+    from kennfeld.optimize.result import TraceLine
+
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(field.name for field in fields(TraceLine))
         writer.writerows(astuple(line) for line in trace)
 
 
-def _save(datasets: Sequence[Dataset], path: Path) -> None:
-    if path.suffix.lower() == ".csv":
-        from pyarrow import csv as arrow_csv
+def _save(simulation: Simulation, path: Path) -> None:
+    """Write the columns dataset, piece (from 1), time, then the channels; null if a dataset lacks one."""
+    from pyarrow import csv as arrow_csv
+    from pyarrow import parquet
 
-        arrow_csv.write_csv(_table(datasets), path)
-    else:
-        from pyarrow import parquet
+    schema = _schema(simulation.units)
+    writer_of = arrow_csv.CSVWriter if path.suffix.lower() == ".csv" else parquet.ParquetWriter
+    with writer_of(path, schema) as writer:
+        for parts in _batches(simulation.parts()):
+            writer.write_table(_table(parts, simulation, schema))
 
-        parquet.write_table(_table(datasets), path)
+
+def _batches(parts: Iterable[SimulatedPart]) -> Iterator[list[SimulatedPart]]:
+    """Yield neighbouring parts that have together about as many samples as are written at once."""
+    batch: list[SimulatedPart] = []
+    for part in parts:
+        batch.append(part)
+        if sum(each.data.samples for each in batch) >= SAMPLES_WRITTEN:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
 
 
-def _table(datasets: Sequence[Dataset]) -> Any:
-    """Return the columns dataset, piece (from 1), time, then the channels; null if a dataset lacks one."""
+def _schema(units: Mapping[str, str]) -> Any:
     import pyarrow as pa
 
-    columns: dict[str, tuple[Any, str]] = {
-        "dataset": (_names(datasets), ""),
-        "piece": (_numbers([_pieces(data) for data in datasets]), ""),
-        "time": (_numbers([_nan_column(data) if data.time is None else data.time for data in datasets]), "s"),
-    }
-    for name in dict.fromkeys(name for data in datasets for name in data):
-        values = _numbers([data[name].values if name in data else _nan_column(data) for data in datasets])
-        unit = next(data[name].unit for data in datasets if name in data)
-        columns[f"{name} (model)" if name in columns else name] = (values, unit)
-    schema = [
-        pa.field(name, values.type, metadata={"unit": unit} if unit else None)
-        for name, (values, unit) in columns.items()
+    columns = {"dataset": pa.dictionary(pa.int64(), pa.string()), "piece": pa.int64(), "time": pa.float64()}
+    clock = {"time": {"unit": "s"}}
+    parts = [pa.field(name, kind, metadata=clock.get(name)) for name, kind in columns.items()]
+    for name, unit in units.items():
+        label = f"{name} (model)" if name in columns else name
+        parts.append(pa.field(label, pa.float64(), metadata={"unit": unit} if unit else None))
+    return pa.schema(parts)
+
+
+def _table(parts: Sequence[SimulatedPart], simulation: Simulation, schema: Any) -> Any:
+    import pyarrow as pa
+
+    datasets = [part.data for part in parts]
+    columns = [
+        _names(datasets, list(simulation.samples)),
+        _numbers([part.piece + _pieces(part.data) for part in parts]),
+        _numbers([_nan_column(data) if data.time is None else data.time for data in datasets]),
     ]
-    return pa.table([values for values, _ in columns.values()], schema=pa.schema(schema))
+    columns += (
+        _numbers([data[name].values if name in data else _nan_column(data) for data in datasets])
+        for name in simulation.units
+    )
+    return pa.table(columns, schema=schema)
 
 
 def _nan_column(data: Dataset) -> Float:
@@ -268,12 +301,12 @@ def _numbers(parts: Sequence[Float | Int]) -> Any:
     return pa.Array.from_buffers(kind, values.size, [pa.py_buffer(known), pa.py_buffer(values)])
 
 
-def _names(datasets: Sequence[Dataset]) -> Any:
+def _names(datasets: Sequence[Dataset], names: Sequence[str]) -> Any:
     """Return the name of the dataset for each sample."""
     import pyarrow as pa
 
-    encoded = [data.name.encode() for data in datasets]
+    encoded = [name.encode() for name in names]
     ends = np.cumsum([0, *(len(name) for name in encoded)], dtype=np.int32)
-    names = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
-    codes = np.repeat(np.arange(len(datasets)), [data.samples for data in datasets])
-    return pa.DictionaryArray.from_arrays(_numbers([codes]), names)
+    texts = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
+    codes = np.repeat([names.index(data.name) for data in datasets], [data.samples for data in datasets])
+    return pa.DictionaryArray.from_arrays(_numbers([codes.astype(np.int64)]), texts)

@@ -8,20 +8,12 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.cell_errors import CellErrors
-from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.analysis.residuals import Residuals
-from kennfeld.arrays import Float, Int
 from kennfeld.optimize.result import TraceLine
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.report.drawings import Drawing, Histogram
 from kennfeld.report.markup import Html, element, round_digits
 from kennfeld.report.report_data import ParameterChange, ReportData
-
-TOTAL_POINTS = 120_000  # of all time plots and scatter plots together
-TRACE_POINTS = (400, 4000)  # minimum and maximum of one trace
-SCATTER_POINTS = (200, 3000)
-BINS = 50
-EQUAL_TOLERANCE = 1e-12  # relative range of errors up to which they count as equal
-OUTLIER_SHARE = 0.001  # of errors that may lie beyond the ends of a histogram
 
 Figure = Mapping[str, Any]
 
@@ -41,132 +33,50 @@ class Pictures:
         return element("figure", plot, element("figcaption", caption) if caption else None, class_=figure["kind"])
 
 
-class TraceEnvelope:
-    """Reduces traces to at most `most` points: the minimum and the maximum of each group of consecutive samples.
-
-    >>> groups = TraceEnvelope(8, most=4)
-    >>> groups.trace(np.array([0.0, 5, 1, 2, 3, 3, 9, -1]))
-    array([ 0.,  5., -1.,  9.])
-    """
-
-    def __init__(self, count: int, most: int) -> None:
-        self.whole = count <= most
-        size = 1 if self.whole else -(-count // max(most // 2, 1))
-        self.firsts = np.arange(0, count, size)
-
-    def trace(self, values: Float) -> Float:
-        """Return minimum and maximum of each group in turn, NaN for a group without numbers; or the values."""
-        if self.whole:
-            return values
-        pair: Float = np.stack([np.fmin.reduceat(values, self.firsts), np.fmax.reduceat(values, self.firsts)], axis=1)
-        return pair.ravel()
-
-    def places(self, x: Float) -> Float:
-        """Return the coordinates of the points of a trace: the first sample of each group, twice."""
-        return x if self.whole else np.repeat(x[self.firsts], 2)
-
-
-def sample_indices(count: int, most: int, always: Sequence[int] = ()) -> Int:
-    """Draw at most `most` of `count` sample numbers, in order and reproducibly, and add those in `always`."""
-    if count <= most:
-        return np.arange(count)
-    drawn = np.random.default_rng(0).choice(count, most, replace=False)
-    return np.unique(np.concatenate([drawn, np.asarray(always, dtype=np.int64)]))
-
-
-def histogram(values: Float, ends: tuple[float, float], bins: int) -> Int:
-    """Count the values in bins of equal width between `ends`; those beyond count in the first and the last bin."""
-    inside = np.clip(values[np.isfinite(values)], *ends)
-    return np.histogram(inside, bins, ends)[0].astype(np.int64)
-
-
-def strip(before: CriterionSeries, after: CriterionSeries, series: int) -> Figure:
-    """Return measured and calculated signal and the error over time or sample number, for one of `series` plots."""
-    most = int(np.clip(TOTAL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
-    groups = TraceEnvelope(after.model.size, most)
-    x, title, unit = _along(after)
-    traces = {"measured": after.measured, "before": before.model, "after": after.model}
-    traces |= {"errorBefore": before.error, "error": after.error}
+def strip(drawing: Drawing) -> Figure:
+    """Return measured and calculated signal and the error over time or sample number."""
+    x, title, unit, pieces = drawing.stamps.along()
+    groups = drawing.plan.groups
     return {
         "kind": "strip",
-        "samples": after.model.size,
+        "samples": groups.count,
         "whole": groups.whole,
-        "time": after.time is not None,
-        "x": round_digits(groups.places(x), 7),
+        "time": drawing.plan.timed,
+        "x": round_digits(x, 7),
         "xTitle": title,
         "xUnit": unit,
-        "pieces": round_digits(x[after.bound.starts[1:]], 7),
-        "unit": after.unit,
-        **{name: round_digits(groups.trace(values)) for name, values in traces.items()},
+        "pieces": round_digits(pieces, 7),
+        "unit": drawing.plan.unit,
+        **{name: round_digits(trace.points(groups)) for name, trace in drawing.traces.items()},
     }
 
 
-def _along(series: CriterionSeries) -> tuple[Float, str, str]:
-    """Return the x axis of a time plot: time, with pieces in a row if it restarts in each, else the sample number."""
-    time, starts = series.time, series.bound.starts
-    if time is None:
-        return series.bound.kept.astype(np.float64), "sample", ""
-    later = time[starts[1:]] > time[starts[1:] - 1]
-    if later.all():
-        return time, "time", "s"
-    row, ends = time.copy(), [*starts[1:].tolist(), time.size]
-    end = 0.0
-    for first, last in zip(starts.tolist(), ends, strict=True):
-        step = float(time[first + 1] - time[first]) if last - first > 1 else 0.0
-        row[first:last] += end - time[first]
-        end = float(row[last - 1]) + step
-    return row, "time, recordings in a row", "s"
-
-
-def scatter(before: CriterionSeries, after: CriterionSeries, series: int, worst: Sequence[int]) -> Figure:
-    """Return model over measurement, before and after, at a selection of the samples that includes the `worst`."""
-    scored = np.flatnonzero(after.scored)
-    most = int(np.clip(TOTAL_POINTS // (6 * max(series, 1)), *SCATTER_POINTS))
-    always = np.flatnonzero(np.isin(after.bound.kept[scored], worst)).tolist()
-    chosen = scored[sample_indices(scored.size, most, always)]
+def scatter(drawing: Drawing) -> Figure:
+    """Return model over measurement, before and after, at a selection of the samples that includes the worst."""
+    dots = drawing.dots
     return {
         "kind": "scatter",
-        "samples": scored.size,
-        "unit": after.unit,
-        "number": after.bound.kept[chosen].tolist(),
-        "measured": round_digits(after.measured[chosen]),
-        "before": round_digits(before.model[chosen]),
-        "after": round_digits(after.model[chosen]),
+        "samples": drawing.plan.samples,
+        "unit": drawing.plan.unit,
+        "number": dots["number"].astype(np.int64).tolist(),
+        **{name: round_digits(dots[name]) for name in ("measured", "before", "after")},
     }
 
 
-def histograms(before: CriterionSeries, after: CriterionSeries) -> Figure:
+def histograms(drawing: Drawing) -> Figure:
     """Return histograms of the errors before and after, on axes of their own and on a common one."""
-    errors = {"before": before.error, "after": after.error}
-    ends = {name: _ends(error) for name, error in errors.items()}
-    shared = (min(low for low, _ in ends.values()), max(high for _, high in ends.values()))
     return {
         "kind": "histograms",
-        "unit": after.unit,
-        "own": {name: _bins(error, ends[name]) for name, error in errors.items()},
-        "equal": {name: _bins(error, shared) for name, error in errors.items()},
+        "unit": drawing.plan.unit,
+        **{
+            axes: {name: _bins(each) for name, each in own.items()}
+            for axes, own in (("own", drawing.own), ("equal", drawing.equal))
+        },
     }
 
 
-def _ends(error: Float) -> tuple[float, float]:
-    """Return the range of a histogram: that of all errors, or of nearly all if there are outliers."""
-    known = error[np.isfinite(error)]
-    if not known.size:
-        return -1.0, 1.0
-    low, high = np.quantile(known, [OUTLIER_SHARE, 1.0 - OUTLIER_SHARE])
-    spread = max(high - low, 1e-12 * max(abs(low), abs(high), 1e-300))
-    low, high = max(known.min(), low - 0.5 * spread), min(known.max(), high + 0.5 * spread)
-    size = max(abs(low), abs(high))
-    if high - low > EQUAL_TOLERANCE * size:
-        return float(low), float(high)
-    half = 0.5 * (size or 1.0)  # the errors differ by rounding only, too little for bins
-    return float(low) - half, float(high) + half
-
-
-def _bins(error: Float, ends: tuple[float, float]) -> Figure:
-    known = error[np.isfinite(error)]
-    beyond = int(np.count_nonzero((known < ends[0]) | (known > ends[1])))
-    return {"ends": round_digits(ends), "counts": histogram(error, ends, BINS).tolist(), "beyond": beyond}
+def _bins(counted: Histogram) -> Figure:
+    return {"ends": round_digits(counted.ends), "counts": counted.counts.tolist(), "beyond": counted.beyond}
 
 
 def autocorrelation(of: Residuals, dataset: str) -> Figure | None:

@@ -1,28 +1,27 @@
 """The data of a report, computed once."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from kennfeld.analysis.cell_errors import tally
-from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
-from kennfeld.analysis.residuals import Residuals, residuals
+from kennfeld.analysis.part_evaluation import PartEvaluator
+from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
-from kennfeld.optimize.lookup_coverage import Lookups, coordinates
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import SAMPLES_PER_BLOCK, Quality, spread
+from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.model import coordinates_of
+from kennfeld.report.drawings import Drawing, draw
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
 
 
@@ -94,8 +93,8 @@ class ReportData:
     problem: Problem
     result: Result | None
     findings: tuple[Finding, ...]
-    before: tuple[CriterionSeries, ...]
-    after: tuple[CriterionSeries, ...]
+    fits: tuple[Fit, ...]
+    drawings: tuple[Drawing, ...]  # of each fit
     residuals: tuple[Residuals, ...]
     changes: tuple[ParameterChange, ...]
     trust: TrustSummary
@@ -117,23 +116,23 @@ class ReportData:
         """A score for each criterion and dataset; numbers in `result.json` take precedence."""
         summaries = {(i, r.dataset): r for i, of in self.numbered.items() for r in of.summaries}
         scores = []
-        for old in self.before:
-            criterion, data = self.problem.criteria[old.criterion], old.bound.dataset
-            row, now = self._stored_quality.get((old.criterion, data.name)), summaries[old.criterion, data.name]
-            rmse = (_of_known(old.error, _rms), now.rmse) if row is None else (row.rmse_before, row.rmse_after)
+        for fit in self.fits:
+            criterion, data, old = self.problem.criteria[fit.number], fit.bound.dataset, fit.counts.before.sums
+            row, now = self._stored_quality.get((fit.number, data.name)), summaries[fit.number, data.name]
+            rmse = (old.rmse, now.rmse) if row is None else (row.rmse_before, row.rmse_after)
             r2, largest = (now.r2, now.largest) if row is None else (row.r2_after, row.max_abs_after)
             scores.append(
                 Score(
-                    number=old.criterion,
+                    number=fit.number,
                     criterion=criterion.node,
                     target=str(criterion.target),
                     dataset=data.name,
                     use=data.use,
-                    unit=old.unit,
+                    unit=fit.counts.unit,
                     samples=now.samples,
                     rmse=rmse,
-                    r2=(_r2(old), r2),
-                    largest=(_of_known(np.abs(old.error), np.max), largest),
+                    r2=(_r2(fit), r2),
+                    largest=(old.largest if old.count else float("nan"), largest),
                 )
             )
         return tuple(scores)
@@ -141,7 +140,7 @@ class ReportData:
     @property
     def numbered(self) -> dict[int, Residuals]:
         """The residuals by the number of their criterion."""
-        return dict(zip(sorted({series.criterion for series in self.after}), self.residuals, strict=True))
+        return dict(zip(sorted({fit.number for fit in self.fits}), self.residuals, strict=True))
 
     @cached_property
     def _stored_quality(self) -> dict[tuple[int, str], Quality]:
@@ -161,7 +160,7 @@ class ReportData:
     @property
     def stale(self) -> bool:
         """True if the errors of the result cannot be reproduced, since the project or its data have changed."""
-        rmse = {(s.criterion, s.bound.dataset.name): _of_known(s.error, _rms) for s in reversed(self.after)}
+        rmse = {(fit.number, fit.bound.dataset.name): fit.counts.after.sums.rmse for fit in self.fits}
         return any(
             key not in rmse or not np.isclose(rmse[key], row.rmse_after, rtol=1e-3, equal_nan=True)
             for key, row in self._stored_quality.items()
@@ -193,14 +192,10 @@ def collect_report_data(
     problem = project.problem() if result is None else apply_shifts(project.problem(), result.shifts)
     start = problem.parameters if result is None else result.start
     parameters = start if result is None else result.parameters
-    small = max((data.samples for data in problem.datasets), default=0) <= SAMPLES_PER_BLOCK
-    evaluator = Evaluator(problem, coordinates(problem) if small else {})
-    before = evaluator.series(start)
-    after = before if result is None else evaluator.series(parameters)
-    lookups = Lookups(problem, parameters, evaluator.values if small else ())
     if trust is None:
         trust = TrustSummary() if result is None else summarise_trust(result.trust)
-    tallied = tally(lookups, parameters, after)
+    evaluator = PartEvaluator(problem, start, parameters)
+    analysis = analyse(problem, start, parameters, trust=trust, evaluator=evaluator)
     extrapolation = find_extrapolation(problem, parameters) if extrapolation is None else tuple(extrapolation)
     if result is not None and written is None:
         surrogates = [row.as_json() for row in extrapolation]
@@ -210,10 +205,10 @@ def collect_report_data(
         problem=problem,
         result=result,
         findings=tuple(findings),
-        before=before,
-        after=after,
-        residuals=residuals(problem, parameters, trust=trust, series=after, lookups=lookups, cells=tallied.cells),
-        changes=_changes(problem, start, parameters, trust, tallied.touching),
+        fits=analysis.fits,
+        drawings=tuple(draw(evaluator, analysis.fits, _worst_samples(analysis))),
+        residuals=analysis.residuals,
+        changes=_changes(problem, start, parameters, trust, analysis.touching),
         trust=trust,
         written=written,
         extrapolation=extrapolation,
@@ -258,15 +253,17 @@ def _resample(before: Parameter, after: Parameter) -> Parameter:
     return after.with_values(interpolate(before.values, sides))
 
 
-def _of_known(error: Float, statistic: Callable[[Float], Any]) -> float:
-    """Return a statistic of the errors at scored samples, infinite ones included; NaN if there are none."""
-    known = error[~np.isnan(error)]
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float(statistic(known)) if known.size else float("nan")
+def _worst_samples(analysis: Analysis) -> dict[int, dict[str, list[int]]]:
+    """Return the worst samples by the number of the criterion and the dataset."""
+    samples: dict[int, dict[str, list[int]]] = {}
+    numbers = sorted({fit.number for fit in analysis.fits})
+    for number, of in zip(numbers, analysis.residuals, strict=True):
+        by_dataset = samples.setdefault(number, {})
+        for worst in of.worst:
+            by_dataset.setdefault(worst.dataset, []).append(worst.sample)
+    return samples
 
 
-def _r2(series: CriterionSeries) -> float:
-    measured, error = series.measured[series.scored], series.error[series.scored]
-    with np.errstate(over="ignore", invalid="ignore"):
-        variation = spread(measured)
-        return 1.0 - float(np.sum(error**2)) / variation if variation > 0 else float("nan")
+def _r2(fit: Fit) -> float:
+    sums, variation = fit.counts.before.sums, fit.counts.target.squares
+    return 1.0 - sums.squares / variation if variation > 0 and sums.count == fit.samples else float("nan")

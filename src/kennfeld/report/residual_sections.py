@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.analysis.residuals import Residuals
+from kennfeld.analysis.residuals import Fit, Residuals
 from kennfeld.formatting import count_noun
 from kennfeld.report import figures
+from kennfeld.report.drawings import Drawing
 from kennfeld.report.figures import Pictures
 from kennfeld.report.markup import Child, Html, decimal, details, element, full_decimal, note, percent, quantity, table
 from kennfeld.report.report_data import ReportData
@@ -15,33 +15,27 @@ OPEN_PARTS = 4  # datasets that are unfolded initially
 
 def render_fit(report: ReportData, pictures: Pictures) -> Html:
     """Return a time plot, a scatter plot and a histogram for each criterion and dataset."""
-    pairs = list(zip(report.before, report.after, strict=True))
     parts = []
-    for i, (before, after) in enumerate(pairs):
-        of = report.numbered[after.criterion]
-        data = after.bound.dataset
-        summary = [element("b", data.name), f" {of.criterion} against {of.target}, {_samples(after)}, {data.use}"]
-        content = _pictures(before, after, of, len(pairs), pictures)
+    for i, (fit, drawing) in enumerate(zip(report.fits, report.drawings, strict=True)):
+        of = report.numbered[fit.number]
+        data = fit.bound.dataset
+        summary = [element("b", data.name), f" {of.criterion} against {of.target}, {_samples(fit)}, {data.use}"]
+        content = _pictures(drawing, of, data.name, pictures)
         parts.append(details(summary, content, open_=i < OPEN_PARTS, class_="part"))
     return element("div", parts or note("No sample is scored."))
 
 
-def _samples(series: CriterionSeries) -> str:
-    scored, kept = int(series.scored.sum()), series.bound.count
-    dropped = series.bound.dataset.samples - kept
+def _samples(fit: Fit) -> str:
+    scored, kept = fit.samples, fit.bound.count
+    dropped = fit.bound.dataset.samples - kept
     counts = count_noun(scored, "sample") + (f" scored of {kept}" if kept != scored else "")
     return counts + (f", {dropped} skipped because an input is missing" if dropped else "")
 
 
-def _pictures(
-    before: CriterionSeries, after: CriterionSeries, of: Residuals, count: int, pictures: Pictures
-) -> list[Html | None]:
-    name = after.bound.dataset.name
-    strip = figures.strip(before, after, count)
-    drawn = "" if strip["whole"] else f" {after.model.size} samples are drawn as an envelope of minima and maxima."
+def _pictures(drawing: Drawing, of: Residuals, name: str, pictures: Pictures) -> list[Html | None]:
+    strip, scatter = figures.strip(drawing), figures.scatter(drawing)
+    drawn = "" if strip["whole"] else f" {strip['samples']} samples are drawn as an envelope of minima and maxima."
     zoom = "Drag to zoom, double-click to reset; arrow keys move and zoom. Click a name to hide or show it."
-    worst = [w.sample for w in of.worst if w.dataset == name]
-    scatter = figures.scatter(before, after, count, worst)
     dots = len(scatter["number"])
     some = f" {dots} of {scatter['samples']} samples, including the worst." if dots < scatter["samples"] else ""
     return [
@@ -49,7 +43,7 @@ def _pictures(
         element(
             "div",
             pictures.place(scatter, f"Calculated over measured.{some}", f"calculated over measured, {name}"),
-            pictures.place(figures.histograms(before, after), "Distribution of the errors.", f"errors on {name}"),
+            pictures.place(figures.histograms(drawing), "Distribution of the errors.", f"errors on {name}"),
             class_="row two",
         ),
     ]

@@ -1,14 +1,19 @@
 """Data-driven models: trained on recordings, stored in a readable file, used in a formula like any node."""
 
-from kennfeld.surrogate.surrogate_file import (
-    Surrogate,
-    as_parameters,
-    read_surrogate,
-    recognises_surrogate,
-    write_surrogate,
-)
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate, SurrogateQuality
-from kennfeld.surrogate.validity import Validity
+from typing import TYPE_CHECKING
+
+from kennfeld.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import (
+        Surrogate,
+        as_parameters,
+        read_surrogate,
+        recognises_surrogate,
+        write_surrogate,
+    )
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate, SurrogateQuality
+    from kennfeld.surrogate.validity import Validity
 
 __all__ = [
     "DynamicSurrogate",
@@ -21,3 +26,12 @@ __all__ = [
     "recognises_surrogate",
     "write_surrogate",
 ]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "surrogate_file": "Surrogate as_parameters read_surrogate recognises_surrogate write_surrogate",
+        "surrogate_models": "DynamicSurrogate StaticSurrogate SurrogateQuality",
+        "validity": "Validity",
+    },
+)

@@ -98,7 +98,7 @@ def k_means(x: Float, count: int, seed: int) -> Float:
     return centres
 
 
-def _scatter(x: Float, count: int, rng: np.random.Generator) -> Float:
+def _scatter(x: Float, count: int, rng: "np.random.Generator") -> Float:
     centres = [x[rng.integers(len(x))]]
     distance = np.sum((x - centres[0]) ** 2, axis=1)
     while len(centres) < count and distance.max() > 0:

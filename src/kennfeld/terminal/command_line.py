@@ -1,45 +1,63 @@
-"""Options that several commands have, and exit statuses."""
+"""Arguments and options that several commands have, and exit statuses."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any, TypeVar
 
-import typer
+import click
 
 DONE, NOT_CONVERGED, DIFFERENT, WRONG_INPUT, INTERRUPTED = 0, 1, 1, 2, 130
+PATH = click.Path(path_type=Path)
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def option(names: str, text: str, metavar: str | None = None, default: str | bool = False, **limits: Any) -> Any:
-    """Declare an option by its names, separated by blanks; `default` describes it in the help, True shows its value."""
-    return typer.Option(*names.split(), help=text, metavar=metavar, show_default=default, **limits)
+def argument(name: str, metavar: str, text: str, **settings: Any) -> Callable[[Function], Function]:
+    """Declare a positional argument, by default a path that must be given."""
+    settings = {"type": PATH, **settings}
+    return click.argument(name, metavar=metavar, help=text, **settings)
 
 
-ProjectFile = Annotated[
-    Path, typer.Argument(metavar="PROJECT", help="The project file, kennfeld.toml.", show_default=False)
-]
-Subsystem = Annotated[str, option("--subsystem", "Path of a subsystem of a Simulink model.", "PATH")]
-Folders = Annotated[
-    list[Path] | None,
-    option("--folder", "Additional folder to search for libraries of a model. Repeatable.", "FOLDER"),
-]
-ClassName = Annotated[str, option("--class", "Class of an ESDL file.", "NAME")]
-Methods = Annotated[
-    list[str] | None, option("--method", "Method of the class that a step calls. Repeatable, in order.", "NAME")
-]
-Task = Annotated[str, option("--task", "Task of an ASCET application.", "NAME")]
-VariableFiles = Annotated[
-    list[Path] | None, option("--parameters", "File with values of a Simulink model's variables. Repeatable.", "FILE")
-]
-Bindings = Annotated[
-    list[str] | None,
-    option(
-        "--bind",
-        'Replace a block of a Simulink model by a channel or formula, "PATH=FORMULA". Repeatable.',
-        "BINDING",
-    ),
-]
-DescriptionFile = Annotated[
-    Path | None,
-    option("--a2l", "A2L file that describes an image (.hex, .s19).", "FILE", "the A2L file of the same name"),
-]
-Json = Annotated[bool, option("--json", "Print JSON.")]
-Force = Annotated[bool, option("--force", "Replace existing files.")]
+def option(
+    names: str, text: str, metavar: str | None = None, shown: str | bool = False, **settings: Any
+) -> Callable[[Function], Function]:
+    """Declare an option by its names, separated by blanks; the last may be that of the function's parameter.
+
+    `shown` describes the default in the help; True shows its value. Without `metavar`, the option is a flag.
+    """
+    is_flag = metavar is None
+    return click.option(*names.split(), help=text, metavar=metavar, show_default=shown, is_flag=is_flag, **settings)
+
+
+project_file = argument("path", "PROJECT", "The project file, kennfeld.toml.")
+subsystem = option("--subsystem", "Path of a subsystem of a Simulink model.", "PATH", default="")
+folders = option(
+    "--folder folders",
+    "Additional folder to search for libraries of a model. Repeatable.",
+    "FOLDER",
+    type=PATH,
+    multiple=True,
+)
+class_name = option("--class class_name", "Class of an ESDL file.", "NAME", default="")
+methods = option(
+    "--method methods", "Method of the class that a step calls. Repeatable, in order.", "NAME", multiple=True
+)
+task = option("--task", "Task of an ASCET application.", "NAME", default="")
+variable_files = option(
+    "--parameters values",
+    "File with values of a Simulink model's variables. Repeatable.",
+    "FILE",
+    type=PATH,
+    multiple=True,
+)
+bindings = option(
+    "--bind",
+    'Replace a block of a Simulink model by a channel or formula, "PATH=FORMULA". Repeatable.',
+    "BINDING",
+    multiple=True,
+)
+description_file = option(
+    "--a2l", "A2L file that describes an image (.hex, .s19).", "FILE", "the A2L file of the same name", type=PATH
+)
+as_json = option("--json as_json", "Print JSON.")
+force = option("--force", "Replace existing files.")

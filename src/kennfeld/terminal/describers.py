@@ -1,11 +1,14 @@
-"""Contents of each kind of file: as tables for a person, and as JSON for a program."""
+"""Contents of each kind of file: as tables for a person, and as JSON for a program.
+
+What only one kind needs is imported inside its function.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,17 +17,11 @@ from kennfeld.errors import InputError
 from kennfeld.formatting import number_text, size_text
 from kennfeld.graph.events import events
 from kennfeld.models import Model
-from kennfeld.models.simulink.outline import summarize_model
-from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
-from kennfeld.models.simulink.variables.stored_variables import StoredVariable
-from kennfeld.preprocessing.recipe import DatasetEntry
-from kennfeld.project import Project
-from kennfeld.project.checks import describe_events
-from kennfeld.surrogate.surrogate_file import read_surrogate
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate
-from kennfeld.terminal import esdl, simulink
 from kennfeld.terminal.output import align, separate
-from kennfeld.terminal.result_lines import describe_surrogate, quality_table, ranges_table
+
+if TYPE_CHECKING:
+    from kennfeld.models.simulink.variables.stored_variables import StoredVariable
+    from kennfeld.preprocessing.recipe import DatasetEntry
 
 Table = Sequence[Sequence[str]]  # the heading first
 
@@ -56,6 +53,18 @@ class SimulinkSelection(NamedTuple):
 
 
 WHOLE = SimulinkSelection()
+
+
+class EsdlSelection(NamedTuple):
+    """Part of an ASCET project to import: class, methods, task, and folders of further projects."""
+
+    class_name: str = ""
+    methods: Sequence[str] = ()
+    task: str = ""
+    folders: Sequence[Path] = ()
+
+
+DEFAULT_METHODS = EsdlSelection()
 
 
 def describe_measurement(description: measurement.Description) -> FileInfo:
@@ -132,7 +141,7 @@ def describe_calibration(file: calfiles.CalibrationFile) -> FileInfo:
     return FileInfo(summary, tables, remarks, as_json)
 
 
-def describe_a2l(file: calfiles.A2lFile) -> FileInfo:
+def describe_a2l(file: "calfiles.A2lFile") -> FileInfo:
     """Describe an A2L file: its labels."""
     a2l, labels = file.a2l, file.labels
     rows = [("label", "kind", "size", "unit", "lower", "upper", "address", "function", "description")]
@@ -162,6 +171,10 @@ def describe_a2l(file: calfiles.A2lFile) -> FileInfo:
 
 def describe_surrogate_file(path: Path) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
+    from kennfeld.surrogate.surrogate_file import read_surrogate
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table, ranges_table
+
     surrogate = read_surrogate(path)
     ranges = ranges_table(surrogate)
     is_dynamic = isinstance(surrogate, DynamicSurrogate)
@@ -196,7 +209,7 @@ def describe_training(path: Path) -> FileInfo:
     return FileInfo(summary, [_dataset_rows(training.data.datasets)], [f"written to {training.target.name}"], as_json)
 
 
-def _dataset_rows(datasets: Sequence[DatasetEntry]) -> Table:
+def _dataset_rows(datasets: Sequence["DatasetEntry"]) -> Table:
     return [("dataset", "use", "files"), *((d.name, d.use, ", ".join(d.files)) for d in datasets)]
 
 
@@ -211,8 +224,10 @@ def describe_formula(path: Path, model: Model) -> FileInfo:
     }
     kinds |= {surrogate.name: "surrogate" for surrogate in model.surrogates}
     jumps = events(graph, tuple(graph.parameters))
-    notes = [f"{surrogate.name}.json: {describe_surrogate(surrogate)}" for surrogate in model.surrogates]
+    notes = _surrogate_notes(model)
     if jumps:
+        from kennfeld.project.checks import describe_events
+
         advice = 'Derivatives do not account for that; method = "global" does.'
         notes.append(f"{describe_events(jumps)} depending on parameters. {advice}")
     as_json = _json(
@@ -235,8 +250,19 @@ def describe_formula(path: Path, model: Model) -> FileInfo:
     return FileInfo(f"{path.name}: formula, {len(nodes)} nodes{states}", tables, notes, as_json)
 
 
+def _surrogate_notes(model: Model) -> list[str]:
+    if not model.surrogates:
+        return []
+    from kennfeld.terminal.surrogate_lines import describe_surrogate
+
+    return [f"{surrogate.name}.json: {describe_surrogate(surrogate)}" for surrogate in model.surrogates]
+
+
 def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
     """Describe a Simulink model: its interface, and what can be calibrated and what prevents it."""
+    from kennfeld.models.simulink.outline import summarize_model
+    from kennfeld.terminal import simulink
+
     outline = summarize_model(path, part.folders)
     as_json = {"content": "Simulink model", **outline.as_dict()}
     tables, notes = simulink.model_tables(outline), simulink.model_notes(outline)
@@ -258,9 +284,10 @@ def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
     return FileInfo(simulink.model_summary(outline), tables, notes, _plain(as_json))
 
 
-def describe_esdl(path: Path, part: esdl.EsdlSelection) -> FileInfo:
+def describe_esdl(path: Path, part: EsdlSelection) -> FileInfo:
     """Describe a class or an application of an ASCET project: what can be calibrated and what prevents it."""
     from kennfeld.models.ascet.importing import classes_of, import_esdl
+    from kennfeld.terminal import esdl
 
     is_application = path.suffix.lower() == ".app"
     classes = () if is_application else classes_of(path)
@@ -285,6 +312,9 @@ def describe_esdl(path: Path, part: esdl.EsdlSelection) -> FileInfo:
 
 def describe_dictionary(path: Path) -> FileInfo:
     """Describe a Simulink data dictionary: its variables."""
+    from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+    from kennfeld.terminal import simulink
+
     dictionary = read_dictionary(path, follow=False)
     notes = [f"{name} is not readable: {why}" for name, why in dictionary.data.unreadable.items()]
     as_json = _json(
@@ -298,7 +328,7 @@ def describe_dictionary(path: Path) -> FileInfo:
     return FileInfo(simulink.dictionary_summary(dictionary), [simulink.dictionary_table(dictionary)], notes, as_json)
 
 
-def _describe_variable(name: str, entry: StoredVariable) -> dict[str, Any]:
+def _describe_variable(name: str, entry: "StoredVariable") -> dict[str, Any]:
     size = entry.value.shape if isinstance(entry.value, np.ndarray) else None
     attributes = _select(entry, "unit", "minimum", "maximum", "type", "description")
     return {"name": name, "class": entry.kind, "size": size, **attributes}
@@ -306,6 +336,8 @@ def _describe_variable(name: str, entry: StoredVariable) -> dict[str, Any]:
 
 def describe_project(path: Path) -> FileInfo:
     """Describe a project file: its datasets, criteria and parameters with settings."""
+    from kennfeld.project import Project
+
     project = Project.read(path)
     file = project.file
     criteria = [(c.node, c.target.name or f"{c.target.value:g}") for c in file.criteria]

@@ -1,22 +1,11 @@
 """Sentences and tables on a class or an application of an ASCET project."""
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import NamedTuple
 
 from kennfeld.ascet import syntax as e
 from kennfeld.formatting import count_noun, number_text, shorten
 from kennfeld.models.ascet.import_report import EsdlReport
 from kennfeld.terminal.simulink import MAX_REMARKS, Rows, parameter_rows, port_tables
-
-
-class EsdlSelection(NamedTuple):
-    """Part of an ASCET project to import: class, methods, task, and folders of further projects."""
-
-    class_name: str = ""
-    methods: Sequence[str] = ()
-    task: str = ""
-    folders: Sequence[Path] = ()
 
 
 def class_table(classes: Sequence[e.ClassDeclaration]) -> Rows:

@@ -6,75 +6,92 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.terminal import command_line
-from kennfeld.terminal.command_line import DIFFERENT, DONE, option
+from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option
 from kennfeld.terminal.output import print_findings, print_lines
 
 
+@click.command
+@argument("path", "FILE", "A measurement, calibration, formula, Simulink, ASCET or project file.")
+@command_line.as_json
+@option("--search", "Show only entries whose name or description contains TEXT.", "TEXT", default="")
+@command_line.description_file
+@command_line.subsystem
+@command_line.variable_files
+@command_line.folders
+@command_line.bindings
+@command_line.class_name
+@command_line.methods
+@command_line.task
 def info(
-    path: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A measurement, calibration, formula, Simulink, ASCET or project file."),
-    ],
-    as_json: command_line.Json = False,
-    search: Annotated[
-        str, option("--search", "Show only entries whose name or description contains TEXT.", "TEXT")
-    ] = "",
-    a2l: command_line.DescriptionFile = None,
-    subsystem: command_line.Subsystem = "",
-    values: command_line.VariableFiles = None,
-    folders: command_line.Folders = None,
-    bind: command_line.Bindings = None,
-    class_name: command_line.ClassName = "",
-    methods: command_line.Methods = None,
-    task: command_line.Task = "",
+    path: Path,
+    as_json: bool,
+    search: str,
+    a2l: Path | None,
+    subsystem: str,
+    values: Sequence[Path],
+    folders: Sequence[Path],
+    bind: Sequence[str],
+    class_name: str,
+    methods: Sequence[str],
+    task: str,
 ) -> int:
     """Show the contents of a file.
 
     --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model or an
     ASCET project, the output lists what can be calibrated and what prevents it.
     """
-    from kennfeld.terminal.describers import SimulinkSelection
-    from kennfeld.terminal.esdl import EsdlSelection
+    from kennfeld.terminal.describers import EsdlSelection, SimulinkSelection
     from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
-    program = EsdlSelection(class_name, methods or (), task, folders or ())
-    part = SimulinkSelection(subsystem, values or (), folders or (), _bindings(bind))
-    contents = describe_file(path, a2l, part, program)
+    part = SimulinkSelection(subsystem, values, folders, _bindings(bind))
+    contents = describe_file(path, a2l, part, EsdlSelection(class_name, methods, task, folders))
     if search.strip():
         contents = find_entries(contents, search)
     print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
     return DONE
 
 
-def _bindings(texts: Sequence[str] | None) -> Mapping[str, str]:
+def _bindings(texts: Sequence[str]) -> Mapping[str, str]:
     """Return formulas by the path of the block that each replaces, from texts of the form `PATH=FORMULA`."""
-    pairs = [text.partition("=") for text in texts or ()]
+    pairs = [text.partition("=") for text in texts]
     if incomplete := [path for path, sign, _ in pairs if not sign]:
         remedy = 'Write "PATH=FORMULA", such as "Sensor/Radiation=0.15 * (t - 20)".'
         raise InputError(Finding(Location("--bind", path=path), "has no formula", remedy) for path in incomplete)
     return {path.strip(): formula.strip() for path, _, formula in pairs}
 
 
+@click.command
+@argument("source", "IN", "Calibration file or model to read.")
+@argument("target", "OUT", "Output file. The extension selects the format.")
+@option("--image", "Image to write the values into.", "FILE", type=PATH)
+@command_line.description_file
+@command_line.subsystem
+@command_line.variable_files
+@command_line.folders
+@command_line.bindings
+@command_line.class_name
+@command_line.methods
+@command_line.task
+@command_line.force
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="Calibration file or model to read.")],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="Output file. The extension selects the format.")],
-    image: Annotated[Path | None, option("--image", "Image to write the values into.", "FILE")] = None,
-    a2l: command_line.DescriptionFile = None,
-    subsystem: command_line.Subsystem = "",
-    values: command_line.VariableFiles = None,
-    folders: command_line.Folders = None,
-    bind: command_line.Bindings = None,
-    class_name: command_line.ClassName = "",
-    methods: command_line.Methods = None,
-    task: command_line.Task = "",
-    force: command_line.Force = False,
+    source: Path,
+    target: Path,
+    image: Path | None,
+    a2l: Path | None,
+    subsystem: str,
+    values: Sequence[Path],
+    folders: Sequence[Path],
+    bind: Sequence[str],
+    class_name: str,
+    methods: Sequence[str],
+    task: str,
+    force: bool,
 ) -> int:
     """Convert a calibration file, a Simulink model or an ESDL class.
 
@@ -92,13 +109,13 @@ def convert(
     if is_program:
         from kennfeld.models.ascet.formula_export import write_esdl_formula
 
-        paths = write_esdl_formula(source, target, class_name, methods or (), task=task, folders=folders or ())
+        paths = write_esdl_formula(source, target, class_name, methods, task=task, folders=folders)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
     if is_simulink:
         from kennfeld.models.simulink.formula_export import write_formula
 
-        paths = write_formula(source, target, subsystem, values or (), folders or (), _bindings(bind))
+        paths = write_formula(source, target, subsystem, values, folders, _bindings(bind))
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
     [parameters], remarks = calfiles.read_several([source], a2l)
@@ -115,16 +132,18 @@ def _require_new(force: bool, *targets: Path) -> None:
         raise InputError(Finding(Location(str(target)), "already exists", remedy) for target in existing)
 
 
-def diff(
-    left: Annotated[Path, typer.Argument(metavar="A", help="First calibration file.", show_default=False)],
-    right: Annotated[Path, typer.Argument(metavar="B", help="Second calibration file.", show_default=False)],
-    tolerance: Annotated[
-        float, option("--tolerance", "Absolute tolerance, in the unit of the values.", "T", default=True, min=0.0)
-    ] = 0.0,
-    relative: Annotated[float, option("--relative", "Relative tolerance.", "R", default=True, min=0.0)] = 0.0,
-    as_json: command_line.Json = False,
-    a2l: command_line.DescriptionFile = None,
-) -> int:
+@click.command
+@argument("left", "A", "First calibration file.")
+@argument("right", "B", "Second calibration file.")
+@option(
+    *("--tolerance", "Absolute tolerance, in the unit of the values.", "T", True),
+    type=click.FloatRange(0.0),
+    default=0.0,
+)
+@option("--relative", "Relative tolerance.", "R", True, type=click.FloatRange(0.0), default=0.0)
+@command_line.as_json
+@command_line.description_file
+def diff(left: Path, right: Path, tolerance: float, relative: float, as_json: bool, a2l: Path | None) -> int:
     """Compare two calibration files.
 
     Compares values, axes and units, and lists names in only one of the files. The exit status is 0 if they are equal
@@ -151,17 +170,12 @@ def diff(
     return DONE if comparison.equal else DIFFERENT
 
 
-def merge(
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="FILE", help="Calibration files; later files override earlier ones.", show_default=False
-        ),
-    ],
-    target: Annotated[Path, option("-o --output", "Output file.", "FILE")],
-    a2l: command_line.DescriptionFile = None,
-    force: command_line.Force = False,
-) -> int:
+@click.command
+@argument("sources", "FILE...", "Calibration files; later files override earlier ones.", nargs=-1, required=True)
+@option("-o --output target", "Output file.", "FILE", type=PATH, required=True)
+@command_line.description_file
+@command_line.force
+def merge(sources: Sequence[Path], target: Path, a2l: Path | None, force: bool) -> int:
     """Merge calibration files and list what was replaced or added."""
     from kennfeld import calfiles
     from kennfeld.terminal.diff_lines import change_lines, file_labels

@@ -7,24 +7,16 @@ from functools import cached_property
 from pathlib import Path
 
 from kennfeld import calfiles, measurement
-from kennfeld.calfiles.cdfx.reader import recognises_cdfx
-from kennfeld.calfiles.dcm.lines import recognises_dcm
-from kennfeld.calfiles.excel.layout import is_calibration_workbook
-from kennfeld.calfiles.flash.description import recognises_a2l, recognises_flash
+from kennfeld.calfiles.flash.recognition import recognises_a2l, recognises_flash
 from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource
-from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat, recognises_script
-from kennfeld.calfiles.msq.reader import recognises_msq
 from kennfeld.calfiles.unsupported_files import explain_unsupported
 from kennfeld.errors import InputError
 from kennfeld.file_errors import convert_errors
 from kennfeld.measurement.file_kind import FileKind, detect_kind
-from kennfeld.models import formula as formulas
-from kennfeld.models.simulink.reader.document import recognises_simulink
+from kennfeld.models.simulink.reader.recognition import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
-from kennfeld.surrogate.surrogate_file import recognises_surrogate
 from kennfeld.terminal import describers
-from kennfeld.terminal.describers import WHOLE, FileInfo, SimulinkSelection
-from kennfeld.terminal.esdl import EsdlSelection
+from kennfeld.terminal.describers import DEFAULT_METHODS, WHOLE, EsdlSelection, FileInfo, SimulinkSelection
 
 _SECTION = re.compile(
     r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
@@ -41,7 +33,7 @@ def describe_file(
     path: str | Path,
     a2l: str | Path | None = None,
     part: SimulinkSelection = WHOLE,
-    program: EsdlSelection = EsdlSelection(),  # noqa: B008 - immutable
+    program: EsdlSelection = DEFAULT_METHODS,
 ) -> FileInfo:
     """Describe a measurement, calibration, A2L, formula, Simulink, ASCET, project or training file, by its content.
 
@@ -113,22 +105,47 @@ def _describe_toml(file: _InputFile) -> FileInfo:
 
 
 def _describe_formula_file(file: _InputFile) -> FileInfo:
+    from kennfeld.models import formula as formulas
+
     path, surrogates = file.path, formulas.surrogates_beside(file.path)
     if file.suffix == ".kf":
         return describers.describe_formula(path, formulas.read(path, surrogates=surrogates))
     return describers.describe_formula(path, formulas.formula(formulas.text_of(path), path.name, surrogates=surrogates))
 
 
+def _is_surrogate(file: _InputFile) -> bool:
+    from kennfeld.surrogate.surrogate_file import recognises_surrogate
+
+    return recognises_surrogate(file.head)
+
+
 def _is_calibration(file: _InputFile) -> bool:
-    path, kind, head = file.path, file.kind, file.head
-    if kind is FileKind.EXCEL:
-        return is_calibration_workbook(CalibrationSource(path.name, path.read_bytes(), path))
-    if kind in (FileKind.MATLAB, FileKind.HDF5, FileKind.OTHER) and path.stat().st_size < _MAX_MAT_SIZE:
-        source = CalibrationSource(path.name, path.read_bytes(), path)
+    if file.kind is FileKind.EXCEL:
+        from kennfeld.calfiles.excel.layout import is_calibration_workbook
+
+        return is_calibration_workbook(_whole(file.path))
+    if file.kind in (FileKind.MATLAB, FileKind.HDF5, FileKind.OTHER) and file.path.stat().st_size < _MAX_MAT_SIZE:
+        from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat
+
+        source = _whole(file.path)
         return recognises_mat(source) and is_calibration_mat(source)
-    if recognises_msq(head) or (kind is FileKind.CSV and recognises_script(head)):
+    return file.kind in _CALIBRATION_KINDS or _is_calibration_text(file)
+
+
+def _whole(path: Path) -> CalibrationSource:
+    return CalibrationSource(path.name, path.read_bytes(), path)
+
+
+def _is_calibration_text(file: _InputFile) -> bool:
+    from kennfeld.calfiles.cdfx.reader import recognises_cdfx
+    from kennfeld.calfiles.dcm.lines import recognises_dcm
+    from kennfeld.calfiles.matlab_reader import recognises_script
+    from kennfeld.calfiles.msq.reader import recognises_msq
+
+    head = file.head
+    if recognises_msq(head) or recognises_cdfx(head):
         return True
-    return kind in _CALIBRATION_KINDS or recognises_cdfx(head) or (kind is FileKind.CSV and recognises_dcm(head))
+    return file.kind is FileKind.CSV and (recognises_script(head) or recognises_dcm(head))
 
 
 def _is_formula_text(file: _InputFile) -> bool:
@@ -147,7 +164,7 @@ _DESCRIBERS: Sequence[tuple[Callable[[_InputFile], bool], Callable[[_InputFile],
     (lambda file: file.suffix in (".esdl", ".app"), lambda file: describers.describe_esdl(file.path, file.program)),
     (_is_simulink, lambda file: describers.describe_simulink(file.path, file.part)),
     (_is_toml, _describe_toml),
-    (lambda file: recognises_surrogate(file.head), lambda file: describers.describe_surrogate_file(file.path)),
+    (_is_surrogate, lambda file: describers.describe_surrogate_file(file.path)),
     (lambda file: file.suffix == ".kf", _describe_formula_file),
     (
         lambda file: recognises_flash(CalibrationSource(file.path.name, file.head.encode())),

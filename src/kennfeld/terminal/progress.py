@@ -1,4 +1,4 @@
-"""Progress of a search on stderr, and its interruption.
+"""Progress of reading and of a search on stderr, and its interruption.
 
 Progress is a live line on a terminal and plain lines elsewhere. Of Ctrl-C, SIGTERM and SIGHUP, the first ends the
 search at the best values so far and the second ends the program.
@@ -21,6 +21,7 @@ from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
 
 LINE_INTERVAL = 0.5  # s between plain lines of one stage
+READING_INTERVAL = 2.0  # s between plain lines while files are read
 
 
 @contextmanager
@@ -60,6 +61,28 @@ class _Lines:
 def _format(line: TraceLine, several: bool) -> str:
     start = f"start {line.start:>2}  " if several else ""
     return f"{start}{line.stage:<15} iteration {line.iteration:>3}  cost {line.cost:<10.5g} RMSE {line.rmse:.4g}"
+
+
+class ReadingProgress:
+    """Shows how many files of a dataset have been read, once that takes longer than `READING_INTERVAL`."""
+
+    def __init__(self) -> None:
+        self._shown, self._width = time.monotonic(), 0
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show the progress; the last call removes it from a terminal."""
+        live = sys.stderr.isatty()
+        if live and self._width and done == total:
+            sys.stderr.write(f"\r{' ' * self._width}\r")
+            self._width = 0
+        elif done < total and time.monotonic() - self._shown >= (LINE_INTERVAL if live else READING_INTERVAL):
+            self._shown, line = time.monotonic(), f"reading: {done} of {total} files"
+            if live:
+                self._width = len(line)
+                sys.stderr.write(f"\r{line}")
+                sys.stderr.flush()
+            else:
+                print_findings(line)
 
 
 class Interrupt:

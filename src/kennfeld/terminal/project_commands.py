@@ -5,13 +5,23 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
+import click
 
 from kennfeld.errors import Finding, Findings, InputError, Location
-from kennfeld.terminal.command_line import DONE, INTERRUPTED, NOT_CONVERGED, WRONG_INPUT, ProjectFile, option
+from kennfeld.terminal.command_line import (
+    DONE,
+    INTERRUPTED,
+    NOT_CONVERGED,
+    PATH,
+    WRONG_INPUT,
+    argument,
+    option,
+    project_file,
+)
 from kennfeld.terminal.output import align, print_findings, print_lines
 
 if TYPE_CHECKING:
@@ -22,10 +32,10 @@ if TYPE_CHECKING:
 FOLDS = ("auto", "files", "blocks", "random")
 
 
-def demo(
-    name: Annotated[str, typer.Argument(help="torque, exhaust or idle.")] = "torque",
-    folder: Annotated[Path | None, option("--dir", "Folder to create.", "DIR", default="kennfeld-demo-NAME")] = None,
-) -> int:
+@click.command
+@argument("name", "[NAME]", "torque, exhaust or idle.  [default: torque]", type=str, default="torque")
+@option("--dir folder", "Folder to create.", "DIR", "kennfeld-demo-NAME", type=PATH)
+def demo(name: str, folder: Path | None) -> int:
     """Write an example project with its data, and calibrate it."""
     from kennfeld.project import Project
     from kennfeld.project.demo import closing, prepare, projects, write
@@ -41,13 +51,11 @@ def demo(
     return status
 
 
-def app(
-    path: Annotated[
-        Path | None, typer.Argument(metavar="PROJECT", help="The project file.", show_default=False)
-    ] = None,
-    port: Annotated[int, option("--port", "Port of the server.", "N", "a free one", min=0, max=65535)] = 0,
-    no_browser: Annotated[bool, option("--no-browser", "Do not open the browser.")] = False,
-) -> int:
+@click.command
+@argument("path", "[PROJECT]", "The project file.", required=False)
+@option("--port", "Port of the server.", "N", "a free one", type=click.IntRange(0, 65535), default=0)
+@option("--no-browser", "Do not open the browser.")
+def app(path: Path | None, port: int, no_browser: bool) -> int:
     """Open the web app: calibrate without writing files.
 
     The first line on stdout is the address of the page, which only this user can open. Ctrl-C ends it.
@@ -58,18 +66,19 @@ def app(
     return DONE
 
 
-def check(path: ProjectFile) -> int:
+@click.command
+@project_file
+def check(path: Path) -> int:
     """Report all problems of a project or training file.
 
     Each is printed on stderr, with location and fix. Nothing is fitted.
     """
     from kennfeld.optimize.projection import movable
-    from kennfeld.project import Project
     from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
         return _check_training(path)
-    project = Project.read(path)
+    project = _read_project(path)
     verdict = _print_warnings(project.check())
     problem = project.problem()
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
@@ -100,40 +109,37 @@ def _print_warnings(findings: Sequence[Finding]) -> str:
     return "ready, with warnings" if "warning" in severities else "no problem found"
 
 
-def calibrate(
-    path: ProjectFile,
-    output: Annotated[
-        Path | None, option("-o --output", "Folder for the results.", "DIR", "results/ next to the project file")
-    ] = None,
-    workers: Annotated[
-        int | None, option("--workers", "Number of processes for several starts.", "N", "one per core", min=1)
-    ] = None,
-    resume: Annotated[
-        bool, option("--resume", "Resume from the checkpoints in the results folder (see save_every).")
-    ] = False,
-    folds: Annotated[
-        int | None, option("--cross-validate", "After calibrating, run K-fold cross-validation.", "K")
-    ] = None,
-    parts: Annotated[
-        str, option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", default=True)
-    ] = "auto",
-) -> int:
+@click.command
+@project_file
+@option("-o --output", "Folder for the results.", "DIR", "results/ next to the project file", type=PATH)
+@option("--workers", "Number of processes for several starts.", "N", "one per core", type=click.IntRange(1))
+@option("--resume", "Resume from the checkpoints in the results folder (see save_every).")
+@option("--cross-validate folds", "After calibrating, run K-fold cross-validation.", "K", type=int)
+@option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", True, default="auto")
+def calibrate(path: Path, output: Path | None, workers: int | None, resume: bool, folds: int | None, parts: str) -> int:
     """Fit the free parameters to the data and write the results.
 
     Ctrl-C, SIGTERM and SIGHUP stop the search; the best values so far are written.
     """
-    from kennfeld.project import Project
-
     if folds is not None and folds < 2:
         raise InputError.of(Location("--cross-validate"), f"must be >= 2, got {folds}")
     if parts not in FOLDS:
         message = f"unknown kind of folds {parts!r}"
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
-    project, folder = Project.read(path), output or path.parent / "results"
+    project, folder = _read_project(path), output or path.parent / "results"
     status = _calibrate(project, folder, workers, resume)
     if folds is None or status == INTERRUPTED:
         return status
     return max(status, _cross_validate(project, folder, folds, parts))
+
+
+def _read_project(path: Path) -> "Project":
+    """Return a project that shows the progress of reading its recordings."""
+    from kennfeld.preprocessing.pipeline import load_datasets
+    from kennfeld.project import Project
+    from kennfeld.terminal.progress import ReadingProgress
+
+    return Project.read(path, load=partial(load_datasets, watch=ReadingProgress()))
 
 
 def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
@@ -215,16 +221,13 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     return INTERRUPTED if interrupt.pressed else DONE
 
 
-def simulate(
-    path: ProjectFile,
-    parameters: Annotated[
-        Path | None, option("-p --parameters", "Calibration file to use.", "FILE", "the project's initial values")
-    ] = None,
-    output: Annotated[
-        Path | None,
-        option("-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file"),
-    ] = None,
-) -> int:
+@click.command
+@project_file
+@option("-p --parameters", "Calibration file to use.", "FILE", "the project's initial values", type=PATH)
+@option(
+    "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
+)
+def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
     from kennfeld.project import Project
@@ -232,12 +235,12 @@ def simulate(
 
     project = Project.read(path)
     values = None if parameters is None else read(parameters)
-    datasets = project.simulate(values)
-    written = write_simulation(datasets, output or path.parent / "simulation.parquet")
-    print_lines(*(f"{data.name}: {data.samples} samples" for data in datasets))
+    simulation = project.simulation(values)
+    written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+    print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
     if project.surrogates:
         from kennfeld.analysis.extrapolation import find_extrapolation
-        from kennfeld.project.project import replace_parameters
+        from kennfeld.project.simulation import replace_parameters
         from kennfeld.terminal.result_lines import extrapolation_lines
 
         problem = project.problem()
@@ -246,15 +249,11 @@ def simulate(
     return DONE
 
 
-def report(
-    path: ProjectFile,
-    output: Annotated[
-        Path | None, option("-o --output", "Output file, .html.", "FILE", "report.html in the results folder")
-    ] = None,
-    results: Annotated[
-        Path | None, option("-r --results", "Folder of the results.", "DIR", "results/ next to the project file")
-    ] = None,
-) -> int:
+@click.command
+@project_file
+@option("-o --output", "Output file, .html.", "FILE", "report.html in the results folder", type=PATH)
+@option("-r --results", "Folder of the results.", "DIR", "results/ next to the project file", type=PATH)
+def report(path: Path, output: Path | None, results: Path | None) -> int:
     """Write the report on the results of an earlier run.
 
     Without results, it covers the initial values only.
@@ -269,15 +268,13 @@ def report(
     return DONE
 
 
-def train(
-    path: Annotated[
-        Path, typer.Argument(metavar="FILE", help="The training file, surrogate.toml.", show_default=False)
-    ],
-) -> int:
+@click.command
+@argument("path", "FILE", "The training file, surrogate.toml.")
+def train(path: Path) -> int:
     """Train a surrogate on recordings and write it as a file that projects can use."""
     from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate.surrogate_file import write_surrogate
-    from kennfeld.terminal.result_lines import describe_surrogate, quality_table
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
     training = read_training(path)
     surrogate = training.train(print_lines)

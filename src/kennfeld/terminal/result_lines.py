@@ -1,22 +1,20 @@
-"""Lines on the result of a calibration, and on a trained surrogate."""
+"""Lines on the result of a calibration."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from kennfeld.analysis.extrapolation import Extrapolation, surrogate_coordinates
 from kennfeld.formatting import shorten
-from kennfeld.optimize.quality import r2_text
-from kennfeld.optimize.result import Result
-from kennfeld.optimize.trust.trust import Trust
-from kennfeld.surrogate.surrogate_file import Surrogate
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+
+if TYPE_CHECKING:
+    from kennfeld.analysis.extrapolation import Extrapolation
+    from kennfeld.optimize.result import Result
+    from kennfeld.optimize.trust.trust import Trust
 
 MAX_LINES = 3  # under one heading
 MORE = "; see result.json"
 
 
-def choice_lines(result: Result) -> list[str]:
+def choice_lines(result: "Result") -> list[str]:
     """Return a line for each estimated shift, and for each table with automatic smoothness."""
     shifts = [
         f"shift of {channel} in {name}: {shift:g}"
@@ -30,7 +28,7 @@ def choice_lines(result: Result) -> list[str]:
     return shifts + factors
 
 
-def undetermined_lines(trust: Trust) -> list[str]:
+def undetermined_lines(trust: "Trust") -> list[str]:
     """Return the directions that the data determine worst, and the active output limits, each under a heading.
 
     The remark on a search that did not converge comes first. If several directions are undetermined, their number and
@@ -48,7 +46,7 @@ def undetermined_lines(trust: Trust) -> list[str]:
     ]
 
 
-def extrapolation_lines(extrapolations: Sequence[Extrapolation], pointer: str = MORE) -> list[str]:
+def extrapolation_lines(extrapolations: Sequence["Extrapolation"], pointer: str = MORE) -> list[str]:
     """Return the surrogates used outside their training data, the largest share first.
 
     Args:
@@ -61,40 +59,3 @@ def extrapolation_lines(extrapolations: Sequence[Extrapolation], pointer: str = 
 
 def _section(heading: str, lines: Sequence[str]) -> list[str]:
     return [heading, *(f"  {line}" for line in lines)] if lines else []
-
-
-def describe_surrogate(surrogate: Surrogate) -> str:
-    """Return a sentence with the inputs, lags and size of a surrogate."""
-    call = f"{surrogate.output} = {surrogate.name}({', '.join(surrogate.inputs)})"
-    centres = f"{surrogate.expansion.size} centres"
-    if not isinstance(surrogate, DynamicSurrogate):
-        return f"{call}, {centres}"
-    delayed = [*zip(surrogate.inputs, surrogate.lags, strict=True), (surrogate.output, surrogate.output_lags)]
-    lags = "; ".join(f"{name} {', '.join(map(str, numbers)) or 'none'}" for name, numbers in delayed)
-    return f"{call}, steps of {surrogate.step:g} s, {centres}; lags in samples: {lags}"
-
-
-def quality_table(surrogate: Surrogate) -> list[list[str]]:
-    """Return a row for each dataset and mode of evaluation."""
-    rows = [
-        [
-            *(q.dataset, q.use, q.mode, str(q.samples)),
-            *(f"{q.rmse:.4g}", r2_text(q.r2, q.samples, q.rmse), f"{q.max_abs:.4g}"),
-        ]
-        for q in surrogate.quality
-    ]
-    return [["dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|"], *rows]
-
-
-def ranges_table(surrogate: Surrogate) -> list[list[str]]:
-    """Return the range of the training data for each input, and for the output if it is fed back."""
-    rows = [["trained on", "unit", "from", "to"]]
-    validity = surrogate.validity
-    if validity is None:
-        return rows
-    names = np.array([name for name, _ in surrogate_coordinates(surrogate)])
-    units = dict(zip([*surrogate.inputs, surrogate.output], surrogate.units, strict=False))
-    for name in dict.fromkeys(names.tolist()):
-        ends = validity.least[names == name].min(), validity.most[names == name].max()
-        rows.append([name, units.get(name, ""), *(f"{end:.6g}" for end in ends)])
-    return rows

@@ -152,8 +152,7 @@ def test_the_groups_add_up_to_the_whole(text):
     other = kf.Dataset.of("e", {"x": X[:90], "y": CLEAN[:90], "w": W[:90]}, time=0.1 * np.arange(90), weight=3.0)
     criteria = (kf.Criterion("m", "y", weight_channel="w"), kf.Criterion("m", 1.0, 0.5))
     compiled = CompiledProblem(Problem(kf.formula(text, parameters=["C", "k"]), (data, other), TRUTH, criteria))
-    errors = [np.zeros((2, bound.count)) for bound in compiled.problem.training]
-    found = groups(criteria, compiled.problem.training, errors, compiled.weighting)
+    found = groups(compiled.problem, lambda bound: np.zeros((2, bound.count)), compiled.weighting)
     assert len(found) == 18
     full = compiled.values.pack(TRUTH)
     whole = compiled.sums.normal(full).matrix.copy()

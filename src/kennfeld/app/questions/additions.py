@@ -8,7 +8,7 @@ from kennfeld.app.folders import confined
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.calfiles import endings, recognise
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError
 
 FUNCTIONS = (".kf", ".slx", ".mdl")

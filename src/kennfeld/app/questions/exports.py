@@ -13,7 +13,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
@@ -129,8 +129,8 @@ def _write_simulation(session: Session, ending: str) -> Path:
     if ending not in SIMULATIONS:
         raise ArgumentError(f"unknown format {ending!r} of a simulation")
     assert session.project is not None
-    datasets = session.project.simulate(session.require_view().now.parameters)
-    return write_simulation(datasets, session.path.parent / f"simulation{ending}")
+    simulation = session.project.simulation(session.require_view().now.parameters)
+    return write_simulation(simulation, session.path.parent / f"simulation{ending}")
 
 
 def _result(session: Session) -> Result:

@@ -10,7 +10,7 @@ from kennfeld.app.questions.overview import RECORDINGS, SCREENS
 from kennfeld.app.questions.recordings import channel_names, recording_names
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import describe, endings
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import InputError
 from kennfeld.project.key_descriptions import describe_sections
 from kennfeld.project.schema import SIMULINK

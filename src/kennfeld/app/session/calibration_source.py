@@ -10,7 +10,7 @@ from typing import Any
 from kennfeld.app.folders import confined
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import endings, read, read_several, recognise
-from kennfeld.calfiles.flash.description import IMAGE_ENDINGS
+from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.graph.interpolation import regrid
 from kennfeld.parameter_set import ParameterSet

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from math import inf
 
 from kennfeld.calfiles.content import drop_trailing_ones
-from kennfeld.calfiles.flash.image import Image
 
 DIRECTIONS = ("X", "Y", "Z", "4", "5")  # as keywords of record layouts name the axes
 
@@ -182,14 +181,6 @@ class A2l:
     variant_coded: frozenset[str] = frozenset()  # labels with a place in the memory for each variant
     epk: str = ""  # identifier of the program that this describes
     epk_addresses: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class FlashOrigin:
-    """The image that a set was read from, and the A2L file that describes it."""
-
-    a2l: A2l
-    image: Image
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from kennfeld.calfiles.a2l.labels import Labels
-from kennfeld.calfiles.a2l.objects import A2l, AxisPts, Characteristic, FlashOrigin
+from kennfeld.calfiles.a2l.objects import A2l, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.record_layout import AbsentError
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
+from kennfeld.calfiles.flash.origin import FlashOrigin
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import count_labels, count_noun

@@ -1,7 +1,12 @@
 """Formula text (`.kf`): compile it to a graph, extend a model with it, and print any graph as formula text."""
 
-from kennfeld.models.formula.frontend import expression, extend, formula, read, surrogates_beside, text_of
-from kennfeld.models.formula.printer import spell_name, to_lines, to_text
+from typing import TYPE_CHECKING
+
+from kennfeld.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from kennfeld.models.formula.frontend import expression, extend, formula, read, surrogates_beside, text_of
+    from kennfeld.models.formula.printer import spell_name, to_lines, to_text
 
 __all__ = [
     "expression",
@@ -14,3 +19,11 @@ __all__ = [
     "to_lines",
     "to_text",
 ]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frontend": "expression extend formula read surrogates_beside text_of",
+        "printer": "spell_name to_lines to_text",
+    },
+)

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
@@ -25,7 +26,9 @@ from kennfeld.models.formula.syntax import (
     Token,
 )
 from kennfeld.models.model import Model
-from kennfeld.surrogate.surrogate_file import Surrogate, read_surrogate, recognises_surrogate
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 _AXES = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
 
@@ -34,7 +37,7 @@ def formula(
     text: str,
     name: str = "formula",
     parameters: Collection[str] | None = None,
-    surrogates: Collection[Surrogate] = (),
+    surrogates: Collection["Surrogate"] = (),
 ) -> Model:
     """Compile formula text to a model.
 
@@ -58,7 +61,7 @@ def formula(
 def read(
     path: str | Path,
     parameters: Collection[str] | None = None,
-    surrogates: Collection[Surrogate] = (),
+    surrogates: Collection["Surrogate"] = (),
     text: str | None = None,
 ) -> Model:
     """Compile a `.kf` file (UTF-8) to a model; see `formula`. `text` replaces the contents of the file.
@@ -89,7 +92,7 @@ def text_of(path: Path) -> str:
 
 
 def _model(
-    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: Collection[Surrogate]
+    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: Collection["Surrogate"]
 ) -> Model:
     statements = parse(source)
     names = NameTable(statements, NameScope(parameters=parameters, functions=functions_of(surrogates)), source)
@@ -205,7 +208,7 @@ def _expressions(
     return nodes
 
 
-def surrogates_beside(path: str | Path) -> tuple[Surrogate, ...]:
+def surrogates_beside(path: str | Path) -> tuple["Surrogate", ...]:
     """Read the surrogates NAME.json in the folder of a text, for each NAME that the text calls and does not define.
 
     Used for a text without a project, which would name its surrogates itself. Each surrogate gets the name of its file.
@@ -214,6 +217,8 @@ def surrogates_beside(path: str | Path) -> tuple[Surrogate, ...]:
     Raises:
         InputError: a surrogate file is damaged.
     """
+    from kennfeld.surrogate.surrogate_file import read_surrogate
+
     path = Path(path)
     surrogate_files = [file for name in _names_called(path) if (file := _file(path, name)) is not None]
     return tuple(replace(read_surrogate(file), name=file.stem) for file in surrogate_files)
@@ -238,6 +243,8 @@ def _file(path: Path, name: str) -> Path | None:
     file = path.with_name(f"{name}.json") if Path(name).name == name else path
     if file == path or not file.is_file():
         return None
+    from kennfeld.surrogate.surrogate_file import recognises_surrogate
+
     try:
         with file.open("rb") as stream:
             head = stream.read(200).decode("utf-8", errors="replace")

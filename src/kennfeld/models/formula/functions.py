@@ -10,11 +10,13 @@ Surrogates are functions of formula text as well: `n = engine(throttle, load)`.
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.surrogate.surrogate_file import Surrogate
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import Surrogate
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
 
 CONSTANTS: Final = {"pi": math.pi, "inf": math.inf, "nan": math.nan}
 
@@ -186,16 +188,22 @@ FUNCTIONS: Final = {function.name: function for function in _TABLE}
 FUNCTIONS["timeDelay"] = FUNCTIONS["prev"]
 
 
-def functions_of(surrogates: Iterable[Surrogate]) -> Mapping[str, BuiltinFunction]:
+def functions_of(surrogates: Iterable["Surrogate"]) -> Mapping[str, BuiltinFunction]:
     """Return the functions that call these surrogates, by name.
 
     A dynamic surrogate takes its inputs and `init`, its output before the first sample. An input that is used only with
     a lag may depend on the current output, which permits closed loops.
     """
-    return {s.name: _dynamic(s) if isinstance(s, DynamicSurrogate) else _static(s) for s in surrogates}
+    return {surrogate.name: _function_of(surrogate) for surrogate in surrogates}
 
 
-def _static(surrogate: Surrogate) -> BuiltinFunction:
+def _function_of(surrogate: "Surrogate") -> BuiltinFunction:
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+
+    return _dynamic(surrogate) if isinstance(surrogate, DynamicSurrogate) else _static(surrogate)
+
+
+def _static(surrogate: "StaticSurrogate") -> BuiltinFunction:
     arguments = [Argument(name, "", False) for name in surrogate.inputs]
     return _surrogate_function(surrogate.name, arguments, partial(_look_up, surrogate.name), memory=False)
 
@@ -204,7 +212,7 @@ def _look_up(name: str, builder: GraphBuilder, *inputs: int) -> int:
     return builder.lookup(name, *inputs)
 
 
-def _dynamic(surrogate: DynamicSurrogate) -> BuiltinFunction:
+def _dynamic(surrogate: "DynamicSurrogate") -> BuiltinFunction:
     arguments = [Argument(name, "", 0 not in lags) for name, lags in zip(surrogate.inputs, surrogate.lags, strict=True)]
     arguments.append(Argument("init", repr(surrogate.start), False))
     return _surrogate_function(surrogate.name, arguments, partial(_recursion, surrogate), memory=True)
@@ -217,7 +225,7 @@ def _surrogate_function(
     return BuiltinFunction(name, f"{name}({', '.join(shown)})", tuple(arguments), rule, memory)
 
 
-def _recursion(surrogate: DynamicSurrogate, builder: GraphBuilder, *arguments: Any) -> int:
+def _recursion(surrogate: "DynamicSurrogate", builder: GraphBuilder, *arguments: Any) -> int:
     *inputs, init = arguments
     result: list[int] = []
     point = [builder.remember(init, lambda read: result[0], lag) for lag in surrogate.output_lags]

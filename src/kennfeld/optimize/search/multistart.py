@@ -14,13 +14,12 @@ from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem, bound_time_constants
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, TraceLine
+from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, TraceLine, single_start
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, with_values
 from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
 from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.tuning.automatic_settings import resolve_automatic, single_start
 
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
 
@@ -52,6 +51,7 @@ def run(
     with ignore_floating_errors():
         problem = bound_time_constants(problem)
         if problem.unknown_shifts or problem.automatic_names:
+            from kennfeld.optimize.tuning.automatic_settings import resolve_automatic
 
             def search(ready: Problem) -> Result:
                 return run(ready, options, progress, seconds, keep=keep, resumed=resumed)

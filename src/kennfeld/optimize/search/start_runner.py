@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,11 +25,12 @@ from kennfeld.optimize.search.step_problem import (
     with_fixed_limits,
 )
 from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status, Stop
-from kennfeld.optimize.tuning.automatic_settings import choose_smoothness, with_choice
-from kennfeld.optimize.tuning.smoothness import SmoothnessChoice
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.threads import blas_threads
+
+if TYPE_CHECKING:
+    from kennfeld.optimize.tuning.smoothness import SmoothnessChoice
 
 SKIPPED = "Stopped on request before it began."
 TableValues = Mapping[str, Float]  # by parameter that a search may change
@@ -181,6 +183,8 @@ class _StartState:
             if choice is not None:
                 if choice.fit.status == "stopped":
                     return choice.fit
+                from kennfeld.optimize.tuning.automatic_settings import with_choice
+
                 small = with_choice(replace(small, parameters=plain.parameters(choice.fit.values)), choice)
         run = self.runner.run(self.step, small)
 
@@ -195,12 +199,14 @@ class _StartState:
         end, _ = run.minimise()
         return self._record_end(run, end, parameters)
 
-    def _choose_smoothness(self, plain: FitRun, parameters: ParameterSet) -> SmoothnessChoice | None:
+    def _choose_smoothness(self, plain: FitRun, parameters: ParameterSet) -> "SmoothnessChoice | None":
         """Choose the factors of a step and record them converted to the full grids; None if its limits contradict."""
         limits = linear_limits(plain.problem, plain.exact.values)
         start, _ = plain.feasible_start(limits)
         if start is None:
             return None
+        from kennfeld.optimize.tuning.automatic_settings import choose_smoothness
+
         choice = choose_smoothness(plain, start, limits)
         self._record_end(plain, choice.fit, parameters)
         for name, factors in choice.factors.items():

@@ -3,7 +3,8 @@
 Small problems are factored by QR of the Jacobian, which keeps the digits that the normal equations square away.
 """
 
-from typing import Protocol
+from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -47,6 +48,14 @@ class Objective(Protocol):
         """Return the factorisation for the matrix of `size` values, which knows the zeros of earlier ones."""
 
 
+class DampedModel(NamedTuple):
+    """The factor of H + D, the step -(H + D)^-1 g without limits, and the damping D."""
+
+    factor: Factor
+    step: Float
+    damping: Float  # Float[values]
+
+
 class GaussNewtonModel:
     """Residual r, gradient g = J'r and either R of J = QR or the matrix J'J, over the movable values."""
 
@@ -79,7 +88,7 @@ class GaussNewtonModel:
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.column_scale)))
 
-    @property
+    @cached_property
     def rounding(self) -> float:
         """Rounding error of the residuals, which are differences of predictions of the size |J p|."""
         size = np.linalg.norm(np.sqrt(self.diagonal) * self.values[self.movable])
@@ -87,7 +96,7 @@ class GaussNewtonModel:
 
     def damped_factor(
         self, damping: float, secant: "SecantCorrection | None" = None, least: float = 0.0
-    ) -> tuple[Factor, Float] | None:
+    ) -> DampedModel | None:
         """Return the factor of J'J + lambda D and the step without limits; None if it is not positive definite.
 
         Args:
@@ -102,7 +111,7 @@ class GaussNewtonModel:
                 factor = self.objective.cholesky(self.movable.size).factor(matrix, damped)
             else:
                 factor = Cholesky(self.movable.size).factor(as_array(matrix) + secant.matrix, damped)
-            return None if factor is None else (factor, factor.solve(-self.gradient))
+            return None if factor is None else DampedModel(factor, factor.solve(-self.gradient), damped)
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
         stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped))])
         upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, np.zeros(self.column_scale.size)]))
@@ -111,7 +120,8 @@ class GaussNewtonModel:
             return None
         sign = np.where(np.diag(upper) < 0, -1.0, 1.0)
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
-        return Factor.of(lower), np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
+        step = np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
+        return DampedModel(Factor.of(lower), step, damped)
 
     def geodesic_acceleration(self, factor: Factor, step: Float) -> Float:
         """Return the correction of a step for the curvature of the residuals along it; for objectives that use QR.
@@ -134,6 +144,20 @@ class GaussNewtonModel:
         """Return the decrease of the cost -2 g'd - d'J'J d."""
         curvature = np.sum((self.r_factor @ step) ** 2) if self.hessian is None else step @ (self.hessian @ step)
         return float(-2 * (self.gradient @ step) - curvature)
+
+    def damped_reduction(self, step: Float, damped: DampedModel, push: float) -> float:
+        """Return the same for a step d of the damped model within limits, without a product with a large J'J.
+
+        (J'J + D) d = -g - A'm with the multipliers m of the limits makes it -g'd + d'D d + m'A d.
+
+        Args:
+            step: d.
+            damped: the model that the step is of.
+            push: m'A d.
+        """
+        if self.hessian is None:
+            return self.predicted_reduction(step)
+        return float(damped.damping @ np.square(step) - self.gradient @ step) + push
 
     def scaled_norm(self, step: Float) -> float:
         """Return sqrt(d'D d), the length of a step in the values' own scales."""

@@ -17,10 +17,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native.cholesky import Factor
-from kennfeld.optimize.solver.gauss_newton_model import GaussNewtonModel, Objective, SecantCorrection
+from kennfeld.optimize.solver.gauss_newton_model import DampedModel, GaussNewtonModel, Objective, SecantCorrection
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.solver.quadratic_program import QpSolution, solve
+from kennfeld.optimize.solver.quadratic_program import QpSolution, QuadraticProgram
 
 Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
 
@@ -88,6 +87,7 @@ class SolverResult:
     message: str
     iterations: int
     evaluations: int
+    damping: float = SolverSettings.damping  # of the last accepted step
 
     @property
     def cut_short(self) -> bool:
@@ -144,15 +144,16 @@ class _State:
     limit_damping_dropped: bool = False  # the stall was answered by a lower `limit_damping` already
     # Reported
     iterations: int = 0  # accepted steps
+    accepted_damping: float = SolverSettings.damping  # of the last of them
     evaluations: int = 1  # evaluations of f
 
 
 class _Proposal(NamedTuple):
     """A step of the damped model within the limits."""
 
-    factor: Factor  # of the damped matrix
-    free_step: Float  # minimiser without limits
+    damped: DampedModel
     solution: QpSolution
+    target: Float  # movable values after the step
     step: Float  # of the movable values
     reduction: float  # of the cost, predicted by the model in use
     other_reduction: float  # predicted by the other model
@@ -178,6 +179,7 @@ class _LevenbergMarquardt:
         self.objective, self.settings, self.report = objective, settings, report
         self.movable = np.flatnonzero(limits.movable)
         self.limits = limits.restricted_to(self.movable, start)
+        self.program = QuadraticProgram(self.limits)
         self.secant = SecantCorrection(self.movable.size) if objective.supports_secant else None
         limits_hold = bool(limits.rows.equal.any())
         self.state = _State(values=start, damping=settings.damping, limits_hold=limits_hold)
@@ -233,7 +235,7 @@ class _LevenbergMarquardt:
             if self._fits_exactly(model) and proposal.reduction <= rounding:
                 return self._end_without_step(model, "The cost decreases by no more than its rounding error.")
             solution = self._accelerate(model, proposal)
-            target = None if solution is None else self._target(solution, proposal.free_step)
+            target = None if solution is None else self._target(solution, proposal)
             if solution is None or target is None:
                 self._increase_damping()
                 continue
@@ -261,17 +263,21 @@ class _LevenbergMarquardt:
             damped = model.damped_factor(state.damping, secant, self._least_damping)
             if damped is None:
                 return None
-            solution = solve(*damped, here, self.limits, state.active_set)
+            solution = self.program.solve(damped.factor, damped.step, here, state.active_set)
             damped_for_limits = state.limits_hold
             state.limits_hold = bool(solution.active.any() or self.limits.rows.equal.any())
             if damped_for_limits or not state.limits_hold:
                 break
         state.active_set = solution.active  # kept even if the step is rejected
-        step = solution.apply_to(here, self.limits) - here
-        plain = model.predicted_reduction(step)
-        with_secant = plain if self.secant is None else plain - self.secant.curvature(step)
+        target = solution.apply_to(here, self.limits)
+        step = target - here
+        if self.secant is None:
+            plain = with_secant = model.damped_reduction(step, damped, solution.push)
+        else:
+            plain = model.predicted_reduction(step)
+            with_secant = plain - self.secant.curvature(step)
         reductions = (with_secant, plain) if state.use_secant else (plain, with_secant)
-        return _Proposal(*damped, solution, step, *reductions)
+        return _Proposal(damped, solution, target, step, *reductions)
 
     def _fits_exactly(self, model: GaussNewtonModel) -> bool:
         return bool(np.sqrt(self.state.cost) <= EXACT_FIT * model.rounding)
@@ -280,23 +286,24 @@ class _LevenbergMarquardt:
         """Correct a Gauss-Newton step by half its geodesic acceleration; None if that is too large for the step."""
         if not self.objective.supports_acceleration or self.state.use_secant:
             return proposal.solution
-        acceleration = model.geodesic_acceleration(proposal.factor, proposal.step)
+        damped = proposal.damped
+        acceleration = model.geodesic_acceleration(damped.factor, proposal.step)
         if not 2 * model.scaled_norm(acceleration) <= MAX_ACCELERATION * model.scaled_norm(proposal.step):
             return None
-        corrected = proposal.free_step + 0.5 * acceleration
-        return solve(proposal.factor, corrected, self._here, self.limits, proposal.solution.active)
+        corrected = damped.step + 0.5 * acceleration
+        return self.program.solve(damped.factor, corrected, self._here, proposal.solution.active)
 
-    def _target(self, solution: QpSolution, free_step: Float) -> Float | None:
+    def _target(self, solution: QpSolution, proposal: _Proposal) -> Float | None:
         """Return the movable values after a step, or None if they violate rows.
 
         A table that limits force to 0 becomes exactly 0: what the step leaves of it is rounding, which violates rows
         between its values by as much as it is large.
         """
         here, limits = self._here, self.limits
-        target = solution.apply_to(here, limits)
+        target = proposal.target if solution is proposal.solution else solution.apply_to(here, limits)
         if _keeps_rows(limits, here, target):
             return target
-        vanished = limits.sizes(target) <= ZERO_TABLE * limits.sizes(free_step)
+        vanished = limits.sizes(target) <= ZERO_TABLE * limits.sizes(proposal.damped.step)
         zeroed = np.where(vanished, limits.clip(np.zeros_like(target)), target)
         return zeroed if vanished.any() and _keeps_rows(limits, here, zeroed) else None
 
@@ -326,7 +333,7 @@ class _LevenbergMarquardt:
         step_size = model.scaled_norm(step) / max(np.sqrt(trial.cost), 1e-300)
         state.values, state.cost, state.active_set = trial.values, trial.cost, solution.active
         state.iterations += 1
-        used = state.damping
+        used = state.accepted_damping = state.damping
         if state.damping < state.limit_damping and ratio > self.settings.damping_limited_ratio:
             state.limit_damping = max(0.1 * state.limit_damping, SLOW_LIMIT_DAMPING)
         # lambda *= max(1/3, 1 - (2 rho - 1)^3)
@@ -368,15 +375,16 @@ class _LevenbergMarquardt:
         state, damped = self.state, None
         if state.cost > SOLVED_SHARE * state.initial_cost and not self._fits_exactly(model):
             damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
-        if damped is not None and np.all(np.isfinite(damped[1])):
-            step = solve(*damped, self._here, self.limits, state.active_set).step
+        if damped is not None and np.all(np.isfinite(damped.step)):
+            step = self.program.solve(damped.factor, damped.step, self._here, state.active_set).step
             if model.predicted_reduction(step) > PROMISED_SHARE * state.cost:
                 return self._end("failed", UNFULFILLED)
         return self._end("converged", message)
 
     def _end(self, status: Status, message: str) -> SolverResult:
         state = self.state
-        return SolverResult(state.values, state.cost, status, message, state.iterations, state.evaluations)
+        effort = state.iterations, state.evaluations
+        return SolverResult(state.values, state.cost, status, message, *effort, state.accepted_damping)
 
 
 def _keeps_rows(limits: LinearLimits, here: Float, target: Float) -> bool:

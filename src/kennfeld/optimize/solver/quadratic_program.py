@@ -15,14 +15,11 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.native.cholesky import Factor
 from kennfeld.native.gram import Gram
+from kennfeld.native.limit_rows import ChosenLimits
+from kennfeld.native.multipliers import EMPTY, PASSED, exchange_blocks, solve_active
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
-FEASIBLE = 1e-12  # violation of a limit relative to its scale that counts as rounding
 REFINEMENTS = 3  # corrections of the multipliers by the remaining violation of their step
-RIDGE = 1e-12  # share of each row's product with itself that is added to it, so that dependent rows have a factor
-NEGATIVE = 1e-10  # a multiplier below 0 by this share of the largest is wrong
-PASSED = 1e-14  # a slope below 0 by this share of what it is summed from is wrong
-PATIENCE = 6  # exchanges of whole blocks without a decrease of the number of wrong multipliers
 
 
 @dataclass(frozen=True)
@@ -34,6 +31,7 @@ class QpSolution:
 
     step: Float
     active: Int
+    push: float = 0.0  # m'A d, by which the limits raise the cost of the quadratic model over the step
 
     def apply_to(self, at: Float, limits: LinearLimits) -> Float:
         """Return the values after the step from `at`: within all bounds, and exactly at the active ones.
@@ -42,205 +40,115 @@ class QpSolution:
         a breakpoint at the end of the data.
         """
         active = self.active[: at.size]
-        bound = np.where(active > 0, limits.upper, limits.lower)
-        return np.where(active != 0, bound, limits.clip(at + self.step))
+        values = limits.clip(at + self.step)
+        if active.any():
+            values = np.where(active == 0, values, np.where(active > 0, limits.upper, limits.lower))
+        return values
 
 
-def solve(factor: Factor, free_step: Float, at: Float, limits: LinearLimits, guess: Int | None = None) -> QpSolution:
-    """Minimise the quadratic program at the point `at`.
+class QuadraticProgram:
+    """The programs of all steps within the same limits; their memory is used again."""
 
-    Args:
-        factor: of H.
-        free_step: -H^-1 g, Float[values].
-        at: the values, Float[values].
-        limits: bounds and rows.
-        guess: limits likely to be active, Int[values + rows].
-    """
-    room = _StepBounds(at, limits)
-    equal = np.concatenate([np.zeros(at.size, dtype=bool), limits.rows.equal])
-    violated = np.where(equal, 0, room.violated(free_step))
-    if not equal.any() and not violated.any():
-        return QpSolution(free_step, violated)
-    dual = _DualProblem(factor, free_step, limits, room, np.flatnonzero(equal))
-    dual.add(violated if guess is None else np.where(equal, 0, guess))
-    # d = d_free - H^-1 A'm with the multipliers m of the limits A considered so far; A gains the rows that d violates
-    for _ in range(2 * equal.size + 1):
-        step = dual.step()
-        violated = dual.without_known(np.where(equal, 0, room.violated(step)))
-        if not violated.any():
-            break
-        dual.add(violated)
-    return QpSolution(step, dual.active())
+    def __init__(self, limits: LinearLimits) -> None:
+        rows = limits.rows
+        lower, upper = np.concatenate([limits.lower, rows.lower]), np.concatenate([limits.upper, rows.upper])
+        self.chosen = ChosenLimits(lower, upper, rows.columns, rows.coefficients)
+        self.gram: Gram | None = None
 
+    def solve(self, factor: Factor, free_step: Float, at: Float, guess: Int | None = None) -> QpSolution:
+        """Minimise the program at the point `at`.
 
-class _StepBounds:
-    """Bounds of a step from a point: the sides of all bounds, then of all rows."""
-
-    def __init__(self, at: Float, limits: LinearLimits) -> None:
-        self.rows = limits.rows
-        here = np.concatenate([at, self.rows.times(at)])
-        self.upper = np.concatenate([limits.upper, self.rows.upper]) - here
-        self.lower = np.concatenate([limits.lower, self.rows.lower]) - here
-        summed = np.concatenate([np.abs(at), self.rows.size(at)])
-        self.scales = tuple(
-            np.where(np.isfinite(side), np.abs(side), 0.0) + summed + 1e-300 for side in (self.upper, self.lower)
-        )
-
-    def changes(self, step: Float) -> Float:
-        """Return the change of all values and rows over a step."""
-        return np.concatenate([step, self.rows.times(step)])
-
-    def violated(self, step: Float) -> Int:
-        """Return the limits that a step violates by more than rounding: +1 upper, -1 lower, else 0."""
-        changes = self.changes(step)
-        violated: Int = np.where(changes > self.upper, 1, np.where(changes < self.lower, -1, 0))
-        if violated.any():
-            over, under = self.rounding(step)
-            violated[(changes <= self.upper + over) & (changes >= self.lower - under)] = 0
-        return violated
-
-    def rounding(self, step: Float) -> tuple[Float, Float]:
-        """Return the rounding error at the upper and the lower sides after a step."""
-        sizes = np.concatenate([np.abs(step), self.rows.size(step)])
-        upper, lower = (FEASIBLE * (scale + sizes) for scale in self.scales)
-        return upper, lower
+        Args:
+            factor: of H.
+            free_step: -H^-1 g, Float[values].
+            at: the values, Float[values].
+            guess: limits likely to be active, Int[values + rows].
+        """
+        chosen = self.chosen
+        chosen.restart(at, free_step)
+        violated = chosen.violated(free_step)
+        if not violated and not chosen.equalities:
+            return QpSolution(free_step, np.zeros(chosen.total, dtype=np.int64))
+        if self.gram is None:
+            self.gram = Gram(factor)
+        else:
+            self.gram.restart(factor)
+        dual = _DualProgram(self.gram, free_step, chosen)
+        dual.add(violated if guess is None else chosen.mark(guess))
+        # d = d_free - H^-1 A'm with the multipliers m of the limits A chosen so far; A gains the rows that d violates
+        for _ in range(2 * chosen.total + 1):
+            step = dual.step()
+            violated = chosen.violated(step)
+            if not violated:
+                break
+            dual.add(violated)
+        return QpSolution(step, dual.active(), chosen.product(dual.multipliers, step))
 
 
-class _DualProblem:
-    """The limits under consideration, equalities first, as rows A of the dual program.
+class _DualProgram:
+    """The chosen limits, equalities first, as rows A of the dual program.
 
     It is min 1/2 m'Sm - e'm with m >= 0, where S = A H^-1 A' and e is the violation of each limit by the free step; the
     step is the free one minus H^-1 A'm. Lower sides enter with the opposite sign.
     """
 
-    def __init__(self, factor: Factor, free_step: Float, limits: LinearLimits, room: _StepBounds, equal: Int) -> None:
-        self.factor, self.free_step, self.limits, self.room, self.equal = factor, free_step, limits, room, equal
-        self.free_changes = room.changes(free_step)
-        self.gram = Gram(factor)
-        # the rows A; below, for each of them: e, the number and the side of its limit, and if its multiplier is > 0
-        self.columns = np.zeros((0, max(limits.rows.columns.shape[1], 1)), dtype=np.int64)
-        self.coefficients = np.zeros(self.columns.shape)
-        self.excess = np.zeros(0)
-        self.which = np.zeros(0, dtype=np.int64)
-        self.signs = np.zeros(0, dtype=np.int64)
-        self.pressing = np.zeros(0, dtype=bool)
+    def __init__(self, gram: Gram, free_step: Float, chosen: ChosenLimits) -> None:
+        self.gram, self.free_step, self.chosen = gram, free_step, chosen
+        self.multipliers = np.zeros(0)
+        self.pressing = np.zeros(0, dtype=np.int64)  # 1 for multipliers > 0, else 0
 
-    def without_known(self, signs: Int) -> Int:
-        """Return the limits that are not considered yet."""
-        signs[self.which[signs[self.which] == self.signs]] = 0
-        return signs
-
-    def add(self, signs: Int) -> None:
-        """Add finite limits with `signs` != 0; with the first ones, the equalities."""
-        side = np.where(signs > 0, self.room.upper, self.room.lower)
-        which = np.flatnonzero((signs != 0) & np.isfinite(side))
-        if not self.which.size:
-            which = np.concatenate([self.equal, which])
-        if not which.size:
-            return
-        signs = np.where(signs[which] < 0, -1, 1)
-        columns, coefficients = self._entries(which)
-        coefficients *= signs[:, None]
-        self.gram.add(columns, coefficients)
-        self.columns = np.concatenate([self.columns, columns])
-        self.coefficients = np.concatenate([self.coefficients, coefficients])
-        side = np.where(signs > 0, self.room.upper[which], self.room.lower[which])
-        self.excess = np.concatenate([self.excess, signs * (self.free_changes[which] - side)])
-        self.which = np.concatenate([self.which, which])
-        self.signs = np.concatenate([self.signs, signs])
-        self.pressing = np.concatenate([self.pressing, np.ones(which.size, dtype=bool)])
-
-    def _entries(self, which: Int) -> tuple[Int, Float]:
-        """Return columns and coefficients of limits; a bound has a single 1."""
-        values, rows = self.free_step.size, self.limits.rows
-        columns = np.zeros((which.size, self.columns.shape[1]), dtype=np.int64)
-        coefficients = np.zeros(columns.shape)
-        bound = which < values
-        columns[bound, 0], coefficients[bound, 0] = which[bound], 1.0
-        if not bound.all():
-            columns[~bound] = rows.columns[which[~bound] - values]
-            coefficients[~bound] = rows.coefficients[which[~bound] - values]
-        return columns, coefficients
+    def add(self, marked: int) -> None:
+        """Add the marked limits; with the first ones, the equalities."""
+        columns, coefficients = self.chosen.choose(marked)
+        if len(columns):
+            self.gram.add(columns, coefficients)
+            self.pressing = np.concatenate([self.pressing, np.ones(len(columns), dtype=np.int64)])
 
     def step(self) -> Float:
-        if not self.excess.size:
+        if not self.pressing.size:
             return self.free_step
-        multipliers = nonnegative_dual(self.gram.products, self.excess, self.equal.size, self.pressing)
-        self.pressing = multipliers > 0
-        return self._refined(multipliers)
+        equalities = self.chosen.equalities
+        self.multipliers = nonnegative_dual(self.gram.products, self.chosen.excess, equalities, self.pressing)
+        self.pressing = (self.multipliers > 0).astype(np.int64)
+        return self._refined()
 
-    def _refined(self, multipliers: Float) -> Float:
+    def _refined(self) -> Float:
         """Return the step of these multipliers, corrected until it is on its active limits.
 
         Along directions that neither data nor smoothness determine, H is nearly singular and A H^-1 A' loses the digits
         that tie one such value to the next; the violation of the step restores them.
         """
-        holding = self.pressing.copy()
-        holding[: self.equal.size] = np.diag(self.gram.products)[: self.equal.size] > 0
-        step: Float = self.free_step - self._displacement(multipliers)
-        bounds = self._side(self.room.upper, self.room.lower)
+        holding, equalities = self.pressing.copy(), self.chosen.equalities
+        if equalities:
+            holding[:equalities] = np.diag(self.gram.products)[:equalities] > 0
+        step: Float = self.free_step - self.gram.displacement(self.multipliers)
         for _ in range(REFINEMENTS):
             # v = A d - b, the violation of the limits; then d -= H^-1 A' (A H^-1 A')^-1 v over those that hold
-            violation = self.signs * (self.room.changes(step)[self.which] - bounds)
-            rounding = self._side(*self.room.rounding(step))
-            holding |= violation > rounding
-            violation = np.where(holding, violation, 0.0)
-            if np.all(np.abs(violation) <= rounding) or not np.all(np.isfinite(violation)):
+            violation, kept = self.chosen.violation(step, holding)
+            if kept or not np.all(np.isfinite(violation)):
                 break
-            step = step - self._displacement(solve_active(self.gram.products, holding, violation))
+            correction = solve_active(self.gram.products, holding, violation)
+            step = step - self.gram.displacement(correction)
+            self.multipliers = self.multipliers + correction
         return step
-
-    def _displacement(self, multipliers: Float) -> Float:
-        """Return H^-1 A'm."""
-        pulls = self.coefficients * multipliers[:, None]
-        pull = np.asarray(np.bincount(self.columns.ravel(), pulls.ravel(), self.free_step.size), dtype=np.float64)
-        return self.factor.solve(pull)
-
-    def _side(self, upper: Float, lower: Float) -> Float:
-        """Select for each limit considered the entry of its upper or lower side."""
-        return np.where(self.signs > 0, upper[self.which], lower[self.which])
 
     def active(self) -> Int:
         """Return `QpSolution.active`."""
-        signs = np.zeros(self.free_changes.size, dtype=np.int64)
-        pressing = self.pressing.copy()
-        pressing[: self.equal.size] = False
-        signs[self.which[pressing]] = self.signs[pressing]
-        return signs
+        pressing = self.pressing.astype(bool)
+        pressing[: self.chosen.equalities] = False
+        return self.chosen.active(pressing)
 
 
-def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Bool | None = None) -> Float:
+def nonnegative_dual(matrix: Float, excess: Float, equalities: int, guess: Int | None = None) -> Float:
     """Return the multipliers m, of which the first `equalities` are unbounded; `guess` marks those likely to be > 0.
 
-    Block principal pivoting (J. Judice, F. Pires: A block principal pivoting algorithm for large-scale strictly
-    monotone linear complementarity problems, 1994) ends after a few exchanges, or not at all if many rows depend on
-    each other; then rows are exchanged one at a time. A row without values, with 0 on the diagonal of S, has no
-    multiplier.
+    Block principal pivoting ends after a few exchanges, or not at all if many rows depend on each other; then rows are
+    exchanged one at a time. A row without values, with 0 on the diagonal of S, has no multiplier.
     """
-    dual = _ActiveSetDual(matrix, excess, equalities)
-    m = dual.exchange_blocks(dual.wanted > 0 if guess is None else guess)
-    if m is None:
-        m = dual.exchange_rows()
-    return np.where(dual.bounded, np.maximum(m, 0.0), m)
-
-
-def solve_active(matrix: Float, active: Bool, right: Float) -> Float:
-    """Solve S m = right for the multipliers of the `active` rows; the others are 0.
-
-    A ridge makes dependent rows solvable; a second solve restores the digits that it costs (J. Riley: Solving
-    systems of linear equations with a positive definite, symmetric, but possibly ill-conditioned matrix, 1955). NaN if
-    S is not finite.
-    """
-    m, which = np.zeros(active.size), np.flatnonzero(active)
-    ridge = RIDGE * np.diag(matrix)
-    while (factor := Factor.part(matrix, which, ridge)) is None and ridge.max() <= matrix.max():
-        ridge = 100 * ridge
-    if factor is None:
-        m[which] = np.nan
-        return m
-    m[which] = factor.solve(right[which])
-    m[which] += factor.solve((right - matrix @ m)[which])
-    return m
+    if guess is None:
+        guess = (excess > 0).astype(np.int64)
+    m = exchange_blocks(matrix, excess, equalities, guess)
+    return _ActiveSetDual(matrix, excess, equalities).exchange_rows() if m is None else m
 
 
 class _ActiveSetDual:
@@ -248,27 +156,10 @@ class _ActiveSetDual:
 
     def __init__(self, matrix: Float, excess: Float, equalities: int) -> None:
         self.matrix, self.excess = matrix, excess
-        self.entered = np.diag(matrix) > 1e-300
+        self.entered = np.diag(matrix) > EMPTY
         self.bounded = self.entered & (np.arange(excess.size) >= equalities)
         self.scale = np.sqrt(np.where(self.entered, np.diag(matrix), 1.0))
         self.wanted = np.where(self.entered, excess / self.scale, 0.0)
-
-    def exchange_blocks(self, guess: Bool) -> Float | None:
-        """Exchange all wrong multipliers at once; None if that does not end."""
-        inside = self.entered & (~self.bounded | guess)
-        best, patience = inside.size + 1, PATIENCE
-        while patience:
-            # S m = e inside, m = 0 outside; wrong are m < 0 inside and slopes S m - e < 0 outside
-            m = solve_active(self.matrix, inside, self.excess)
-            scaled = m * self.scale
-            negative = scaled < -NEGATIVE * np.abs(scaled).max(initial=0.0)
-            wrong = self.bounded & np.where(inside, negative, self.slope(m) < -self.rounding(m))
-            count = int(np.count_nonzero(wrong))
-            if count == 0:
-                return m
-            best, patience = (count, PATIENCE) if count < best else (best, patience - 1)
-            inside ^= wrong
-        return None
 
     def exchange_rows(self) -> Float:
         """Add the row with the steepest slope, and remove those that reach 0 on the way, until none is left.
@@ -278,7 +169,7 @@ class _ActiveSetDual:
         """
         inside = self.entered & ~self.bounded
         useless = np.zeros(inside.size, dtype=bool)
-        m = solve_active(self.matrix, inside, self.excess)
+        m = self._solve(inside)
         for _ in range(10 * inside.size):
             slope = np.where(self.bounded & ~inside & ~useless, self.slope(m), np.inf)
             entering = int(np.argmin(slope))
@@ -290,12 +181,15 @@ class _ActiveSetDual:
             if not useless[entering]:
                 useless[:] = False
             m = following
-        return m
+        return np.where(self.bounded, np.maximum(m, 0.0), m)
+
+    def _solve(self, inside: Bool) -> Float:
+        return solve_active(self.matrix, inside.astype(np.int64), self.excess)
 
     def _move_to_zero_slope(self, m: Float, inside: Bool) -> Float:
         """Move to the multipliers with zero slope `inside`; those that would fall below 0 on the way leave the set."""
         while True:
-            target = solve_active(self.matrix, inside, self.excess)
+            target = self._solve(inside)
             falling = self.bounded & inside & (target <= 0)
             if not falling.any() or not np.all(np.isfinite(target)):
                 return target

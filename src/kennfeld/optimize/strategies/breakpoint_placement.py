@@ -245,9 +245,13 @@ class _Dense:
         quick = replace(settings, patience=2)
         smooth = Continuation.of(self.compiled) if smoothed else None
         report_dense = partial(report, "dense", compiled=self.compiled)
-        if smooth is not None:
-            return smooth.descend(SHORT_SCHEDULE, begin, self.limits, quick, lambda _, *step: report_dense(*step))
-        return levenberg_marquardt(self.objective, begin, self.limits, quick, report_dense)
+        if smooth is None:
+            return levenberg_marquardt(self.objective, begin, self.limits, quick, report_dense)
+        end, _ = smooth.descend(SHORT_SCHEDULE, begin, self.limits, quick, lambda _, *step: report_dense(*step))
+        if end.cut_short or not smooth.thinned:
+            return end
+        last = levenberg_marquardt(self.objective, end.values, self.limits, quick, report_dense)
+        return last.with_effort_of([end, last])
 
     def axis(self, here: Problem, key: AxisKey) -> "DenseAxis":
         """Return a dense axis and the values on it, to be reduced to the number of breakpoints in `here`."""

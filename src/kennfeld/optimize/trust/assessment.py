@@ -1,7 +1,7 @@
 """Assessment of the uncertainty at the end of a fit, computed when it is first used."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -115,9 +115,8 @@ class TrustAssessment:
         )
 
     def _residual_groups(self, values: Float) -> list[Group]:
-        problem, parameters = self.problem, self.compiled.parameters(values)
-        errors = [self.scorer.errors(bound, parameters) for bound in problem.training]
-        return groups(problem.criteria, problem.training, errors, self.compiled.weighting)
+        errors = partial(self.scorer.errors, parameters=self.compiled.parameters(values))
+        return groups(self.problem, errors, self.compiled.weighting)
 
     def _directions(
         self,

@@ -10,27 +10,33 @@ Regression, Annals of Statistics 1, 1973): the variance of a value is E[psi^2] /
 The loss is applied before the weight, so each group has its own moments as well.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.criteria import Criterion
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.samples import Samples
 from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.trust.persistence import persistence
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.trust.persistence import MIN_SAMPLES, LaggedProducts, inflation, persistence_lags
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.sample_weights import SampleWeights
+from kennfeld.sample_statistics import Moments, gather
 
 MIN_FREEDOM = 1.0  # residual degrees of freedom for an estimate of the noise
 MIN_GROUP_FREEDOM = 10.0  # the same for one of several groups; with fewer, the noise is that of the criterion
 MAX_CLASSES = 8  # of samples by their own weight
 MAX_WEIGHT_RATIO = 1.5  # of the largest to the smallest weight in one class
+
+Range = tuple[float, float]  # of sample weights: above the first, up to the second
+ANY: Range = (0.0, float("inf"))
 
 
 @dataclass(frozen=True)
@@ -56,83 +62,208 @@ class Group:
         return (weights > self.above) & (weights <= self.most)
 
 
-def groups(
-    criteria: Sequence[Criterion], bounds: Sequence[BoundDataset], errors: Sequence[Float], weighting: SampleWeights
-) -> list[Group]:
+def groups(problem: Problem, errors: Callable[[BoundDataset], Float], weighting: SampleWeights) -> list[Group]:
     """Return the groups of the training data.
 
     Args:
-        criteria: the criteria.
-        bounds: the training data.
-        errors: model minus target for each dataset, NaN if not scored; shape (criteria, samples).
+        problem: criteria and training data.
+        errors: returns model minus target over a part of a dataset, NaN if not scored; shape (criteria, samples).
         weighting: sample weights.
     """
-    result: list[Group] = []
-    for i, criterion in enumerate(criteria):
-        members: dict[float, list[_Member]] = {}  # by the weight of the dataset
-        for bound, error in zip(bounds, errors, strict=True) if criterion.weight > 0 else ():
-            name = weighting.inputs.get(i)
-            weights = np.ones(bound.count) if name is None else weighting.columns(bound)[name]
-            residual = np.where(weights > 0, error[i] / criterion.scale, np.nan)
-            steady = bound.dataset.time is None
-            length = (1.0, 0) if steady else persistence(residual * np.sqrt(weights), bound.starts)
-            members.setdefault(bound.dataset.weight, []).append(_Member(residual, weights, length))
-        for weight, datasets in members.items():
-            result += _split(i, criterion, weight, datasets)
-    return result
+    residuals = _Residuals(problem, errors, weighting)
+    surveys = [gather(residuals.survey, problem.parts(bound)) for bound in problem.training]
+    classes_by_weight: dict[float, list[list[Range]]] = {}  # by the weight of the dataset and the criterion
+    for weight in dict.fromkeys(bound.dataset.weight for bound in problem.training):
+        same = [own for own, bound in zip(surveys, problem.training, strict=True) if bound.dataset.weight == weight]
+        classes_by_weight[weight] = [classes(*_join(rows)) for rows in zip(*(own.rows for own in same), strict=True)]
+    sums: dict[float, _GroupSums] = {}
+    for bound, survey in zip(problem.training, surveys, strict=True):
+        weight = bound.dataset.weight
+        work = partial(residuals.sum, survey=survey, classes=classes_by_weight[weight], whole=bound)
+        own = gather(work, problem.parts(bound))
+        own.close(survey)
+        if weight in sums:
+            sums[weight].merge(own)
+        else:
+            sums[weight] = own
+    return [
+        group
+        for position, number in enumerate(residuals.numbers)
+        for weight, total in sums.items()
+        for group in total.rows[position].groups(number, problem.criteria[number], weight)
+    ]
 
 
-class _Member(NamedTuple):
-    residual: Float  # of one dataset, in units of the scale of the criterion; NaN if it does not count
-    weights: Float  # of the samples
-    persistence: tuple[float, int]  # and the number of known samples; (1, 0) for steady-state points
+class _Residuals:
+    """Residuals of the scored criteria over parts of the training data, in units of the scale of the criterion."""
+
+    def __init__(self, problem: Problem, errors: Callable[[BoundDataset], Float], weighting: SampleWeights) -> None:
+        self._criteria, self._errors, self._weighting = problem.criteria, errors, weighting
+        self.numbers = [i for i, criterion in enumerate(problem.criteria) if criterion.weight > 0]
+
+    def _over(self, bound: BoundDataset) -> Iterator[tuple[Float, Float]]:
+        """Yield residuals, NaN if they do not count, and weights of each criterion, Float[samples] each."""
+        errors, columns = self._errors(bound), self._weighting.columns(bound)
+        for i in self.numbers:
+            name = self._weighting.inputs.get(i)
+            weights = np.ones(bound.count) if name is None else columns[name]
+            yield np.where(weights > 0, errors[i] / self._criteria[i].scale, np.nan), weights
+
+    def survey(self, part: BoundPart) -> "_Survey":
+        """Return the means and the weights over a part."""
+        return _Survey([_Weighted.of(residual, weights) for residual, weights in self._over(part.bound)])
+
+    def sum(
+        self, part: BoundPart, survey: "_Survey", classes: Sequence[Sequence[Range]], whole: BoundDataset
+    ) -> "_GroupSums":
+        """Return the sums over a part, by class of weights."""
+        bound, rows = part.bound, []
+        lags = 0 if whole.dataset.time is None else persistence_lags(whole.starts, whole.count)
+        for (residual, weights), known, own, i in zip(
+            self._over(bound), survey.rows, classes, self.numbers, strict=True
+        ):
+            products = None
+            if lags:
+                products = LaggedProducts.of(residual * np.sqrt(weights), bound.starts, known.residuals.mean, lags)
+            kept = np.isfinite(residual)
+            r, w = residual[kept], weights[kept]
+            sums = {each: _ClassSums.of(r, w, each, self._criteria[i]) for each in own}
+            rows.append(_NoiseSums(sums, products))
+        return _GroupSums(rows)
 
 
-def _split(number: int, criterion: Criterion, weight: float, members: Sequence[_Member]) -> list[Group]:
-    whole = np.concatenate([member.residual for member in members])
-    own = np.concatenate([member.weights for member in members])
-    known = np.isfinite(whole)
-    whole, own = whole[known], own[known]
-    length = _mean((member.persistence for member in members), 1.0)
-    result = []
-    for above, most in classes(own):
-        inside = (own > above) & (own <= most)
-        r, w = whole[inside], own[inside]
-        if not r.size:
-            continue
+@dataclass
+class _Weighted:
+    """The moments of weighted residuals of one criterion, and how often each sample weight occurs."""
+
+    residuals: Moments
+    weights: Float
+    counts: Int
+
+    @classmethod
+    def of(cls, residual: Float, weights: Float) -> "_Weighted":
+        known = np.isfinite(residual)
+        own = weights[known]
+        return cls(Moments.of(residual[known] * np.sqrt(own)), *np.unique(own, return_counts=True))
+
+    def merge(self, later: "_Weighted") -> None:
+        self.residuals.merge(later.residuals)
+        self.weights, self.counts = _join([self, later])
+
+
+def _join(rows: Sequence[_Weighted]) -> tuple[Float, Int]:
+    """Return the weights of all rows in rising order, and their counts."""
+    weights, place = np.unique(np.concatenate([row.weights for row in rows]), return_inverse=True)
+    counts = np.zeros(weights.size, dtype=np.int64)
+    np.add.at(counts, place, np.concatenate([row.counts for row in rows]))
+    return weights, counts
+
+
+@dataclass
+class _Survey:
+    rows: list[_Weighted]  # of each criterion
+
+    def merge(self, later: "_Survey") -> None:
+        for own, other in zip(self.rows, later.rows, strict=True):
+            own.merge(other)
+
+
+@dataclass
+class _ClassSums:
+    """Sums over the samples of one class of weights."""
+
+    count: int
+    squares: float
+    ratios: float
+    slopes: float
+    weights: float
+
+    @classmethod
+    def of(cls, r: Float, w: Float, inside: Range, criterion: Criterion) -> "_ClassSums":
+        if inside != ANY:
+            chosen = (w > inside[0]) & (w <= inside[1])
+            r, w = r[chosen], w[chosen]
         ratios, slopes = _influence(r, criterion)
-        total = float(w.sum())
-        result.append(
-            Group(
-                criterion=number,
-                score=criterion.weight * weight,
-                count=r.size,
-                squares=float(w @ (r * ratios) ** 2),
-                weight=float(w @ ratios) / total,
-                slope=max(float(w @ slopes) / total, 1e-3),
-                persistence=length,
-                typical=total / r.size,
-                above=above,
-                most=most,
-            )
-        )
-    return result
+        return cls(r.size, float(w @ (r * ratios) ** 2), float(w @ ratios), float(w @ slopes), float(w.sum()))
+
+    def merge(self, later: "_ClassSums") -> None:
+        for name, value in vars(later).items():
+            setattr(self, name, getattr(self, name) + value)
 
 
-def classes(weights: Float) -> list[tuple[float, float]]:
+@dataclass
+class _NoiseSums:
+    """The sums of one criterion by class; `lengths` are the persistence of each dataset and its number of samples."""
+
+    classes: dict[Range, _ClassSums]
+    products: LaggedProducts | None
+    lengths: list[tuple[float, int]] = field(default_factory=list)
+
+    def merge(self, later: "_NoiseSums") -> None:
+        for inside, sums in later.classes.items():
+            self.classes[inside].merge(sums)
+        if self.products is not None and later.products is not None:
+            self.products.merge(later.products)
+        self.lengths += later.lengths
+
+    def close(self, known: _Weighted) -> None:
+        """Compute the persistence once all parts of a dataset are in."""
+        if self.products is not None:
+            count = known.residuals.count
+            enough = count >= MIN_SAMPLES
+            self.lengths.append((inflation(self.products.sums, self.products.pairs) if enough else 1.0, count))
+            self.products = None
+
+    def groups(self, number: int, criterion: Criterion, weight: float) -> Iterator[Group]:
+        length = _mean(self.lengths, 1.0)
+        for (above, most), sums in self.classes.items():
+            if sums.count:
+                yield Group(
+                    criterion=number,
+                    score=criterion.weight * weight,
+                    count=sums.count,
+                    squares=sums.squares,
+                    weight=sums.ratios / sums.weights,
+                    slope=max(sums.slopes / sums.weights, 1e-3),
+                    persistence=length,
+                    typical=sums.weights / sums.count,
+                    above=above,
+                    most=most,
+                )
+
+
+@dataclass
+class _GroupSums:
+    rows: list[_NoiseSums]  # of each criterion
+
+    def merge(self, later: "_GroupSums") -> None:
+        for own, other in zip(self.rows, later.rows, strict=True):
+            own.merge(other)
+
+    def close(self, survey: _Survey) -> None:
+        for row, known in zip(self.rows, survey.rows, strict=True):
+            row.close(known)
+
+
+def classes(weights: Float, counts: Int | None = None) -> list[Range]:
     """Return ranges (above, most) of sample weights: one for each weight, or with similar numbers of samples.
 
-    >>> classes(np.array([1.0, 1.0, 4.0, 4.0]))
+    `counts` says how often each of the weights occurs, which then rise.
+
+    >>> classes(np.array([1.0, 4.0]), np.array([2, 2]))
     [(0.0, 1.0), (1.0, inf)]
     >>> classes(np.array([1.0, 1.1, 1.2]))
     [(0.0, inf)]
     """
-    if not weights.size or weights.max() <= MAX_WEIGHT_RATIO * weights.min():
-        return [(0.0, float("inf"))]
-    edges = np.unique(weights)
+    if counts is None:
+        weights, counts = np.unique(weights, return_counts=True)
+    if not weights.size or weights[-1] <= MAX_WEIGHT_RATIO * weights[0]:
+        return [ANY]
+    edges, ends = weights, np.cumsum(counts)
     if edges.size > MAX_CLASSES:
-        edges = np.unique(np.quantile(weights, np.arange(1, MAX_CLASSES) / MAX_CLASSES, method="lower"))
-    inner = edges[edges < weights.max()].tolist()
+        ranks = np.floor(np.arange(1, MAX_CLASSES) / MAX_CLASSES * (ends[-1] - 1)).astype(np.int64)
+        edges = np.unique(weights[np.searchsorted(ends, ranks, side="right")])
+    inner = edges[edges < weights[-1]].tolist()
     return list(pairwise([0.0, *inner, float("inf")]))
 
 

@@ -13,11 +13,12 @@ and J. A. Pope: Bias in the estimation of autocorrelations, Biometrika 41, 1954)
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 
 SAMPLES_PER_BLOCK = 65536  # transformed at once, so that memory does not grow with the data
 MAX_LAGS = 1 << 17
@@ -40,20 +41,56 @@ def persistence(residual: Float, starts: Sequence[int] | Int = (0,)) -> tuple[fl
     >>> bool(abs(length - 10) < 1)
     True
     """
-    edges = [*(int(start) for start in starts), residual.size]
-    known = np.isfinite(residual)
-    count = int(known.sum())
-    if count < MIN_SAMPLES:
-        return 1.0, count
-    centred = np.where(known, residual, 0.0)
-    centred[known] -= residual[known].mean()
-    lags = min(max(b - a for a, b in pairwise(edges)) - 1, MAX_LAGS)
-    sums, pairs = np.zeros((2, lags + 1))
-    for a, b in pairwise(edges):
-        reach = min(b - a, lags + 1)
-        sums[:reach] += lagged_products(centred[a:b], reach - 1)
-        pairs[:reach] += np.round(lagged_products(known[a:b].astype(np.float64), reach - 1))
-    return inflation(sums, pairs), count
+    known = residual[np.isfinite(residual)]
+    if known.size < MIN_SAMPLES:
+        return 1.0, known.size
+    products = LaggedProducts.of(residual, starts, float(known.mean()), persistence_lags(starts, residual.size))
+    return inflation(products.sums, products.pairs), known.size
+
+
+def persistence_lags(starts: Sequence[int] | Int, samples: int) -> int:
+    """Return the number of lags over which persistence is estimated."""
+    edges = [*(int(start) for start in starts), samples]
+    return min(max(b - a for a, b in pairwise(edges)) - 1, MAX_LAGS)
+
+
+@dataclass
+class LaggedProducts:
+    """Sums of products of errors and their numbers, by lag from 0; see `inflation`."""
+
+    sums: Float  # Float[lags]
+    pairs: Float  # Float[lags]
+
+    @classmethod
+    def of(cls, errors: Float, starts: Sequence[int] | Int, mean: float, lags: int) -> "LaggedProducts":
+        """Return the products of errors minus their mean over all lags up to `lags`.
+
+        Args:
+            errors: evenly sampled, NaN if unknown; shape (samples,).
+            starts: first sample of each piece; no pair crosses it.
+            mean: subtracted from the errors.
+            lags: the greatest lag.
+        """
+        products = cls(*np.zeros((2, lags + 1)))
+        known = np.isfinite(errors)
+        centred = np.where(known, errors - mean, 0.0)
+        for a, b in pairwise([*(int(start) for start in starts), errors.size]):
+            reach = min(b - a, lags + 1)
+            products.sums[:reach] += lagged_products(centred[a:b], reach - 1)
+            products.pairs[:reach] += _count_pairs(known[a:b], reach - 1)
+        return products
+
+    def merge(self, later: "LaggedProducts") -> None:
+        """Take in the products of other pieces."""
+        self.sums += later.sums
+        self.pairs += later.pairs
+
+
+def _count_pairs(known: Bool, lags: int) -> Float:
+    at = np.flatnonzero(known)
+    if at.size and at[-1] - at[0] < at.size:  # without a gap
+        return np.asarray(np.maximum(float(at.size) - np.arange(lags + 1), 0.0))
+    return np.round(lagged_products(known.astype(np.float64), lags))
 
 
 def inflation(sums: Float, pairs: Float) -> float:

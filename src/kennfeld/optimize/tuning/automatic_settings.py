@@ -14,7 +14,7 @@ from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.result import Progress, Result, Seconds, StartResult
+from kennfeld.optimize.result import Progress, Result, Seconds, single_start
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.tuning.holdout_blocks import independent_samples
@@ -132,9 +132,3 @@ class _Smoothing:
             resumed=search.resumed,
         )
         return merged if len(merged.starts) > 1 else replace(merged, starts=(single_start(merged),))
-
-
-def single_start(result: Result) -> StartResult:
-    """Return the row of a result with a single start."""
-    costs, effort = (result.cost_before, result.cost_after), (result.iterations, result.evaluations)
-    return StartResult(1, result.status, result.message, *costs, *effort, distance=0.0)

@@ -5,7 +5,6 @@ defaults.
 """
 
 import contextlib
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -20,12 +19,12 @@ from kennfeld.models.simulink.reader.block_reader import BlockReader, read_mask
 from kennfeld.models.simulink.reader.chart_reader import read_charts
 from kennfeld.models.simulink.reader.model_package import (
     ModelPackage,
-    is_text_package,
     is_zip,
     text_package,
     zip_package,
 )
 from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredSolver, StoredWorkspace, System
+from kennfeld.models.simulink.reader.recognition import CLASSIC, is_text_package
 from kennfeld.models.simulink.reader.section_tree import (
     FileRejectedError,
     ReadDiagnostics,
@@ -49,7 +48,6 @@ _WORKSPACES: tuple[tuple[str, Literal["mxarray", "mat"]], ...] = (
 
 _DIAGRAMS = ("Model", "Library", "Subsystem")
 _HEAD = 65536
-_CLASSIC = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:Model|Library|Subsystem)\s*\{")
 _ROOT = "simulink/blockdiagram.xml"
 _NEW_ROOT = "simulink/blockDiagram.json"  # of R2026b and later, whose systems remain XML
 _NEW_DIAGRAM = "BlockDiagram"
@@ -165,11 +163,6 @@ def _workspace_bytes(text: str) -> bytes:
     return np.stack([words >> 16 & 255, words >> 8 & 255, words & 255], axis=1).astype(np.uint8).tobytes()
 
 
-def recognises_simulink(raw: bytes) -> bool:
-    """Return True if the first bytes look like a Simulink model that is not a zip archive."""
-    return bool(_CLASSIC.match(raw)) or is_text_package(raw)
-
-
 def read_document(path: str | Path) -> ModelDocument:
     """Read a `.slx` or `.mdl` file of any version.
 
@@ -203,7 +196,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
-    if not _CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf")):
+    if not CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf")):
         raise diagnostics.refuse("", "is not a Simulink file", _EXTENSION_REMEDY)
     top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), diagnostics)
     model = next((section for section in top if section.kind in _DIAGRAMS), None)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from kennfeld.archives import find_oversized
 from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
-_BEGIN = b"__MWOPC_PART_BEGIN__"
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)
 _PART = re.compile(rb"^__MWOPC_PART_BEGIN__[ \t]++(\S++)[ \t]*+([^\n]*+)\n", re.MULTILINE)
 _END = re.compile(rb"^__MWOPC_PACKAGE_END__", re.MULTILINE)
@@ -76,11 +75,6 @@ class ModelPackage:
 def is_zip(raw: bytes) -> bool:
     """Return True if bytes start like a zip archive."""
     return raw[:4] in (b"PK\3\4", b"PK\5\6")
-
-
-def is_text_package(raw: bytes) -> bool:
-    """Return True if a text contains the parts of a package."""
-    return _BEGIN in raw
 
 
 def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:

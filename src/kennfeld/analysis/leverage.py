@@ -1,0 +1,111 @@
+"""Leverage of samples: the influence of each on the values that are fitted to it."""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kennfeld.analysis.evaluation import CriterionSeries
+from kennfeld.arrays import Float, Int
+from kennfeld.optimize.lookup_coverage import Lookup, Lookups
+from kennfeld.optimize.problem import Problem
+from kennfeld.preprocessing.sample_weights import sample_weights
+
+MAX_LEVERAGE = 0.999  # a sample that alone determines a value has no residual
+
+
+def sample_leverage(
+    problem: Problem, lookups: Lookups, series: Sequence[CriterionSeries], leverage: Mapping[str, Float]
+) -> dict[int, Float]:
+    """Approximate the leverage of each training sample, by the number of its series.
+
+    The leverage of a grid point, 1 if the data alone determine it, is distributed among the samples that look it up,
+    by their weights in the lookup and in the cost. Its sum over all samples equals that over all grid points, the
+    number of values that the data determine. For a single table whose samples are at its grid points this is the
+    diagonal of the hat matrix; otherwise it approximates it without a matrix of samples by values.
+
+    Args:
+        problem: criteria and their weights.
+        lookups: at the values of the fit.
+        series: the criteria on the datasets.
+        leverage: of the grid points, by table.
+
+    Returns:
+        Float[samples] by number of the series.
+    """
+    located = {i: lookups.blocks(entry.bound) for i, entry in enumerate(series) if _fits(entry)}
+    totals = LookupWeights()
+    for i, own in located.items():
+        totals.merge(LookupWeights.of(problem, lookups, own, [series[i]], leverage))
+    return {i: totals.leverage(problem, lookups, own, series[i], leverage) for i, own in located.items()}
+
+
+def _fits(series: CriterionSeries) -> bool:
+    return series.bound.dataset.use == "training"
+
+
+@dataclass
+class LookupWeights:
+    """The weight of all training samples at each grid point, by table; can be merged with that of other samples."""
+
+    totals: dict[str, Float] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        lookups: Lookups,
+        located: Iterable[Lookup],
+        series: Sequence[CriterionSeries],
+        tables: Collection[str],
+    ) -> "LookupWeights":
+        """Return the weights of the samples of a dataset or a part of one in some tables."""
+        result, located = cls(), list(located)
+        for entry in series if _fits(series[0]) else ():
+            own = _weight(problem, entry)
+            for lookup, at, weight in _corners(lookups, located, entry, tables):
+                total = result.totals.setdefault(lookup.table.name, np.zeros(lookup.table.size))
+                total += np.bincount(at, weight * own[lookup.samples], minlength=total.size)
+        return result
+
+    def merge(self, later: "LookupWeights") -> None:
+        """Take in the weights of other samples."""
+        for name, total in later.totals.items():
+            self.totals[name] = self.totals[name] + total if name in self.totals else total
+
+    def leverage(
+        self,
+        problem: Problem,
+        lookups: Lookups,
+        located: Iterable[Lookup],
+        series: CriterionSeries,
+        leverage: Mapping[str, Float],
+    ) -> Float:
+        """Return the leverage of each sample of a series, once the weights of all samples are in."""
+        pulls = np.zeros(series.bound.count)
+        if not _fits(series):
+            return pulls
+        own = _weight(problem, series)
+        for lookup, at, weight in _corners(lookups, located, series, leverage):
+            total, table = self.totals[lookup.table.name], leverage[lookup.table.name].ravel()
+            each = np.divide(table, total, out=np.zeros(total.size), where=total > 0)
+            pulls[lookup.samples] += each[at] * (weight * own[lookup.samples])
+        return np.clip(np.nan_to_num(pulls), 0.0, MAX_LEVERAGE)
+
+
+def _weight(problem: Problem, series: CriterionSeries) -> Float:
+    criterion = problem.criteria[series.criterion]
+    weight = criterion.weight * series.bound.dataset.weight / criterion.scale**2
+    own = sample_weights(criterion, series.bound.dataset)
+    each = weight if own is None else weight * own[series.bound.kept]
+    return np.where(series.scored, each, 0.0)
+
+
+def _corners(
+    lookups: Lookups, located: Iterable[Lookup], series: CriterionSeries, tables: Collection[str]
+) -> Iterator[tuple[Lookup, Int, Float]]:
+    """Yield the grid points and weights of the lookups of these tables on which the criterion depends."""
+    for lookup in located:
+        if lookup.table.name in tables and series.criterion in lookups.reached[lookup.table.name]:
+            for at, weight in lookup.corners():
+                yield lookup, at, np.clip(weight, 0.0, None)

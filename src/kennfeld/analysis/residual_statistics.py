@@ -1,0 +1,212 @@
+"""Statistics of the errors of one criterion over parts of a dataset, in three passes.
+
+The first pass counts and sums, the second finds quantiles around those counts, autocorrelations around the mean, and
+the largest errors, the third counts scaled errors. All of them can be merged with those of other parts.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kennfeld.analysis.evaluation import CriterionSeries
+from kennfeld.arrays import Float, Int
+from kennfeld.optimize.quality import ErrorSums
+from kennfeld.optimize.trust.persistence import LaggedProducts
+from kennfeld.sample_statistics import Moments, QuantileSearch, Ranks
+
+MIDDLE, MOST = 0.5, 0.95  # quantiles of the size of the errors
+TAILS = 0.001  # share of the errors on each side that may lie outside a histogram
+EVEN = 1e-3  # relative difference of time steps that count as equal
+
+
+@dataclass
+class ErrorRange:
+    """The known errors at one set of values: infinite ones are known, NaN are not."""
+
+    sums: ErrorSums
+    low: float
+    high: float
+    ranks: Ranks  # of the finite ones
+
+    @classmethod
+    def of(cls, error: Float) -> "ErrorRange":
+        """Return the range of errors, Float[samples]."""
+        finite = error[np.isfinite(error)]
+        low, high = finite.min(initial=np.inf), finite.max(initial=-np.inf)
+        return cls(ErrorSums.of(error[~np.isnan(error)]), float(low), float(high), Ranks.of(finite))
+
+    def merge(self, later: "ErrorRange") -> None:
+        """Take in the errors at other samples."""
+        self.sums.merge(later.sums)
+        self.low, self.high = min(self.low, later.low), max(self.high, later.high)
+        self.ranks.merge(later.ranks)
+
+
+@dataclass
+class ErrorCounts:
+    """First pass: counts, sums and ranks of the errors of one criterion, before and after a calibration."""
+
+    target: Moments
+    finite: Moments
+    before: ErrorRange
+    after: ErrorRange
+    size: Ranks
+    relative: Ranks
+    steps: tuple[float, float, float]  # time steps in s: the median of the first part, the shortest, the longest
+    scored: list[int]  # samples of each part
+    unit: str
+
+    @classmethod
+    def of(cls, before: CriterionSeries, after: CriterionSeries) -> "ErrorCounts":
+        """Return the counts over a part of a dataset."""
+        error = after.error
+        finite = error[np.isfinite(error)]
+        return cls(
+            target=Moments.of(after.measured[after.scored]),
+            finite=Moments.of(finite),
+            before=ErrorRange.of(before.error),
+            after=ErrorRange.of(error),
+            size=Ranks.of(np.abs(finite)),
+            relative=Ranks.of(np.abs(_finite(relative_errors(after)))),
+            steps=_steps(after),
+            scored=[int(np.count_nonzero(after.scored))],
+            unit=after.unit,
+        )
+
+    def merge(self, later: "ErrorCounts") -> None:
+        """Take in the counts over the following part."""
+        for name in ("target", "finite", "before", "after", "size", "relative"):
+            getattr(self, name).merge(getattr(later, name))
+        first, low, high = self.steps
+        self.steps = first, float(np.fmin(low, later.steps[1])), float(np.fmax(high, later.steps[2]))
+        self.scored += later.scored
+
+    @property
+    def step(self) -> float | None:
+        """The time step in s if it is even."""
+        step, low, high = self.steps
+        return step if max(high - step, step - low) <= EVEN * step else None
+
+    def searches(self) -> "ErrorSearches":
+        """Return the searches for all quantiles."""
+        return ErrorSearches(
+            self.size.search([MIDDLE, MOST]),
+            self.relative.search([0.5]),
+            *(each.ranks.search([TAILS, 1.0 - TAILS]) for each in (self.before, self.after)),
+        )
+
+
+def _steps(series: CriterionSeries) -> tuple[float, float, float]:
+    steps = np.zeros(0) if series.time is None else np.delete(np.diff(series.time), series.bound.starts[1:] - 1)
+    if not steps.size:
+        return (np.nan, np.nan, np.nan)
+    return float(np.median(steps)), float(steps.min()), float(steps.max())
+
+
+def _finite(values: Float) -> Float:
+    return values[np.isfinite(values)]
+
+
+def relative_errors(series: CriterionSeries) -> Float:
+    """Return the errors over the size of the measurement, NaN if that is 0; Float[samples]."""
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        size = np.abs(series.measured)
+        return np.where(size > 0, series.error / size, np.nan)
+
+
+def scaled_errors(error: Float, deviation: float, leverage: Float) -> Float:
+    """Return the errors over their standard deviation at samples of some leverage; Float[samples]."""
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        each = deviation * np.sqrt(1.0 - leverage)
+        return np.where(each > 0, error / each, np.nan)
+
+
+@dataclass
+class ErrorSearches:
+    """Second pass: searches for the quantiles of the errors."""
+
+    size: QuantileSearch
+    relative: QuantileSearch
+    before: QuantileSearch
+    after: QuantileSearch
+
+    def part(self, before: CriterionSeries, after: CriterionSeries) -> "ErrorSearches":
+        """Return the same searches over a part of a dataset."""
+        error, old = _finite(after.error), _finite(before.error)
+        relative = np.abs(_finite(relative_errors(after)))
+        return ErrorSearches(
+            self.size.part(np.abs(error)), self.relative.part(relative), self.before.part(old), self.after.part(error)
+        )
+
+    def merge(self, later: "ErrorSearches") -> None:
+        """Take in the searches over other parts."""
+        for name, search in vars(later).items():
+            getattr(self, name).merge(search)
+
+
+@dataclass(frozen=True)
+class LargeError:
+    """A sample with a large error; `sample` and `piece` count from the beginning of the dataset."""
+
+    size: float  # infinite if the error is not finite
+    sample: int
+    piece: int
+    time: float | None
+    measured: float
+    model: float
+    error: float
+    relative: float
+    leverage: float
+    inputs: dict[str, float]
+
+
+@dataclass
+class LargeErrors:
+    """The largest errors of a dataset, in descending order; of neighbours in time with one sign only the worst."""
+
+    most: int
+    errors: list[LargeError] = field(default_factory=list)
+
+    def merge(self, later: "LargeErrors") -> None:
+        """Take in the errors of the following part."""
+        self.errors = sorted([*self.errors, *later.errors], key=lambda error: (-error.size, error.sample))[: self.most]
+
+
+@dataclass
+class ErrorDetails:
+    """Second pass: quantiles, autocorrelation, largest errors, and the degrees of freedom that the errors have."""
+
+    searches: ErrorSearches
+    products: LaggedProducts | None
+    largest: LargeErrors
+    freedom: float
+
+    def merge(self, later: "ErrorDetails") -> None:
+        """Take in the details of the following part."""
+        self.searches.merge(later.searches)
+        if self.products is not None and later.products is not None:
+            self.products.merge(later.products)
+        self.largest.merge(later.largest)
+        self.freedom += later.freedom
+
+
+def find_peaks(size: Float, error: Float, starts: Int) -> Int:
+    """Return the index of the largest of each run of errors of one sign."""
+    sign = np.where(size < 0, 0, np.where(error > 0, 1, -1))
+    fresh = np.ones(size.size, dtype=bool)
+    fresh[1:] = sign[1:] != sign[:-1]
+    fresh[starts] = True
+    firsts = np.flatnonzero(fresh)
+    run = np.cumsum(fresh) - 1
+    places = np.flatnonzero(size == np.maximum.reduceat(size, firsts)[run]) if size.size else firsts
+    return places[np.unique(run[places], return_index=True)[1]]
+
+
+def largest_places(series: CriterionSeries, count: int) -> tuple[Int, Float]:
+    """Return the samples with the largest errors of a part, and the size of all errors; -1 if not scored."""
+    error = series.error
+    size = np.where(series.scored, np.nan_to_num(np.abs(error), nan=np.inf), -1.0)
+    places = np.arange(size.size) if series.time is None else find_peaks(size, error, series.bound.starts)
+    if places.size > count:
+        places = places[np.argpartition(-size[places], count)[:count]]
+    return places[size[places] >= 0], size

@@ -1,0 +1,53 @@
+"""Text that stands for a call of a function which writes code: for its source and its arguments."""
+
+import copyreg
+import io
+import pickle
+from collections.abc import Callable, Sequence
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+WRITERS = ("graph", "machine_code", "native")  # packages whose functions write code
+OTHERS = ("rbf.py",)  # modules from which they have constants
+
+
+def fingerprint(write: Callable[..., Any], arguments: Sequence[Any]) -> str | None:
+    """Return a text that differs if a function, or anything in its arguments, differs.
+
+    Args:
+        write: a function of `WRITERS`, which depends on its arguments and on the sources of `WRITERS` and `OTHERS`.
+        arguments: tuples, mappings, arrays, numbers, texts, and classes of these.
+
+    Returns:
+        The text; None for a function of another package, or if the sources are not installed.
+    """
+    source = _source_hash()
+    if not source or not write.__module__.startswith(tuple(f"kennfeld.{name}." for name in WRITERS)):
+        return None
+    content = io.BytesIO()
+    _ArgumentPickler(content, protocol=5).dump(arguments)
+    return " ".join((source, write.__module__, write.__qualname__, _hash(content.getvalue())))
+
+
+class _ArgumentPickler(pickle.Pickler):
+    """Stores numbers and arrays bit for bit, and read-only mappings as dictionaries."""
+
+    dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda mapping: (dict, (dict(mapping),))}
+
+
+@cache
+def _source_hash() -> str:
+    """Return a hash of the sources; empty if a package is installed without."""
+    root = Path(__file__).parents[1]
+    packages = [sorted((root / name).glob("*.py")) for name in WRITERS]
+    files = [*(file for package in packages for file in package), *(root / name for name in OTHERS)]
+    if not all(packages) or not all(file.is_file() for file in files):
+        return ""
+    return _hash(b"\0".join(file.name.encode() + file.read_bytes() for file in files))
+
+
+def _hash(content: bytes) -> str:
+    return blake2b(content, digest_size=32).hexdigest()

@@ -1,0 +1,98 @@
+"""Simulation of the function of a project over its datasets: as a whole, or part by part."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+
+from kennfeld.dataset import Channel, Dataset
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.preprocessing.bound_parts import BoundPart
+from kennfeld.project.initial_calibration import describe_parameter
+from kennfeld.threads import map_in_order
+
+
+def simulate_problem(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
+    """Return the named nodes and target channels over every dataset; a target named like a node gets a suffix."""
+    values = replace_parameters(problem, parameters)
+    compiled = NodeSimulator(problem.model.graph, values)
+    return [_simulate_bound(problem, problem.bind(data), values, compiled) for data in problem.datasets]
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedPart:
+    """The simulation of some samples of a dataset; `piece` counts the pieces before them."""
+
+    data: Dataset
+    piece: int
+
+
+class Simulation:
+    """The simulation of all datasets of a problem, computed part by part, so that it need not fit into memory.
+
+    Attributes:
+        units: of all channels, by name.
+        samples: number of samples of each dataset, by its name.
+    """
+
+    def __init__(self, problem: Problem, parameters: ParameterSet | None) -> None:
+        self._problem, self._values = problem, replace_parameters(problem, parameters)
+        self._compiled = NodeSimulator(problem.model.graph, self._values)
+        self.samples = {data.name: problem.bind(data).shown.count for data in problem.datasets}
+        units = problem.model.graph.units
+        self.units = {name: units.get(name, "") for name in problem.model.graph.names}
+        for data in problem.datasets:
+            for channel in _targets(problem, data, self.units):
+                self.units.setdefault(channel.name, channel.unit)
+
+    def parts(self) -> Iterator[SimulatedPart]:
+        """Yield the parts of all datasets in order."""
+        for data in self._problem.datasets:
+            yield from map_in_order(self._part, self._problem.parts(self._problem.bind(data)))
+
+    def _part(self, part: BoundPart) -> SimulatedPart:
+        data = _simulate_bound(self._problem, part.bound, self._values, self._compiled)
+        return SimulatedPart(data, part.piece)
+
+
+def _simulate_bound(problem: Problem, bound: BoundDataset, values: ParameterSet, compiled: NodeSimulator) -> Dataset:
+    nodes = compiled.dataset(bound, values)
+    shown, data = bound.shown, bound.dataset
+    targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, nodes)]
+    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored)
+
+
+def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Channel]:
+    """Return the target channels of a dataset, renamed if a node has their name."""
+    names = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
+    return [
+        Channel(f"{name} (target)" if name in nodes else name, data[name].values, data[name].unit)
+        for name in names
+        if name in data
+    ]
+
+
+def replace_parameters(problem: Problem, parameters: ParameterSet | None) -> ParameterSet:
+    """Replace parameters of a problem by those of the same name, which must have the same number of axes.
+
+    Raises `InputError` if one does not fit the function.
+    """
+    if parameters is None:
+        return problem.parameters
+    needed = problem.model.graph.parameters
+    errors = [
+        Finding(
+            Location("parameters"),
+            f"{name} is {describe_parameter(parameters[name])}, but the function looks it up with {count} coordinates",
+        )
+        for name, count in needed.items()
+        if name in parameters and parameters[name].coordinates != count
+    ]
+    if errors:
+        raise InputError(errors)
+    try:
+        return problem.parameters.merged(parameters)
+    except ArgumentError as error:
+        raise InputError.of(Location("parameters"), str(error)) from None

@@ -1,0 +1,298 @@
+"""The points of time plots, scatter plots and histograms, chosen in one pass over the parts of all datasets.
+
+Their number is bounded, whatever the number of samples. What is drawn of a part can be merged with that of the next.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from kennfeld.analysis.evaluation import CriterionSeries
+from kennfeld.analysis.part_evaluation import PartEvaluator
+from kennfeld.analysis.residual_statistics import TAILS, ErrorRange
+from kennfeld.analysis.residuals import Fit
+from kennfeld.arrays import Float, Int
+from kennfeld.preprocessing.bound_parts import BoundPart
+from kennfeld.sample_statistics import QuantileSearch, gather
+
+TOTAL_POINTS = 120_000  # of all time plots and scatter plots together
+TRACE_POINTS = (400, 4000)  # minimum and maximum of one trace
+SCATTER_POINTS = (200, 3000)
+BINS = 50
+EQUAL_TOLERANCE = 1e-12  # relative range of errors up to which they count as equal
+
+Ends = tuple[float, float]
+
+
+class TraceEnvelope:
+    """Reduces traces to at most `most` points: the minimum and the maximum of each group of consecutive samples."""
+
+    def __init__(self, count: int, most: int) -> None:
+        self.count, self.whole = count, count <= most
+        self.size = 1 if self.whole else -(-count // max(most // 2, 1))
+        self.groups = -(-count // self.size)
+
+    def firsts(self, first: int, last: int) -> Int:
+        """Return the first samples of the groups that begin in a range of samples."""
+        return np.arange(-(-first // self.size) * self.size, last, self.size)
+
+
+@dataclass
+class Trace:
+    """The smallest and the largest number of each group of samples of one signal.
+
+    >>> groups, trace = TraceEnvelope(8, most=4), Trace()
+    >>> for first in (0, 6):
+    ...     trace.add(groups, first, np.array([0.0, 5, 1, 2, 3, 3, 9, -1])[first : first + 6])
+    >>> trace.points(groups)
+    array([ 0.,  5., -1.,  9.])
+    """
+
+    ranges: list[tuple[int, Float, Float]] = field(default_factory=list)  # of the groups from a number on
+
+    def add(self, groups: TraceEnvelope, first: int, values: Float) -> None:
+        """Add consecutive samples, of which the first has this number."""
+        if not values.size:
+            return
+        number = first // groups.size
+        edges = np.arange(number * groups.size, first + values.size, groups.size) - first
+        edges[0] = 0
+        self.ranges.append((number, np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges)))
+
+    def merge(self, later: "Trace") -> None:
+        """Take in the ranges of later samples."""
+        self.ranges += later.ranges
+
+    def points(self, groups: TraceEnvelope) -> Float:
+        """Return minimum and maximum of each group in turn, NaN for a group without numbers; or the values."""
+        pair = np.full((groups.groups, 2), np.nan)
+        for number, low, high in self.ranges:
+            part = pair[number : number + low.size]
+            np.fmin(part[:, 0], low, out=part[:, 0])
+            np.fmax(part[:, 1], high, out=part[:, 1])
+        return pair[:, 0] if groups.whole else pair.ravel()
+
+
+def sample_indices(count: int, most: int) -> Int:
+    """Draw at most `most` of `count` sample numbers, in order and reproducibly."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
+
+
+@dataclass
+class Histogram:
+    """Counts of errors in bins of equal width; `beyond` of them lie outside and count in the first and last bin."""
+
+    ends: Ends
+    counts: Int
+    beyond: int
+
+    @classmethod
+    def of(cls, values: Float, ends: Ends, bins: int = BINS) -> "Histogram":
+        """Count the finite values."""
+        known = values[np.isfinite(values)]
+        beyond = int(np.count_nonzero((known < ends[0]) | (known > ends[1])))
+        return cls(ends, np.histogram(np.clip(known, *ends), bins, ends)[0].astype(np.int64), beyond)
+
+    def merge(self, later: "Histogram") -> None:
+        """Take in the counts of other errors."""
+        self.counts += later.counts
+        self.beyond += later.beyond
+
+
+def histogram_ends(errors: ErrorRange, search: QuantileSearch) -> Ends:
+    """Return the range of a histogram: that of all errors, or of nearly all if there are outliers."""
+    if not np.isfinite(errors.low):
+        return -1.0, 1.0
+    low, high = search.quantile(TAILS), search.quantile(1.0 - TAILS)
+    spread = max(high - low, 1e-12 * max(abs(low), abs(high), 1e-300))
+    low, high = max(errors.low, low - 0.5 * spread), min(errors.high, high + 0.5 * spread)
+    size = max(abs(low), abs(high))
+    if high - low > EQUAL_TOLERANCE * size:
+        return float(low), float(high)
+    half = 0.5 * (size or 1.0)  # the errors differ by rounding only, too little for bins
+    return float(low) - half, float(high) + half
+
+
+@dataclass(frozen=True, eq=False)
+class DrawingPlan:
+    """The points to be drawn of one criterion on one dataset."""
+
+    unit: str
+    timed: bool
+    samples: int  # that are scored
+    groups: TraceEnvelope
+    chosen: Int  # of the scored samples, for the scatter plot
+    worst: Sequence[int]  # samples of the dataset that it shows as well
+    scored_before: Mapping[int, int]  # scored samples before a part, by the number of its first sample
+    ends: Mapping[str, Ends]  # of the histograms before and after
+
+    @classmethod
+    def of(cls, fit: Fit, parts: Sequence[BoundPart], worst: Sequence[int], series: int) -> "DrawingPlan":
+        """Return the plan for a fit, one of `series`, whose dataset has these parts."""
+        most = int(np.clip(TOTAL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
+        dots = int(np.clip(TOTAL_POINTS // (6 * max(series, 1)), *SCATTER_POINTS))
+        counts, searches = fit.counts, fit.details.searches
+        before = np.cumsum([0, *counts.scored]).tolist()
+        return cls(
+            unit=counts.unit,
+            timed=fit.bound.dataset.time is not None,
+            samples=fit.samples,
+            groups=TraceEnvelope(fit.bound.count, most),
+            chosen=sample_indices(fit.samples, dots),
+            worst=worst,
+            scored_before={part.first: before[number] for number, part in enumerate(parts)},
+            ends={
+                "before": histogram_ends(counts.before, searches.before),
+                "after": histogram_ends(counts.after, searches.after),
+            },
+        )
+
+    @property
+    def shared(self) -> Ends:
+        """The range of both histograms."""
+        lows, highs = zip(*self.ends.values(), strict=True)
+        return min(lows), max(highs)
+
+
+@dataclass
+class Stamps:
+    """Times of the drawn samples, or their numbers; and the first, second and last time of each piece."""
+
+    timed: bool
+    whole: bool
+    drawn: list[Float] = field(default_factory=list)
+    owners: list[Int] = field(default_factory=list)  # the piece of each drawn sample
+    pieces: list[Float] = field(default_factory=list)  # Float[3, pieces]
+
+    @classmethod
+    def of(cls, plan: DrawingPlan, part: BoundPart, series: CriterionSeries) -> "Stamps":
+        """Return the stamps of a part."""
+        bound, time = series.bound, series.time
+        at = plan.groups.firsts(part.first, part.last) - part.first
+        stamps = cls(plan.timed, plan.groups.whole)
+        numbers = (part.begin + bound.kept).astype(np.float64) if time is None else time
+        stamps.drawn.append(numbers[at])
+        stamps.owners.append(part.piece + np.searchsorted(bound.starts, at, side="right") - 1)
+        edges = [*bound.starts.tolist(), bound.count]
+        ends = [[numbers[a], numbers[min(a + 1, b - 1)], numbers[b - 1]] for a, b in pairwise(edges)]
+        stamps.pieces.append(np.array(ends).reshape(-1, 3).T)
+        return stamps
+
+    def merge(self, later: "Stamps") -> None:
+        """Take in the stamps of the following part."""
+        self.drawn += later.drawn
+        self.owners += later.owners
+        self.pieces += later.pieces
+
+    def along(self) -> tuple[Float, str, str, Float]:
+        """Return the x axis with its title and unit, and where pieces begin.
+
+        That is the time, with pieces in a row if it restarts in each, else the sample number.
+        """
+        drawn, owners = np.concatenate(self.drawn), np.concatenate(self.owners)
+        firsts, seconds, lasts = np.concatenate(self.pieces, axis=1)
+        twice = drawn if self.whole else np.repeat(drawn, 2)
+        if not self.timed:
+            return twice, "sample", "", firsts[1:]
+        if np.all(firsts[1:] > lasts[:-1]):
+            return twice, "time", "s", firsts[1:]
+        shifts, end = np.empty(firsts.size), 0.0
+        for number, (first, second, last) in enumerate(zip(firsts, seconds, lasts, strict=True)):
+            shifts[number] = end - first
+            end = float(last + shifts[number]) + float(second - first)
+        row = drawn + shifts[owners]
+        return row if self.whole else np.repeat(row, 2), "time, recordings in a row", "s", (firsts + shifts)[1:]
+
+
+@dataclass
+class Drawing:
+    """The points of one criterion on one dataset."""
+
+    plan: DrawingPlan
+    stamps: Stamps
+    traces: dict[str, Trace]
+    scattered: list[Float]  # Float[4, dots]: number, measured, before, after
+    own: dict[str, Histogram]
+    equal: dict[str, Histogram]
+
+    @classmethod
+    def of(cls, plan: DrawingPlan, part: BoundPart, before: CriterionSeries, after: CriterionSeries) -> "Drawing":
+        """Return the points of a part of the dataset."""
+        errors = {"before": before.error, "after": after.error}
+        signals = {"measured": after.measured, "before": before.model, "after": after.model}
+        signals |= {"errorBefore": errors["before"], "error": errors["after"]}
+        traces = {name: Trace() for name in signals}
+        for name, trace in traces.items():
+            trace.add(plan.groups, part.first, signals[name])
+        return cls(
+            plan=plan,
+            stamps=Stamps.of(plan, part, after),
+            traces=traces,
+            scattered=[_scatter(plan, part, before, after)],
+            own={name: Histogram.of(error, plan.ends[name]) for name, error in errors.items()},
+            equal={name: Histogram.of(error, plan.shared) for name, error in errors.items()},
+        )
+
+    def merge(self, later: "Drawing") -> None:
+        """Take in the points of the following part."""
+        self.stamps.merge(later.stamps)
+        self.scattered += later.scattered
+        for name in ("traces", "own", "equal"):
+            for key, drawn in getattr(later, name).items():
+                getattr(self, name)[key].merge(drawn)
+
+    @property
+    def dots(self) -> dict[str, Float]:
+        """The columns of the scatter plot: `number`, `measured`, `before` and `after`."""
+        return dict(zip(("number", "measured", "before", "after"), np.concatenate(self.scattered, axis=1), strict=True))
+
+
+def _scatter(plan: DrawingPlan, part: BoundPart, before: CriterionSeries, after: CriterionSeries) -> Float:
+    """Return number, measurement and model of the chosen samples and of the worst ones of a part."""
+    scored, first = np.flatnonzero(after.scored), plan.scored_before[part.first]
+    numbers = part.begin + after.bound.kept[scored]
+    picked = np.isin(numbers, plan.worst)
+    chosen = plan.chosen[slice(*np.searchsorted(plan.chosen, [first, first + scored.size]))] - first
+    picked[chosen] = True
+    at = scored[picked]
+    return np.array([numbers[picked], after.measured[at], before.model[at], after.model[at]], dtype=np.float64)
+
+
+def draw(
+    evaluator: PartEvaluator, fits: Sequence[Fit], worst: Mapping[int, Mapping[str, Sequence[int]]]
+) -> list[Drawing]:
+    """Return the drawing of each fit.
+
+    Args:
+        evaluator: evaluates the criteria.
+        fits: their statistics, dataset by dataset.
+        worst: samples that are drawn in any case, by the number of the criterion and the dataset.
+    """
+    drawings: list[Drawing] = []
+    for bound in {id(fit.bound): fit.bound for fit in fits}.values():
+        own, parts = [fit for fit in fits if fit.bound is bound], evaluator.parts(bound)
+        plans = {
+            fit.number: DrawingPlan.of(fit, parts, worst[fit.number].get(bound.dataset.name, ()), len(fits))
+            for fit in own
+        }
+        drawings += gather(partial(_draw_part, evaluator, plans), parts).drawings
+    return drawings
+
+
+def _draw_part(evaluator: PartEvaluator, plans: Mapping[int, DrawingPlan], part: BoundPart) -> "_Drawings":
+    evaluated = evaluator.over(part)
+    return _Drawings([Drawing.of(plan, part, evaluated.before[i], evaluated.after[i]) for i, plan in plans.items()])
+
+
+@dataclass
+class _Drawings:
+    drawings: list[Drawing]
+
+    def merge(self, later: "_Drawings") -> None:
+        for own, other in zip(self.drawings, later.drawings, strict=True):
+            own.merge(other)

@@ -1,0 +1,177 @@
+"""Statistics of numbers that arrive in parts: each can be merged with that of other parts.
+
+Parts may therefore be processed by several threads or machines, and none has to be kept.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import Protocol, Self, TypeVar
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.threads import map_in_order
+
+_KEYS = 1 << 14  # numbers with the same sign, exponent and first two bits of the mantissa share a key
+
+_Part = TypeVar("_Part")  # Python 3.11
+_Statistic = TypeVar("_Statistic", bound="Mergeable")
+
+
+class Mergeable(Protocol):
+    """A statistic that can take in the one of later numbers."""
+
+    def merge(self, later: Self) -> None:
+        """Take in the statistic of later numbers."""
+
+
+def gather(work: Callable[[_Part], _Statistic], parts: Sequence[_Part]) -> _Statistic:
+    """Return the merged statistics of all parts, computed by threads; there must be a part."""
+
+    def merge(statistic: _Statistic, later: _Statistic) -> _Statistic:
+        statistic.merge(later)
+        return statistic
+
+    return reduce(merge, map_in_order(work, parts))
+
+
+@dataclass
+class Moments:
+    """Count, mean and sum of squared distances from the mean; the latter is exactly 0 if all numbers are equal.
+
+    Source: T. F. Chan, G. H. Golub, R. J. LeVeque: Algorithms for Computing the Sample Variance, The American
+    Statistician 37, 1983. All sums are relative to the first number.
+
+    >>> moments = Moments.of(np.array([1.0, 2.0]))
+    >>> moments.merge(Moments.of(np.array([6.0])))
+    >>> moments.count, moments.mean, moments.squares
+    (3, 3.0, 14.0)
+    """
+
+    count: int = 0
+    origin: float = 0.0
+    total: float = 0.0
+    squares: float = 0.0
+
+    @classmethod
+    def of(cls, values: Float) -> "Moments":
+        """Return the moments of numbers, Float[samples]."""
+        if not values.size:
+            return cls()
+        with np.errstate(over="ignore", invalid="ignore"):
+            origin = float(values[0])
+            total = float(np.sum(values - origin))
+            squares = float(np.sum((values - (origin + total / values.size)) ** 2))
+        return cls(values.size, origin, total, squares)
+
+    @property
+    def mean(self) -> float:
+        """The mean; NaN without numbers."""
+        return self.origin + self.total / self.count if self.count else float("nan")
+
+    @property
+    def deviation(self) -> float:
+        """The standard deviation of all numbers; NaN without numbers."""
+        return float(np.sqrt(self.squares / self.count)) if self.count else float("nan")
+
+    def merge(self, later: "Moments") -> None:
+        """Take in the moments of later numbers."""
+        if not self.count or not later.count:
+            if later.count:
+                self.__dict__.update(vars(later))
+            return
+        with np.errstate(over="ignore", invalid="ignore"):
+            shift = later.origin - self.origin
+            apart = shift + later.total / later.count - self.total / self.count
+            self.squares += later.squares + apart**2 * (self.count * later.count / (self.count + later.count))
+            self.total += later.total + later.count * shift
+        self.count += later.count
+
+
+@dataclass
+class Ranks:
+    """Numbers counted by their size, from which `search` begins to look for quantiles; NaN is not counted."""
+
+    counts: Int = field(default_factory=lambda: np.zeros(_KEYS, dtype=np.int64))  # Int[keys]
+
+    @classmethod
+    def of(cls, values: Float) -> "Ranks":
+        """Return the counts of numbers, Float[samples]."""
+        return cls(np.bincount(_keys(values[~np.isnan(values)]), minlength=_KEYS))
+
+    def merge(self, later: "Ranks") -> None:
+        """Take in the counts of other numbers."""
+        self.counts += later.counts
+
+    def search(self, shares: Iterable[float]) -> "QuantileSearch":
+        """Return a search for the quantiles of these shares, in a second pass over the same numbers."""
+        count = int(self.counts.sum())
+        ends = np.cumsum(self.counts)
+        wanted = np.zeros(_KEYS, dtype=bool)
+        for share in shares if count else ():
+            low, high, _ = _position(share, count)
+            wanted[np.searchsorted(ends, [low, high], side="right")] = True
+        return QuantileSearch(count, ends - self.counts, wanted)
+
+
+@dataclass
+class QuantileSearch:
+    """Collects the numbers near some quantiles; see `Ranks`.
+
+    >>> numbers = np.arange(101.0)
+    >>> search = Ranks.of(numbers).search([0.5, 0.95])
+    >>> search.merge(search.part(numbers))
+    >>> search.quantile(0.95)
+    95.0
+    """
+
+    count: int
+    before: Int  # Int[keys]: how many numbers have a smaller key
+    wanted: "np.ndarray[tuple[int], np.dtype[np.bool_]]"  # by key
+    _near: list[Float] = field(default_factory=list)
+
+    def part(self, values: Float) -> "QuantileSearch":
+        """Return the same search over some of the numbers."""
+        known = values[~np.isnan(values)]
+        return QuantileSearch(self.count, self.before, self.wanted, [known[self.wanted[_keys(known)]]])
+
+    def merge(self, later: "QuantileSearch") -> None:
+        """Take in the same search over other numbers."""
+        self._near += later._near
+
+    def quantile(self, share: float) -> float:
+        """Return a quantile that was asked for, as `numpy.quantile` does; NaN without numbers."""
+        if not self.count:
+            return float("nan")
+        if len(self._near) > 1 or not self._near:
+            self._near = [np.sort(np.concatenate([*self._near, np.empty(0)]))]
+        elif np.any(self._near[0][1:] < self._near[0][:-1]):
+            self._near = [np.sort(self._near[0])]
+        near = self._near[0]
+        low, high, fraction = _position(share, self.count)
+        keys = np.flatnonzero(self.wanted)
+        held = np.diff(np.append(self.before, self.count))[keys]
+        firsts = np.cumsum(held) - held  # of the numbers of each key among those near
+        a, b = (float(near[firsts[i] + rank - self.before[keys[i]]]) for rank, i in self._places((low, high), keys))
+        with np.errstate(invalid="ignore"):
+            step = np.float64(b) - a
+            return float(b - step * (1 - fraction) if fraction >= 0.5 else a + step * fraction)
+
+    def _places(self, ranks: Iterable[int], keys: Int) -> list[tuple[int, int]]:
+        """Return each rank with the index of its key."""
+        return [(rank, int(np.searchsorted(self.before[keys], rank, side="right")) - 1) for rank in ranks]
+
+
+def _position(share: float, count: int) -> tuple[int, int, float]:
+    """Return the two ranks between which a quantile lies, from 0, and where between them."""
+    at = share * (count - 1)
+    low = int(np.floor(at))
+    return low, min(low + 1, count - 1), at - low
+
+
+def _keys(values: Float) -> Int:
+    """Return keys in the order of the numbers, 0 to `_KEYS` - 1."""
+    bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
+    ordered = np.where(bits < 0, ~bits, bits | np.int64(-(2**63)))
+    return (ordered.view(np.uint64) >> np.uint64(50)).astype(np.int64)
