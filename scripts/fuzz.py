@@ -166,6 +166,7 @@ def _read(path: Path) -> bool:
     for work in (
         lambda: describe_file(path).lines(),
         *([lambda: _import_model(path)] if path.suffix in (".slx", ".mdl") else []),
+        *([lambda: _import_classes(path)] if path.suffix == ".esdl" else []),
         *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
         lambda: measurement.read(path, raster=0.1),
@@ -192,6 +193,14 @@ def _import_model(path: Path) -> None:
     from kennfeld.models.simulink.importing import simulink
 
     simulink(path, parameters=sorted(path.parent.glob("*.m")))
+
+
+def _import_classes(path: Path) -> None:
+    """Import each class of a file with all of its methods."""
+    from kennfeld.models.ascet.importing import classes_of, import_esdl
+
+    for item in classes_of(path):
+        import_esdl(path, item.name, [method.name for method in item.methods], startup=[])
 
 
 @dataclass

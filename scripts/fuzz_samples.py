@@ -19,7 +19,10 @@ from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
 if TYPE_CHECKING:
     from simulink_files import Model
 
-WRITERS = [str(Path(__file__).parents[1] / "tests" / room) for room in ("measurement", "calfiles", "models/simulink")]
+WRITERS = [
+    str(Path(__file__).parents[1] / "tests" / room)
+    for room in ("measurement", "calfiles", "models/ascet", "models/simulink")
+]
 END = "***End_of_Header***"  # of LabVIEW
 _MADE = re.compile(rb"[A-Z][a-z]{2} [A-Z][a-z]{2} [ \d]\d [\d:]{8} \d{4}: updated")  # different each time
 LARGEST = 300_000  # bytes of a real file that is damaged as well
@@ -488,11 +491,46 @@ output = "Torque"
 files = "bench.csv"
 """
 
+
+def _classes(seed: int) -> Iterator[Sample]:
+    """ESDL classes, with an application beside them, and the messages that they read."""
+    from esdl_projects import BATTERY, LIBRARY, MACHINE, VEHICLE
+    from random_programs import HEAD
+
+    body = "public real calc(real in x, integer in k, boolean in on) {\n" + _STATEMENTS + "}\n}\n"
+    flat = {Path(name).name: text for name, text in {**LIBRARY, **BATTERY}.items()}
+    texts = {
+        "Own.esdl": f"package Cell;\n{HEAD}{body}",
+        "Machine.esdl": f"package Cell;\n{MACHINE}",
+        "Vehicle.esdl": VEHICLE,
+        **{name: flat[name] for name in ("Plant.esdl", "Accu.esdl", "Messages.esdl", "Battery.app")},
+    }
+    beside = {
+        name: re.sub(r"^package [\w.]+;", "package Cell;", text).encode()
+        for name, text in flat.items()
+        if name.endswith(".esdl")
+    }
+    for name, text in texts.items():
+        kind = "ESDL" if name.endswith(".esdl") else "application"
+        yield Sample(kind, name, {**beside, name: text.encode()} if name == "Plant.esdl" else {name: text.encode()})
+
+
+_STATEMENTS = """	real y = if (x > 0.0 && on) then first.step(x, on) else C.getAt(x) / a;
+	for (n in 0 .. 2) { v[n] = v[n] * 0.5 + real(n % 2); }
+	while (i < 5) { i += 2; }
+	switch (k) { case 0, 1 : { j = k << 2; } default : j = -j & 7; }
+	if (q) { return M.getAt(x, y) * half; } else { p = !q; }
+	mode = Mode.Fast;
+	return max(min(y, 3.0), -3.0) + real(j / 2);
+"""
+
+
 _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _calibrations,
     _images,
     _tunes,
     _recordings,
     _models,
+    _classes,
     _projects,
 )

@@ -128,7 +128,7 @@ class TestWrongUse:
         assert "Permission denied" in capsys.readouterr().err
 
     def test_an_error_of_the_system_is_no_traceback(self, project, capsys, monkeypatch):
-        def fails(*_):
+        def fails(*_, **__):
             raise OSError(28, "No space left on device", "/disk")
 
         monkeypatch.setattr("kennfeld.project.Project.read", fails)
@@ -136,7 +136,7 @@ class TestWrongUse:
         assert capsys.readouterr().err == "/disk: No space left on device\n"
 
     def test_memory_that_runs_out_is_no_traceback(self, project, capsys, monkeypatch):
-        def fails(*_):
+        def fails(*_, **__):
             raise MemoryError("Unable to allocate 18.6 GiB")
 
         monkeypatch.setattr("kennfeld.project.Project.read", fails)
@@ -383,7 +383,8 @@ class TestCtrlC:
         running = subprocess.Popen(
             [*COMMAND, "calibrate", str(project)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
-        assert "iteration" in running.stderr.readline()
+        while "iteration" not in running.stderr.readline():
+            assert running.poll() is None
         running.send_signal(signal.SIGINT)
         out, err = running.communicate(timeout=120)
         assert running.returncode == 130
@@ -445,7 +446,7 @@ class TestRequestsToEnd:
     def test_end_any_command(self, project):
         code = (
             "import time; from kennfeld import cli; from kennfeld.project import Project\n"
-            "Project.read = lambda path: (print('reading', flush=True), time.sleep(60))\n"
+            "Project.read = lambda path, **_: (print('reading', flush=True), time.sleep(60))\n"
             "cli.main()"
         )
         running = subprocess.Popen(

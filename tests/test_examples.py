@@ -15,6 +15,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from esdl_projects import BATTERY, write_project
 from flash_files import A2L, hex_of
 from simulink_data import entry, sldd
 from simulink_files import Model
@@ -49,6 +50,7 @@ def workplace(tmp_path, monkeypatch):
             write("torque", folder)
             add_image(folder)
             add_model(folder)
+            write_project(folder, BATTERY)
         monkeypatch.chdir(folder)
         return folder
 

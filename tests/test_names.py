@@ -6,7 +6,11 @@ from pathlib import Path
 
 SOURCE = Path(__file__).parents[1] / "src" / "kennfeld"
 MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(SOURCE.rglob("*.py"))}
-TREES = {"matlab/syntax.py", "models/formula/syntax.py"}  # their nodes are used with the name of the module
+TREES = {
+    "ascet/syntax.py",
+    "matlab/syntax.py",
+    "models/formula/syntax.py",
+}  # their nodes are used with the name of the module
 METAPHORS = {"Loom", "Weaver", "Desk", "Climb", "Site", "Inspection", "Knot", "loom", "weaver", "desk", "mend", "climb"}
 
 

@@ -31,7 +31,15 @@ IN_THE_DOCUMENTS = {
         "find_extrapolation",
         "report",
     ),
-    *("import_simulink", "inspect_simulink", "train_surrogate", "SurrogateSettings", "StaticSurrogate"),
+    *(
+        "esdl",
+        "import_esdl",
+        "import_simulink",
+        "inspect_simulink",
+        "train_surrogate",
+        "SurrogateSettings",
+        "StaticSurrogate",
+    ),
     *("DynamicSurrogate", "read_surrogate", "write_surrogate", "compress_map"),
 }
 NAMES = PROMISED | NEEDED_WITH_THEM | IN_THE_DOCUMENTS

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from kennfeld.graph import Graph
     from kennfeld.measurement import read
     from kennfeld.models import Model
+    from kennfeld.models.ascet.importing import esdl, import_esdl
     from kennfeld.models.formula import formula
     from kennfeld.models.simulink.importable_subsystems import inspect_simulink
     from kennfeld.models.simulink.importing import import_simulink, simulink
@@ -81,8 +82,10 @@ __all__ = [
     "calibrate",
     "compress_map",
     "cross_validate",
+    "esdl",
     "find_extrapolation",
     "formula",
+    "import_esdl",
     "import_simulink",
     "inspect_simulink",
     "read",
@@ -110,6 +113,7 @@ _NAMES = {
     "graph": "Graph",
     "measurement": "read",
     "models": "Model",
+    "models.ascet.importing": "esdl import_esdl",
     "models.formula": "formula",
     "models.simulink.importable_subsystems": "inspect_simulink",
     "models.simulink.importing": "import_simulink simulink",

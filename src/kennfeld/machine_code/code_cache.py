@@ -75,7 +75,8 @@ def _hash(key: str, code: bytes) -> bytes:
 
 
 def _limit(folder: Path) -> None:
-    entries = sorted((entry.stat().st_mtime, entry.stat().st_size, entry.path) for entry in os.scandir(folder))
+    with os.scandir(folder) as files:
+        entries = sorted((entry.stat().st_mtime, entry.stat().st_size, entry.path) for entry in files)
     excess = sum(size for _, size, _ in entries) - LARGEST
     for _, size, path in entries:
         if excess <= 0:

@@ -53,6 +53,8 @@ def format_expression(node: m.Expression) -> str:
             return f"{{{_rows(node.rows)}}}"
         case m.FunctionHandle():
             return f"@{node.name}"
+        case m.Conditional():
+            return f"{_part(node.condition)} ? {_part(node.yes)} : {_part(node.no)}"
 
 
 def _number(node: m.Number) -> str:

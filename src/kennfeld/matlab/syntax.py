@@ -111,6 +111,15 @@ class Binary(_Node):
 
 
 @dataclass(frozen=True)
+class Conditional(_Node):
+    """`condition ? yes : no`, of which one side is evaluated; MATLAB has none, other languages use it in this tree."""
+
+    condition: "Expression"
+    yes: "Expression"
+    no: "Expression"
+
+
+@dataclass(frozen=True)
 class Transpose(_Node):
     """`x'`, or `x.'` if not `conjugate`; both are the same for real numbers."""
 
@@ -149,7 +158,7 @@ class FunctionHandle(_Node):
 
 Expression = (
     Number | Text | Name | Colon | End | Field | DynamicField | Call | CellIndex | Range | Unary | Binary | Transpose
-    | Matrix | CellArray | AnonymousFunction | FunctionHandle
+    | Matrix | CellArray | AnonymousFunction | FunctionHandle | Conditional
 )  # fmt: skip
 Expressions = tuple[Expression, ...]
 

@@ -17,7 +17,7 @@ from kennfeld.models.formula.lexer import Source
 from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.project.schema import PROTECTED, SIMULINK, ProjectFile, is_simulink_file
+from kennfeld.project.schema import ESDL, PROTECTED, SIMULINK, ProjectFile, is_esdl_file, is_simulink_file
 from kennfeld.project.value_forms import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 _LATER_KINDS = {
-    ".esdl": "an ASCET model",
     ".fmu": "an FMU",
     ".onnx": "an ONNX network",
     ".py": "a Python function",
 }
+_KINDS_REMEDY = "Use formula text (.kf), a Simulink model (.slx, .mdl) or an ESDL class (.esdl)."
 _PROTECTED_REMEDY = "Obtain the unprotected model, .slx or .mdl."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
 
@@ -93,21 +93,51 @@ def read_function(
         known: names of parameters.
         surrogates: data-driven models that formula text may call.
         findings: to be extended.
-        initial: values of the variables of a Simulink model.
+        initial: values of the variables of a Simulink model, or of the characteristics of an ESDL class.
     """
     if not file.model.file or not _is_readable(file, findings):
         return None
     try:
-        model = _read_simulink(file, initial) if is_simulink(file) else _read_formula(file, known, surrogates)
+        if is_simulink_file(file.model.file):
+            model = _read_simulink(file, initial)
+        elif is_esdl_file(file.model.file):
+            model = _read_esdl(file, initial)
+        else:
+            model = _read_formula(file, known, surrogates)
     except InputError as error:
         findings.add(*error.findings)
         return None
     return ProjectModel(_extend_model(model, file, findings), model.graph.inputs)
 
 
-def is_simulink(file: ProjectFile) -> bool:
-    """Return if the function is a Simulink model, which defines parameters with values."""
-    return is_simulink_file(file.model.file)
+def defines_values(file: ProjectFile) -> bool:
+    """Return if the function is of a kind that defines parameters with values: Simulink, or ESDL."""
+    return is_simulink_file(file.model.file) or is_esdl_file(file.model.file)
+
+
+def _folders(file: ProjectFile) -> list[Path]:
+    """Return the folders of the model's libraries; raises `InputError` if one does not exist."""
+    if missing := [name for name in file.model.folders if not (file.folder / name).is_dir()]:
+        location = file.location("model", "folders")
+        raise InputError(Finding(location, f"folder {name} does not exist", "Check the path.") for name in missing)
+    return [file.folder / name for name in file.model.folders]
+
+
+def _read_esdl(file: ProjectFile, initial: ParameterSet | None) -> Model:
+    """Read an ESDL class or a task; names of parameters follow those of the calibration files."""
+    from kennfeld.models.ascet.importing import esdl
+
+    entry = file.model
+    return esdl(
+        file.folder / entry.file,
+        entry.class_name,
+        entry.methods,
+        startup=entry.startup or None,
+        task=entry.task,
+        parameters=initial,
+        folders=_folders(file),
+        step=entry.step,
+    )
 
 
 def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
@@ -117,15 +147,11 @@ def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
     """
     from kennfeld.models.simulink.importing import simulink
 
-    entry = file.model
-    if missing := [name for name in entry.folders if not (file.folder / name).is_dir()]:
-        location = file.location("model", "folders")
-        raise InputError(Finding(location, f"folder {name} does not exist", "Check the path.") for name in missing)
+    entry, folders = file.model, _folders(file)
     files = [file.folder / name for name in entry.parameters]
     promoted = [name for name in file.parameters if ":" in name]
     scalars = {name: p.initial for name, p in file.parameters.items() if p.initial is not None and not p.axes}
     values: list[Any] = [*files, *([] if initial is None else [initial]), scalars]
-    folders = [file.folder / name for name in entry.folders]
     path, subsystem = file.folder / entry.file, entry.subsystem or None
     return simulink(path, subsystem, values, dict(entry.bind), promoted, folders, entry.step)
 
@@ -160,15 +186,14 @@ def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     kind = path.suffix.casefold()
     if kind in _LATER_KINDS:
         message = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
-        findings.error(location, message, "Use formula text (.kf) or a Simulink model (.slx, .mdl).")
+        findings.error(location, message, _KINDS_REMEDY)
     elif not path.is_file() and name not in file.unsaved:
         message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
         findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.")
     elif kind == PROTECTED:
         findings.error(location, f"{name} is a protected model; its blocks cannot be read", _PROTECTED_REMEDY)
-    elif kind != ".kf" and kind not in SIMULINK:
-        message = f"unknown model format {path.suffix or name}"
-        findings.error(location, message, "Use formula text (.kf) or a Simulink model (.slx, .mdl).")
+    elif kind not in (".kf", *SIMULINK, *ESDL):
+        findings.error(location, f"unknown model format {path.suffix or name}", _KINDS_REMEDY)
     else:
         return True
     return False

@@ -30,8 +30,8 @@ from kennfeld.project.initial_calibration import read_initial
 from kennfeld.project.model import (
     ProjectModel,
     axis_count_finding,
+    defines_values,
     find_undefined,
-    is_simulink,
     read_function,
     read_surrogates,
 )
@@ -101,7 +101,9 @@ class ProblemBuilder:
         known = [*(initial or ()), *file.parameters]
         self.function = self._function(known, initial)
         if initial is not None and self.function is not None and self.function.model.values:
-            initial = merge_start_values(self.function.model.values, initial).from_origin(initial.origin)
+            values = self.function.model.values
+            origin = values.origin if initial.origin is None else initial.origin
+            initial = merge_start_values(values, initial).from_origin(origin)
         self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
         findings.add(*calculated.findings, *self.loaded.findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
@@ -109,7 +111,7 @@ class ProblemBuilder:
         quantiles = None if partitioned is None else partitioned.quantiles
         axes = Axes(file, self.function, whole, initial or ParameterSet(), findings, quantiles)
         # without all values it is unknown what a section overrides, and false errors would follow
-        unknown = initial is None or (self.function is None and is_simulink(file))
+        unknown = initial is None or (self.function is None and defines_values(file))
         tables = None if initial is None or unknown else build_tables(file, initial, axes, self.function, findings)
         criteria = build_criteria(file, self.function, self.loaded, findings)
         self._check_group_axes()
@@ -198,7 +200,7 @@ class ProblemBuilder:
     def _report_unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
         """Report the section of a parameter that the function does not use."""
         path, entry = ("parameters", name), self.file.parameters[name]
-        if not is_simulink(self.file):
+        if not defines_values(self.file):
             remedy = nearest(name, [n for n in function.graph.parameters if n not in known])
             self.findings.warning(self.file.location(*path), f"the function does not use {name}", remedy)
         elif ":" in name and entry.initial is not None:

@@ -43,6 +43,7 @@ from kennfeld.search_settings import SearchSettings
 
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"
+ESDL = (".esdl", ".app")
 DEFAULT_PARTITION = 1_000_000  # samples, on a cluster
 _INNER = "calculated"
 _REDUCTION = IntegerForm(least=1)
@@ -56,12 +57,18 @@ def is_simulink_file(name: str) -> bool:
     return name.lower().endswith((*SIMULINK, PROTECTED))
 
 
+def is_esdl_file(name: str) -> bool:
+    """Return if a name is that of an ESDL class or an application of ASCET."""
+    return name.lower().endswith(ESDL)
+
+
 @dataclass(frozen=True)
 class ModelEntry:
-    """`[model]`; the keys after `step` are for Simulink models."""
+    """`[model]`; the keys after `step` are for Simulink models and ASCET projects."""
 
     file: str = key(
-        "the function: a `.kf` file, or a [Simulink model](formats.md#simulink), `.slx` or `.mdl`",
+        "the function: a `.kf` file, a [Simulink model](formats.md#simulink), `.slx` or `.mdl`, or a class or an "
+        "application of an [ASCET project](ascet.md), `.esdl` or `.app`",
         holds="function file",
         missing='Write file = "....kf", the formula text.',
     )
@@ -88,17 +95,32 @@ class ModelEntry:
         by="block",
     )
     folders: tuple[str, ...] = key(
-        "a folder or a list of folders in which libraries, referenced models and functions of a Simulink model are "
-        "searched, in addition to its own folder",
+        "a folder or a list of folders in which libraries, referenced models and functions of a Simulink model, or "
+        "packages of an ASCET project, are searched, in addition to its own folder",
         (),
         holds="folder",
     )
+    class_name: str = key("the class of an ESDL file that is the function, if the file has several", "", name="class")
+    methods: tuple[str, ...] = key(
+        "the methods of the class that a step calls, in their order",
+        (),
+        default_text="those of its task, or its only public method",
+    )
+    startup: tuple[str, ...] = key(
+        "the methods of the class that run once before the first step", (), default_text="those of the application"
+    )
+    task: str = key("the task of an ASCET application that is the function, if it has several", "")
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
-        """Yield Simulink keys of another model."""
-        has_own = self.subsystem or self.parameters or self.bind or self.folders
-        if self.file and has_own and not is_simulink_file(self.file):
-            yield "file", f"subsystem, parameters, bind and folders require a Simulink model, got {self.file}", ""
+        """Yield keys of another kind of model."""
+        if self.file and (self.subsystem or self.parameters or self.bind) and not is_simulink_file(self.file):
+            yield "file", f"subsystem, parameters and bind require a Simulink model, got {self.file}", ""
+        if self.file and self.folders and not (is_simulink_file(self.file) or is_esdl_file(self.file)):
+            yield "file", f"folders requires a Simulink model or an ASCET project, got {self.file}", ""
+        if self.file and (self.class_name or self.methods or self.startup) and not self.file.lower().endswith(".esdl"):
+            yield "file", f"class, methods and startup require an ESDL file (.esdl), got {self.file}", ""
+        if self.file and self.task and not is_esdl_file(self.file):
+            yield "file", f"task requires an ESDL file or an application (.esdl, .app), got {self.file}", ""
 
 
 @dataclass(frozen=True)
@@ -123,9 +145,10 @@ class CalibrationEntry:
     )
     output: tuple[str, ...] = key(
         'formats to write: `"dcm"`, `"csv"` (INCA\'s CVX), `"cdfx"`, `"xlsx"`, `"m"` and `"mat"` (MATLAB), `"json"`, '
-        '`"msq"` if `initial` is a tune, or `"hex"` and `"s19"` if `initial` has such an image: a copy of it with the '
-        "fitted values. `parameters.json` is always written. A parameter whose name a format cannot represent, such as "
-        "a block path with spaces in DCM, is omitted from that file, and `kennfeld check` reports it beforehand",
+        '`"msq"` if `initial` is a tune, `"esdl"` if the function is an ESDL class, or `"hex"` and `"s19"` if '
+        "`initial` has such an image: a copy of it with the fitted values. `parameters.json` is always written. A "
+        "parameter whose name a format cannot represent, such as a block path with spaces in DCM, is omitted from that "
+        "file, and `kennfeld check` reports it beforehand",
         (),
         form=OutputForm(),
     )

@@ -33,11 +33,16 @@ project_file = argument("path", "PROJECT", "The project file, kennfeld.toml.")
 subsystem = option("--subsystem", "Path of a subsystem of a Simulink model.", "PATH", default="")
 folders = option(
     "--folder folders",
-    "Additional folder to search for a Simulink model's libraries. Repeatable.",
+    "Additional folder to search for libraries of a model. Repeatable.",
     "FOLDER",
     type=PATH,
     multiple=True,
 )
+class_name = option("--class class_name", "Class of an ESDL file.", "NAME", default="")
+methods = option(
+    "--method methods", "Method of the class that a step calls. Repeatable, in order.", "NAME", multiple=True
+)
+task = option("--task", "Task of an ASCET application.", "NAME", default="")
 variable_files = option(
     "--parameters values",
     "File with values of a Simulink model's variables. Repeatable.",

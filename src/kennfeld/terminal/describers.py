@@ -55,6 +55,18 @@ class SimulinkSelection(NamedTuple):
 WHOLE = SimulinkSelection()
 
 
+class EsdlSelection(NamedTuple):
+    """Part of an ASCET project to import: class, methods, task, and folders of further projects."""
+
+    class_name: str = ""
+    methods: Sequence[str] = ()
+    task: str = ""
+    folders: Sequence[Path] = ()
+
+
+DEFAULT_METHODS = EsdlSelection()
+
+
 def describe_measurement(description: measurement.Description) -> FileInfo:
     """Describe a recording: its channels, time and skipped columns."""
     groups, file = description.tables, description.file
@@ -270,6 +282,32 @@ def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
             notes = list(dict.fromkeys([*notes, *simulink.import_notes(report)]))
             as_json |= {"import": report.as_dict()}
     return FileInfo(simulink.model_summary(outline), tables, notes, _plain(as_json))
+
+
+def describe_esdl(path: Path, part: EsdlSelection) -> FileInfo:
+    """Describe a class or an application of an ASCET project: what can be calibrated and what prevents it."""
+    from kennfeld.models.ascet.importing import classes_of, import_esdl
+    from kennfeld.terminal import esdl
+
+    is_application = path.suffix.lower() == ".app"
+    classes = () if is_application else classes_of(path)
+    tables = [] if is_application else [esdl.class_table(classes)]
+    plural = "" if len(classes) == 1 else "es"
+    kind = "application" if is_application else f"ESDL, {len(classes)} class{plural}"
+    as_json: dict[str, Any] = {"content": "ASCET model", "classes": [item.name for item in classes]}
+    notes: list[str] = []
+    if classes or is_application:
+        try:
+            report = import_esdl(path, part.class_name, part.methods, task=part.task, folders=part.folders).report
+        except InputError as error:
+            if any(part):  # the selection does not fit
+                raise
+            notes += map(str, error.findings)
+        else:
+            tables += esdl.import_tables(report)
+            notes += esdl.import_notes(report)
+            as_json |= {"import": report.as_dict()}
+    return FileInfo(f"{path.name}: ASCET {kind}", tables, notes, _plain(as_json))
 
 
 def describe_dictionary(path: Path) -> FileInfo:

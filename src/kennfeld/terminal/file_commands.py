@@ -16,7 +16,7 @@ from kennfeld.terminal.output import print_findings, print_lines
 
 
 @click.command
-@argument("path", "FILE", "A measurement, calibration, formula, Simulink or project file.")
+@argument("path", "FILE", "A measurement, calibration, formula, Simulink, ASCET or project file.")
 @command_line.as_json
 @option("--search", "Show only entries whose name or description contains TEXT.", "TEXT", default="")
 @command_line.description_file
@@ -24,6 +24,9 @@ from kennfeld.terminal.output import print_findings, print_lines
 @command_line.variable_files
 @command_line.folders
 @command_line.bindings
+@command_line.class_name
+@command_line.methods
+@command_line.task
 def info(
     path: Path,
     as_json: bool,
@@ -33,17 +36,21 @@ def info(
     values: Sequence[Path],
     folders: Sequence[Path],
     bind: Sequence[str],
+    class_name: str,
+    methods: Sequence[str],
+    task: str,
 ) -> int:
     """Show the contents of a file.
 
-    --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model, the output
-    lists what can be calibrated and what prevents it.
+    --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model or an
+    ASCET project, the output lists what can be calibrated and what prevents it.
     """
-    from kennfeld.terminal.describers import SimulinkSelection
+    from kennfeld.terminal.describers import EsdlSelection, SimulinkSelection
     from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
-    contents = describe_file(path, a2l, SimulinkSelection(subsystem, values, folders, _bindings(bind)))
+    part = SimulinkSelection(subsystem, values, folders, _bindings(bind))
+    contents = describe_file(path, a2l, part, EsdlSelection(class_name, methods, task, folders))
     if search.strip():
         contents = find_entries(contents, search)
     print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
@@ -60,7 +67,7 @@ def _bindings(texts: Sequence[str]) -> Mapping[str, str]:
 
 
 @click.command
-@argument("source", "IN", "Calibration file or Simulink model to read.")
+@argument("source", "IN", "Calibration file or model to read.")
 @argument("target", "OUT", "Output file. The extension selects the format.")
 @option("--image", "Image to write the values into.", "FILE", type=PATH)
 @command_line.description_file
@@ -68,6 +75,9 @@ def _bindings(texts: Sequence[str]) -> Mapping[str, str]:
 @command_line.variable_files
 @command_line.folders
 @command_line.bindings
+@command_line.class_name
+@command_line.methods
+@command_line.task
 @command_line.force
 def convert(
     source: Path,
@@ -78,20 +88,31 @@ def convert(
     values: Sequence[Path],
     folders: Sequence[Path],
     bind: Sequence[str],
+    class_name: str,
+    methods: Sequence[str],
+    task: str,
     force: bool,
 ) -> int:
-    """Convert a calibration file or a Simulink model.
+    """Convert a calibration file, a Simulink model or an ESDL class.
 
     Calibration files are .dcm, .csv (INCA CVX), .cdfx, .json, .xlsx (one sheet per table), .m and .mat (MATLAB), and
-    .msq (only from a tune). A model (.slx, .mdl) becomes formula text (.kf), with its parameters in a .json file of
-    the same name.
+    .msq and .esdl (only over the file they were read from). A model (.slx, .mdl, .esdl, .app) becomes formula text
+    (.kf), with its parameters in a .json file of the same name.
     """
     from kennfeld import calfiles
 
-    is_model = source.suffix.lower() in (".slx", ".mdl", ".slxp")
-    companion = [target.with_suffix(".json")] if is_model and target.suffix.lower() == ".kf" else []
+    is_formula = target.suffix.lower() == ".kf"
+    is_simulink = source.suffix.lower() in (".slx", ".mdl", ".slxp")
+    is_program = source.suffix.lower() == ".app" or (source.suffix.lower() == ".esdl" and is_formula)
+    companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
     _require_new(force, target, *companion)
-    if is_model:
+    if is_program:
+        from kennfeld.models.ascet.formula_export import write_esdl_formula
+
+        paths = write_esdl_formula(source, target, class_name, methods, task=task, folders=folders)
+        print_lines(*(f"Written to {path}" for path in paths))
+        return DONE
+    if is_simulink:
         from kennfeld.models.simulink.formula_export import write_formula
 
         paths = write_formula(source, target, subsystem, values, folders, _bindings(bind))

@@ -1,15 +1,28 @@
 """Sentences and tables on a Simulink model or data dictionary."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from kennfeld.formatting import count_noun, join_names, number_text, shorten, size_text
+from kennfeld.models.quantities import CalibratableParameter
 from kennfeld.models.simulink.import_report import ImportReport
 from kennfeld.models.simulink.outline import ModelOutline
 from kennfeld.models.simulink.variables.data_dictionary import Dictionary
 
 Rows = list[Sequence[str]]
+
+
+class NamedPort(Protocol):
+    """An input or output of a model."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+
+
 MAX_REMARKS = 20  # on one import
 MAX_PATHS = 3  # of blocks in a cell
 
@@ -49,7 +62,16 @@ def model_tables(outline: ModelOutline) -> list[Rows]:
     ]
 
 
-def port_tables(interface: ModelOutline | ImportReport) -> list[Rows]:
+class Interface(Protocol):
+    """The inputs and outputs of a model."""
+
+    @property
+    def inputs(self) -> Sequence[NamedPort]: ...
+    @property
+    def outputs(self) -> Sequence[NamedPort]: ...
+
+
+def port_tables(interface: Interface) -> list[Rows]:
     """Return inputs and outputs; those of an import have the names that a project uses."""
     return [
         [("input", "unit"), *((port.name, port.unit) for port in interface.inputs)],
@@ -72,16 +94,17 @@ def import_tables(report: ImportReport) -> list[Rows]:
         unsupported.append((paths, first.type, first.why, first.finding.remedy, "yes" if first.stops else "no"))
     subsystems = ((s.path, str(s.blocks), ", ".join(s.inputs), ", ".join(s.outputs)) for s in report.subsystems)
     return [
-        _parameters(report),
+        parameter_rows(report.parameters),
         [("variable without a value", "blocks", "needed by"), *undefined],
         unsupported,
         [("can be imported by itself", "blocks", "inputs", "outputs"), *subsystems],
     ]
 
 
-def _parameters(report: ImportReport) -> Rows:
+def parameter_rows(parameters: Sequence[CalibratableParameter]) -> Rows:
+    """Return a row for each parameter of an imported model."""
     rows: Rows = [("parameter", "kind", "size", "value", "unit", "limits", "value from")]
-    for p in report.parameters:
+    for p in parameters:
         value = f"{p.smallest:.6g}" + (f" to {p.largest:.6g}" if p.largest != p.smallest else "")
         source = f"{p.source}, locked" if p.locked else p.source
         rows.append((p.name, p.kind, size_text(p.shape), value, p.unit, _limits(p.lower, p.upper), source))

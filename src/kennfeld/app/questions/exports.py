@@ -44,7 +44,11 @@ def formats(session: Session, given: Given) -> Answer:
     """Return the extensions that values can be written as, those of the project first."""
     own = () if session.project is None else session.project.formats
     image = _image(session)
-    special = (".msq", *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending))
+    special = (
+        ".msq",
+        ".esdl",
+        *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending),
+    )
     known = [each for each in endings() if each not in special or each in own]
     return Answer(
         {

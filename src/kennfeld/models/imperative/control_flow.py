@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.imperative.evaluation_context import MAX_PASSES
+from kennfeld.models.imperative.evaluation_context import MAX_PASSES, MAX_STATEMENTS
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.path_facts import bound_of, known_truth
@@ -119,6 +119,8 @@ class LoopUnroller:
         step = self._step(values)
         span = constant_distance(self.context, first, last)
         passes = range_length(self.context, self._longest(first, last, step) if span is None else span, step)
+        if passes > MAX_STATEMENTS:  # each pass is at least one
+            raise ProgramError(f"it unrolls to more than {MAX_STATEMENTS} statements", _LIMIT_PASSES_REMEDY)
         fixed, builder = self.context.constant(first), self.builder
         start = first if fixed is None else builder.const(fixed)
 

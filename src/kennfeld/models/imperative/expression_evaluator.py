@@ -67,6 +67,8 @@ class ExpressionEvaluator:
                 return self._short_circuit(operator, left, right)
             case m.Binary(operator, left, right):
                 return self.operation(operator, self._operand(left), self._operand(right))
+            case m.Conditional():
+                return self._conditional(tree)
             case m.Transpose(operand):
                 return transpose(self.nodes(operand))
             case m.Matrix(rows):
@@ -187,6 +189,26 @@ class ExpressionEvaluator:
             body.decide(first, lambda: None, more)
             result = logical_or(self.builder, first, second[0]) if second else self.builder.const(1.0)
         return s.as_logical(np.array([[truth_of(self.builder, result)]], dtype=np.int64))
+
+    def _conditional(self, tree: m.Conditional) -> s.SymbolicValue:
+        """Evaluate `condition ? yes : no`; one side alone if it is known to be taken."""
+        body, sides = self.body, dict[bool, Nodes]()
+        condition = body.truth(self.value(tree.condition))
+
+        def evaluate(side: bool) -> None:
+            sides[side] = self.nodes(tree.yes if side else tree.no)
+
+        body.decide(condition, lambda: evaluate(True), lambda: evaluate(False))
+        if len(sides) < 2:
+            return next(iter(sides.values()))
+        yes, no = sides[True], sides[False]
+        return self._broadcast_select(condition, yes, no)
+
+    def _broadcast_select(self, condition: int, yes: Nodes, no: Nodes) -> Nodes:
+        if np.array_equal(yes, no):
+            return yes
+        result = self.apply("select", np.array([[condition]], dtype=np.int64), yes, no)
+        return s.of_class(yes, result) if type(yes) is type(no) else result
 
     # arrays
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from kennfeld.atomic_files import write_whole
-from kennfeld.errors import InputError, Location
+from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
 from kennfeld.models.formula import to_lines
+from kennfeld.models.formula_file import check_formula_target, write_formula_file
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.reader.model_tree import join_path, split_path
@@ -42,12 +42,8 @@ def write_formula(
     Raises:
         InputError: if an output is not supported, or a file cannot be written.
     """
-    from kennfeld.calfiles import write as write_parameters
-
     source, target = Path(source), Path(target)
-    if target.suffix.lower() != ".kf":
-        message = "unsupported file extension for formula text"
-        raise InputError.of(Location(str(target)), message, "Use the extension .kf.")
+    check_formula_target(target)
     result = import_simulink(source, subsystem or None, parameters, bind, folders=folders)
     if result.model is None:
         raise InputError(result.report.findings)
@@ -55,18 +51,7 @@ def write_formula(
         f"{source.name}{f', {subsystem}' if subsystem else ''}, converted by Kennfeld",
         *result.report.substitutions,
     ]
-    lines = [f"# {' '.join(line.split())}" for line in head]
-    text = "\n".join([*lines, *(line.text for line in formula_lines(result.model)), ""])
-    paths = [target]
-    try:
-        write_whole(target, text)
-        if result.model.values:
-            paths.append(target.with_suffix(".json"))
-            write_parameters(result.model.values, paths[-1])
-    except OSError as error:
-        message = f"cannot be written: {error.strerror or error}"
-        raise InputError.of(Location(str(target)), message, "Choose another output file.") from None
-    return tuple(paths)
+    return write_formula_file(result.model, target, head, (line.text for line in formula_lines(result.model)))
 
 
 @dataclass(frozen=True)

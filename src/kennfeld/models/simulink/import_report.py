@@ -4,37 +4,11 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from kennfeld.errors import Finding, Location
+from kennfeld.models.quantities import CalibratableParameter, Quantity
 
 TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
 
 _LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """An input or output of the function, as a project names it."""
-
-    name: str
-    unit: str = ""
-
-
-@dataclass(frozen=True)
-class CalibratableParameter:
-    """A parameter that can be calibrated: kind, shape, range of values, limits (None for none) and origin.
-
-    A `locked` parameter keeps its values unless it is selected by name.
-    """
-
-    name: str
-    kind: str
-    shape: tuple[int, ...]
-    smallest: float
-    largest: float
-    unit: str
-    lower: float | None
-    upper: float | None
-    locked: bool
-    source: str
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,12 @@ from kennfeld.graph.builder import GraphTooLargeError
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.model import Model
+from kennfeld.models.quantities import Quantity, calibratable
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, FlatModel
 from kennfeld.models.simulink.flattening.integer_signals import find_integer_conversions
 from kennfeld.models.simulink.import_report import (
     TYPES_IGNORED,
-    CalibratableParameter,
     ImportReport,
-    Quantity,
     UnsupportedBlock,
 )
 from kennfeld.models.simulink.loaded_model import LoadedModel
@@ -36,7 +35,6 @@ from kennfeld.models.simulink.signals import Signal, SignalOrBus
 from kennfeld.models.simulink.solver_selection import SolverSelection
 from kennfeld.models.simulink.variables.mask_scope import Scope
 from kennfeld.models.simulink.variables.model_variables import solver_settings
-from kennfeld.parameters import Parameter
 
 _MAX_LISTED = 6
 _MAX_NAMED = 3  # blocks named in a sentence
@@ -224,12 +222,13 @@ class ModelImport:
         sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
         warnings = (Finding(Location(), sentence, severity="warning") for sentence in sentences)
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
+        sources = compiler.declared.sources
         return ImportReport(
             len(blocks), len(blocks) - len(unsupported), tuple(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
             (*warnings, *self.remarks),
-            dict(compiler.declared.sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
-            tuple(_calibratable(p, compiler.declared.sources) for p in compiler.declared.parameters.values()),
+            dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
+            tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
             reasons=dict(self.variables.undefined),
         )  # fmt: skip
 
@@ -263,16 +262,6 @@ def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
     """Return a sentence on blocks that convert to integers, () if there are none."""
     names = join_names(find_integer_conversions(blocks), _MAX_NAMED)
     return (f"integer types are ignored in {names}: Simulink rounds there, and wraps or saturates",) if names else ()
-
-
-def _calibratable(parameter: Parameter, sources: Mapping[str, str]) -> CalibratableParameter:
-    lower, upper = float(np.max(parameter.lower)), float(np.min(parameter.upper))
-    return CalibratableParameter(
-        parameter.name, parameter.kind, parameter.values.shape,
-        float(np.min(parameter.values)), float(np.max(parameter.values)), parameter.unit,
-        lower if math.isfinite(lower) else None, upper if math.isfinite(upper) else None,
-        bool(np.all(parameter.locked)), sources.get(parameter.name, ""),
-    )  # fmt: skip
 
 
 def _output_remedy(system: System) -> str:

@@ -1,0 +1,78 @@
+"""Lexer of ESDL: a text to tokens with their positions, without blanks and comments.
+
+An unclosed comment or text is a token of kind "open". A documentation comment `/** ... */` is kept with the token that
+follows it.
+"""
+
+import re
+from bisect import bisect_right
+from itertools import accumulate
+from typing import Final, NamedTuple
+
+from kennfeld.ascet.syntax import TextPosition
+
+MAX_CHARACTERS: Final = 4_000_000  # of a file
+
+_TOKEN = re.compile(
+    r"""(?P<blank>[\s\ufeff]+)
+  | (?P<comment>//[^\n]*|/\*.*?\*/)
+  | (?P<open>/\*.*|"(?:[^"\\\n]|\\.)*(?![^"\\\n]|\\.|"))
+  | (?P<number>0[xX][0-9A-Fa-f_]+|[0-9][0-9_]*(?:\.(?!\.)[0-9_]*)?(?:[eE][+-]?[0-9]+)?)
+  | (?P<name>[^\W\d]\w*)
+  | (?P<text>"(?:[^"\\\n]|\\.)*")
+  | (?P<operator>\.\.|<-|->|<<=?|>>=?|<=|>=|==|!=|&&|\|\||[-+*/%&|^]=|\+\+|--|[-+*/%<>=!~&|^.,;:(){}\[\]@?])
+  | (?P<bad>.)""",
+    re.VERBOSE | re.DOTALL,
+)
+_DECORATION = re.compile(r"^\s*\*+ ?|\s+$", re.MULTILINE)
+_MARKUP = re.compile(r"</?[a-zA-Z][^<>]*>")
+_MAX_DESCRIPTION = 1000  # characters
+
+
+class Token(NamedTuple):
+    """A token, of kind "name", "number", "text", "operator" or "end"; "open" and "bad" are errors.
+
+    `description` is the documentation comment before it.
+    """
+
+    kind: str
+    text: str
+    place: TextPosition
+    description: str = ""
+
+    @property
+    def end(self) -> int:
+        """The offset behind the token."""
+        return self.place.offset + len(self.text)
+
+
+def tokens_of(text: str) -> list[Token]:
+    """Return the tokens of a text, closed by one of kind "end".
+
+    >>> [token.text for token in tokens_of("real x = 1_000.5; // a comment")]
+    ['real', 'x', '=', '1_000.5', ';', '']
+    """
+    starts = list(accumulate((len(line) + 1 for line in text.split("\n")), initial=0))
+    result: list[Token] = []
+    description = ""
+    for match in _TOKEN.finditer(text):
+        kind = str(match.lastgroup)
+        if kind == "comment" and match[0].startswith("/**") and len(match[0]) > len("/***/"):
+            description = _plain_text(match[0])
+        if kind in ("blank", "comment"):
+            continue
+        result.append(Token(kind, match[0], _place(starts, match.start()), description))
+        description = ""
+    result.append(Token("end", "", _place(starts, len(text))))
+    return result
+
+
+def _place(starts: list[int], offset: int) -> TextPosition:
+    line = max(bisect_right(starts, offset), 1)
+    return TextPosition(line, offset - starts[line - 1] + 1, offset)
+
+
+def _plain_text(comment: str) -> str:
+    """Return a documentation comment as one line without markup."""
+    plain = _MARKUP.sub("", _DECORATION.sub("", comment[3:-2]))
+    return " ".join(plain.split())[:_MAX_DESCRIPTION]

@@ -1,0 +1,460 @@
+"""The syntax tree of ESDL, made of frozen nodes; positions in the text are not compared.
+
+A file has a package, imports and declarations: classes, data interfaces, types, units and constants.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+
+class TextPosition(NamedTuple):
+    """Position in a text: line and column from 1, and the offset of the character from 0."""
+
+    line: int = 1
+    column: int = 1
+    offset: int = 0
+
+
+@dataclass(frozen=True)
+class _Node:
+    place: TextPosition = field(default=TextPosition(), compare=False, repr=False, kw_only=True)
+
+
+@dataclass(frozen=True)
+class Number(_Node):
+    """A number as written in `text`; `is_real` if it has a point or an exponent, `unit` as in `50.0[kmh]`."""
+
+    value: float
+    is_real: bool = True
+    unit: str = ""
+    text: str = field(default="", compare=False)
+
+
+@dataclass(frozen=True)
+class Truth(_Node):
+    """`true` or `false`."""
+
+    value: bool
+    text: str = field(default="", compare=False)
+
+
+@dataclass(frozen=True)
+class Text(_Node):
+    """A text in double quotes."""
+
+    value: str
+
+
+@dataclass(frozen=True)
+class Name(_Node):
+    """An element, a class, a type or another name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Member(_Node):
+    """`of.name`."""
+
+    of: "Expression"
+    name: str
+
+
+@dataclass(frozen=True)
+class Index(_Node):
+    """`of[index]`."""
+
+    of: "Expression"
+    index: "Expression"
+
+
+@dataclass(frozen=True)
+class Call(_Node):
+    """`of(arguments)`: a method, a function, or a conversion to a type."""
+
+    of: "Expression"
+    arguments: tuple["Expression", ...]
+
+
+@dataclass(frozen=True)
+class Unary(_Node):
+    """`-x`, `+x`, `!x` or `~x`."""
+
+    operator: str
+    operand: "Expression"
+
+
+@dataclass(frozen=True)
+class Binary(_Node):
+    """`left operator right`."""
+
+    operator: str
+    left: "Expression"
+    right: "Expression"
+
+
+@dataclass(frozen=True)
+class Conditional(_Node):
+    """`if condition then yes else no`."""
+
+    condition: "Expression"
+    yes: "Expression"
+    no: "Expression"
+
+
+@dataclass(frozen=True)
+class Choice(_Node):
+    """`switch subject case key : value ... default : otherwise` as an expression."""
+
+    subject: "Expression"
+    cases: tuple[tuple[tuple["Expression", ...], "Expression"], ...]
+    otherwise: "Expression | None"
+
+
+@dataclass(frozen=True)
+class Between(_Node):
+    """`x between low and high`, ends included."""
+
+    operand: "Expression"
+    low: "Expression"
+    high: "Expression"
+
+
+@dataclass(frozen=True)
+class Braces(_Node):
+    """`{a, b}`: the elements of an array, a table or a struct."""
+
+    elements: tuple["Expression", ...]
+
+
+@dataclass(frozen=True)
+class Range(_Node):
+    """`first .. last`, ends included; None for an open end."""
+
+    first: "Expression | None"
+    last: "Expression | None"
+
+
+Expression = (
+    Number | Truth | Text | Name | Member | Index | Call | Unary | Binary | Conditional | Choice | Between | Braces
+    | Range
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TypeName(_Node):
+    """A reference to a type by name, with its package if it is written, and open or fixed dimensions."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class ScalarType(_Node):
+    """`real`, `integer` or `boolean`, or a type derived from a named one; `range` and `delta` as written."""
+
+    base: str
+    range: Range | None = None
+    delta: Expression | None = None
+    using: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class EnumType(_Node):
+    """`enum {A, B = 3}`: labels with their numbers, None for the next one."""
+
+    labels: tuple[tuple[str, Expression | None], ...]
+
+
+@dataclass(frozen=True)
+class StructType(_Node):
+    """`struct { ... }`."""
+
+    elements: tuple["Element", ...]
+
+
+@dataclass(frozen=True)
+class ArrayType(_Node):
+    """`array [size] of element`; a size is None, a number, a range, or the name of a type or constant."""
+
+    sizes: tuple[Expression | None, ...]
+    element: "TypeExpression"
+
+
+@dataclass(frozen=True)
+class TableType(_Node):
+    """`table x, y -> value`; `form` is "", "fixed" or "group"."""
+
+    axes: tuple["TypeExpression", ...]
+    value: "TypeExpression"
+    form: str = ""
+
+
+@dataclass(frozen=True)
+class AxisType(_Node):
+    """`axis real`: breakpoints that group tables share."""
+
+    element: "TypeExpression"
+
+
+@dataclass(frozen=True)
+class UnsupportedType(_Node):
+    """A type that is parsed, but has no meaning here, such as `dataspace`."""
+
+    kind: str
+
+
+TypeExpression = TypeName | ScalarType | EnumType | StructType | ArrayType | TableType | AxisType | UnsupportedType
+
+
+@dataclass(frozen=True)
+class Annotation(_Node):
+    """`@name("argument", key = value)`."""
+
+    name: str
+    arguments: tuple[Expression, ...] = ()
+
+
+@dataclass(frozen=True)
+class Element(_Node):
+    """An element of a class, an interface, a struct or a package, or a variable of a method.
+
+    Attributes:
+        kind: "characteristic", "const", "sysconst" or "" for a variable.
+        sizes: dimensions behind the name.
+        value: initial value; None if not written.
+        formula: text of a dependent parameter, and the elements that its letters stand for.
+        description: text of the documentation comment before it.
+    """
+
+    name: str
+    type: TypeExpression
+    kind: str = ""
+    sizes: tuple[Expression | None, ...] = ()
+    value: Expression | None = None
+    formula: "tuple[str, tuple[tuple[str, Expression], ...]] | None" = None
+    modifiers: frozenset[str] = frozenset()
+    annotations: tuple[Annotation, ...] = ()
+    description: str = field(default="", compare=False)
+
+    def has(self, annotation: str) -> bool:
+        """Return True if the element has an annotation of this name."""
+        return any(item.name == annotation for item in self.annotations)
+
+
+@dataclass(frozen=True)
+class Assign(_Node):
+    """`target = value`, or with an `operator` such as `+` for `+=`."""
+
+    target: Expression
+    value: Expression
+    operator: str = ""
+
+
+@dataclass(frozen=True)
+class Declare(_Node):
+    """A variable of a method."""
+
+    element: Element
+
+
+@dataclass(frozen=True)
+class Evaluate(_Node):
+    """An expression as a statement: a call."""
+
+    expression: Expression
+
+
+@dataclass(frozen=True)
+class If(_Node):
+    """`if (condition) ... else ...`."""
+
+    condition: Expression
+    body: tuple["Statement", ...]
+    otherwise: tuple["Statement", ...] = ()
+
+
+@dataclass(frozen=True)
+class While(_Node):
+    """`while (condition) ...`; `tests_last` for `do ... while (condition);`."""
+
+    condition: Expression
+    body: tuple["Statement", ...]
+    tests_last: bool = False
+
+
+@dataclass(frozen=True)
+class For(_Node):
+    """`for (name in values) ...`, over a range, a type or the indices of an array."""
+
+    name: str
+    values: Expression
+    body: tuple["Statement", ...]
+
+
+@dataclass(frozen=True)
+class Switch(_Node):
+    """`switch (subject) { case a, b : ... default : ... }`; only one case runs."""
+
+    subject: Expression
+    cases: tuple[tuple[tuple[Expression, ...], tuple["Statement", ...]], ...]
+    otherwise: tuple["Statement", ...] = ()
+
+
+@dataclass(frozen=True)
+class Return(_Node):
+    """`return value;`."""
+
+    value: Expression | None = None
+
+
+@dataclass(frozen=True)
+class Jump(_Node):
+    """`break;` or `continue;`."""
+
+    kind: str
+
+
+@dataclass(frozen=True)
+class Block(_Node):
+    """`{ ... }`: variables declared within are not known outside."""
+
+    statements: tuple["Statement", ...]
+
+
+Statement = Assign | Declare | Evaluate | If | While | For | Switch | Return | Jump | Block
+Statements = tuple[Statement, ...]
+
+
+@dataclass(frozen=True)
+class Argument(_Node):
+    """An argument of a method; `direction` is "in", "out" or "inout"."""
+
+    name: str
+    type: TypeExpression
+    direction: str = "in"
+
+
+@dataclass(frozen=True)
+class Method(_Node):
+    """A method; the body is None if it is external, `triggers` names the state machine that it runs."""
+
+    name: str
+    result: TypeExpression | None
+    arguments: tuple[Argument, ...]
+    body: Statements | None
+    triggers: str = ""
+    modifiers: frozenset[str] = frozenset()
+    annotations: tuple[Annotation, ...] = ()
+
+    def annotation(self, name: str) -> Annotation | None:
+        """Return the annotation of a name, or None."""
+        return next((item for item in self.annotations if item.name == name), None)
+
+
+@dataclass(frozen=True)
+class Initializer(_Node):
+    """Named initial values of a class: assignments to its elements."""
+
+    name: str
+    body: Statements
+
+
+@dataclass(frozen=True)
+class Transition(_Node):
+    """`transition condition to target { action }`; `trigger` is the method that may take it, "" for any."""
+
+    condition: Expression
+    target: str
+    action: Statements = ()
+    trigger: str = ""
+
+
+@dataclass(frozen=True)
+class State(_Node):
+    """A state, or a junction; `start` names the inner state that is entered first."""
+
+    name: str
+    entry: Statements = ()
+    static: Statements = ()
+    exit: Statements = ()
+    transitions: tuple[Transition, ...] = ()
+    states: tuple["State", ...] = ()
+    start: str = ""
+    is_junction: bool = False
+    keeps_history: bool = False
+
+
+@dataclass(frozen=True)
+class StateMachine(_Node):
+    """A state machine; `labels` names the enumeration of its states."""
+
+    name: str
+    labels: str
+    states: tuple[State, ...]
+    start: str
+    default_trigger: str = ""
+
+
+@dataclass(frozen=True)
+class ClassDeclaration(_Node):
+    """A class with its members; `reads` and `writes` are the messages it names."""
+
+    name: str
+    elements: tuple[Element, ...] = ()
+    methods: tuple[Method, ...] = ()
+    machines: tuple[StateMachine, ...] = ()
+    initializers: tuple[Initializer, ...] = ()
+    reads: tuple[str, ...] = ()
+    writes: tuple[str, ...] = ()
+    modifiers: frozenset[str] = frozenset()
+    annotations: tuple[Annotation, ...] = ()
+
+
+@dataclass(frozen=True)
+class Interface(_Node):
+    """A data interface: its elements are messages."""
+
+    name: str
+    elements: tuple[Element, ...] = ()
+
+
+@dataclass(frozen=True)
+class TypeDeclaration(_Node):
+    """`type name is type;`."""
+
+    name: str
+    type: TypeExpression
+
+
+@dataclass(frozen=True)
+class UnitDeclaration(_Node):
+    """`unit name = expression;`: a unit of real numbers, also used as a type."""
+
+    name: str
+    expression: Expression | None = None
+
+
+@dataclass(frozen=True)
+class Constant(_Node):
+    """A constant or system constant of a package."""
+
+    element: Element
+
+    @property
+    def name(self) -> str:
+        """The name of the constant."""
+        return self.element.name
+
+
+Declaration = ClassDeclaration | Interface | TypeDeclaration | UnitDeclaration | Constant
+
+
+@dataclass(frozen=True)
+class EsdlFile:
+    """The content of a file."""
+
+    name: str = field(compare=False)
+    package: str = ""
+    imports: tuple[str, ...] = ()
+    declarations: tuple[Declaration, ...] = ()

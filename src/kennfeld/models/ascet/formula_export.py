@@ -1,0 +1,45 @@
+"""Export of an ESDL class or task as formula text with a parameter file next to it."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from kennfeld.errors import InputError
+from kennfeld.models.ascet.importing import import_esdl
+from kennfeld.models.formula import to_lines
+from kennfeld.models.formula_file import check_formula_target, write_formula_file
+
+
+def write_esdl_formula(
+    source: str | Path,
+    target: str | Path,
+    class_name: str = "",
+    methods: Iterable[str] = (),
+    *,
+    task: str = "",
+    folders: Iterable[str | Path] = (),
+) -> tuple[Path, ...]:
+    """Write a class or a task of an ASCET project as formula text that gives the same results.
+
+    Args:
+        source: the `.esdl` or `.app` file.
+        target: the `.kf` file; parameter values go to a `.json` of the same name.
+        class_name: name of the class.
+        methods: methods that a step calls.
+        task: name of the task.
+        folders: folders with further projects.
+
+    Returns:
+        The paths written.
+
+    Raises:
+        InputError: a part of the program is not supported, or a file cannot be written.
+    """
+    source, target = Path(source), Path(target)
+    check_formula_target(target)
+    result = import_esdl(source, class_name, methods, task=task, folders=folders)
+    if result.model is None:
+        raise InputError(result.report.findings)
+    remarks = [str(remark) for remark in result.report.remarks]
+    head = [f"{source.name}, {', '.join(result.report.methods)}, converted by Kennfeld", *remarks]
+    lines = to_lines(result.model.graph, result.model.step)
+    return write_formula_file(result.model, target, head, (line.text for line in lines))

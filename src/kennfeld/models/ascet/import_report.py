@@ -1,0 +1,61 @@
+"""Report of an ESDL import: what is calculated and calibrated, and what is not supported."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from kennfeld.errors import Finding
+from kennfeld.models.model import Model
+from kennfeld.models.quantities import CalibratableParameter, Quantity
+
+
+@dataclass(frozen=True)
+class StateSummary:
+    """A variable that keeps its value from step to step, and its first value, None if it is calculated."""
+
+    name: str
+    initial: float | None
+
+
+@dataclass(frozen=True)
+class EsdlReport:
+    """Result of an ESDL import.
+
+    Attributes:
+        classes: labels of the imported classes.
+        methods: the methods of a step in their order, as labels; `startup` those that run once before.
+        step: time step in s, None for that of the data.
+        inputs: inputs of the function; likewise `outputs`.
+        parameters: what can be calibrated.
+        states: variables that keep their values.
+        findings: what is not supported, with file and line; the import has a model if there are none.
+        remarks: findings on anything else of note.
+    """
+
+    classes: tuple[str, ...]
+    methods: tuple[str, ...] = ()
+    startup: tuple[str, ...] = ()
+    step: float | None = None
+    inputs: tuple[Quantity, ...] = ()
+    outputs: tuple[Quantity, ...] = ()
+    parameters: tuple[CalibratableParameter, ...] = ()
+    states: tuple[StateSummary, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    remarks: tuple[Finding, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """True if the whole function is supported."""
+        return not self.findings
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as JSON-compatible containers."""
+        texts = {"findings": [*map(str, self.findings)], "remarks": [*map(str, self.remarks)]}
+        return asdict(self) | texts | {"whole": self.whole}
+
+
+@dataclass(frozen=True)
+class EsdlImport:
+    """The model, None if a part of it is not supported, and the report."""
+
+    model: Model | None
+    report: EsdlReport

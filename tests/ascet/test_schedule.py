@@ -1,0 +1,48 @@
+"""Task schedules of applications."""
+
+import pytest
+
+from kennfeld.ascet.schedule import Task, parse_schedule
+from kennfeld.errors import InputError
+
+APPLICATION = """application {
+	class Plant.Cell representation Plant.Cell.Impl
+	class Plant.Sensor
+}
+schedule {
+	startup { process Plant.Cell.init }
+	shutdown { }
+	task Fast priority 0 scheduling none period 2.5ms delay 0ms {
+		process Plant.Cell.calc
+		process Plant.Sensor.calc
+	}
+	task Slow priority 1 period 1s { }
+	task Event priority 2 { process Plant.Sensor.event }
+}
+"""
+
+
+def test_tasks_have_their_processes_and_periods():
+    schedule = parse_schedule(APPLICATION)
+    assert schedule.classes == ("Plant.Cell", "Plant.Sensor")
+    assert schedule.startup == ("Plant.Cell.init",)
+    assert schedule.tasks == (
+        Task("Fast", ("Plant.Cell.calc", "Plant.Sensor.calc"), 0.0025),
+        Task("Slow", (), 1.0),
+        Task("Event", ("Plant.Sensor.event",)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("schedule { task T period 5parsec { } }", "line 1, column 27: expected one of the units"),
+        ("schedule { task T period 0ms { } }", "a period must be a finite time > 0"),
+        ("schedule { task T { process } }", "expected a name"),
+        ("application { class A", "} is missing"),
+        ("tasks", "expected 'schedule'"),
+    ],
+)
+def test_errors_name_the_place(text, message):
+    with pytest.raises(InputError, match=message):
+        parse_schedule(text)

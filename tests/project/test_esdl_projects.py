@@ -1,0 +1,140 @@
+"""Projects whose function is an ESDL class: checked, calibrated, written back, and turned into formula text."""
+
+import json
+
+import numpy as np
+import pytest
+from esdl_projects import BATTERY, write_project
+
+from kennfeld import cli
+from kennfeld.calfiles import read, write
+from kennfeld.errors import InputError
+from kennfeld.graph.interpreter import evaluate
+from kennfeld.models.ascet.importing import esdl
+from kennfeld.models.formula import read as read_formula
+from kennfeld.project import Project
+
+TOML = """[model]
+file = "Battery/Cell/Accu.esdl"
+[[dataset]]
+files = "bench.csv"
+[[criterion]]
+node = "charge"
+target = "wanted"
+[calibration]
+output = ["esdl", "dcm"]
+free = ["shift"]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A project on the sensor, with data of another curve."""
+    write_project(tmp_path, BATTERY)
+    temperature, voltage = np.linspace(-5, 65, 120), np.tile([1.3, 1.34, 1.38], 40)
+    shift = np.interp(temperature, [0.0, 20.0, 30.0, 40.0, 60.0], [0.15, 0.16, 0.155, 0.15, 0.17])
+    wanted = np.clip((voltage + shift - 1.4) * 100.0, 0.0, 100.0)
+    rows = [f"{t!r},{u!r},{w!r}" for t, u, w in zip(*(x.tolist() for x in (temperature, voltage, wanted)), strict=True)]
+    (tmp_path / "bench.csv").write_text("\n".join(["T,U,wanted", *rows, ""]))
+    (tmp_path / "kennfeld.toml").write_text(TOML)
+    return tmp_path
+
+
+def test_a_class_is_calibrated_and_its_values_are_written_into_a_copy_of_the_file(folder):
+    assert cli.run(["calibrate", str(folder / "kennfeld.toml")]) == 0
+    result = read(folder / "results/parameters.esdl")
+    np.testing.assert_allclose(result["shift"].values, [0.15, 0.16, 0.155, 0.15, 0.17], atol=1e-6)
+    before = (folder / "Battery/Cell/Accu.esdl").read_text().splitlines()
+    after = (folder / "results/parameters.esdl").read_text().splitlines()
+    changed = [line for line, old in zip(after, before, strict=True) if line != old]
+    assert len(changed) == 1
+    assert "shift[5]" in changed[0]
+    assert read(folder / "results/parameters.dcm")["shift"].values == pytest.approx(result["shift"].values)
+
+
+def test_values_of_calibration_files_replace_those_of_the_class(folder):
+    values = esdl(folder / "Battery/Cell/Accu.esdl").values
+    write(values.with_parameters(values["base"].with_values(1.3)), folder / "start.dcm")
+    text = TOML.replace('output = ["esdl", "dcm"]', 'initial = "start.dcm"')
+    (folder / "kennfeld.toml").write_text(text)
+    problem = Project.read(folder / "kennfeld.toml").problem()
+    assert problem.parameters["base"].value == 1.3
+    assert float(problem.parameters["base"].upper) == 5.0
+
+
+def test_keys_choose_class_methods_and_task(folder):
+    for keys, inputs in (
+        ('file = "Battery/Cell/Accu.esdl"\nclass = "Accu"\nmethods = ["charge"]', {"U", "T"}),
+        ('file = "Battery/Battery.app"\ntask = "Task_10ms"', {"current", "ambient"}),
+        ('file = "Battery/Cell/Plant.esdl"\nstartup = ["init"]\nfolders = ["Lib"]', {"current", "ambient"}),
+    ):
+        (folder / "kennfeld.toml").write_text(TOML.replace('file = "Battery/Cell/Accu.esdl"', keys))
+        project = Project.read(folder / "kennfeld.toml")
+        findings = [str(finding) for finding in project.check()]
+        assert not [text for text in findings if "unknown key" in text or "require" in text]
+        missing = {name for name in inputs for text in findings if f"{name}" in text}
+        assert missing or inputs == {"U", "T"}
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ('file = "Battery/Cell/Accu.esdl"\nclass = "Akku"', "unknown class Akku"),
+        ('file = "Battery/Cell/Accu.esdl"\nfolders = ["Nowhere"]', "folder Nowhere does not exist"),
+        ('file = "model.kf"\nclass = "Accu"', "class, methods and startup require an ESDL file"),
+        ('file = "Battery/Cell/Accu.esdl"\nsubsystem = "A"', "require a Simulink model"),
+        ('file = "Battery/Cell/None.esdl"', "does not exist"),
+    ],
+)
+def test_wrong_keys_are_reported(folder, keys, message):
+    (folder / "kennfeld.toml").write_text(TOML.replace('file = "Battery/Cell/Accu.esdl"', keys))
+    try:
+        findings = Project.read(folder / "kennfeld.toml").check()
+    except InputError as error:
+        findings = error.findings
+    assert any(message in str(finding) for finding in findings)
+
+
+def test_info_shows_what_can_be_calibrated(folder, capsys):
+    assert cli.run(["info", str(folder / "Battery/Cell/Plant.esdl")]) == 0
+    text = capsys.readouterr().out
+    for word in (
+        "C_heat",
+        "4 x 3",
+        "temperature",
+        "heat.memory",
+        "every 0.01 s",
+        "Cell.Plant.init",
+        "can be calibrated",
+    ):
+        assert word in text
+    assert cli.run(["info", "--json", str(folder / "Battery/Battery.app")]) == 0
+    report = json.loads(capsys.readouterr().out)["import"]
+    assert report["methods"] == ["Cell.Plant.calc", "Cell.Sensor.calc"]
+    assert report["whole"] is True
+
+
+def test_info_names_what_is_not_supported(folder, capsys):
+    (folder / "Battery/Cell/Accu.esdl").write_text(
+        "package Cell; class Accu { public real get(real x) { return f(x); } }"
+    )
+    assert cli.run(["info", str(folder / "Battery/Cell/Accu.esdl"), "--class", "Accu", "--method", "get"]) == 0
+    text = capsys.readouterr().out
+    assert "unknown method f" in text
+    assert "cannot be calibrated: 1 finding" in text
+
+
+def test_convert_writes_formula_text_with_the_same_results(folder):
+    target = folder / "plant.kf"
+    assert cli.run(["convert", str(folder / "Battery/Cell/Plant.esdl"), str(target)]) == 0
+    model, again = esdl(folder / "Battery/Cell/Plant.esdl"), read_formula(target)
+    assert again.step == model.step
+    columns = {
+        "current": np.linspace(-5, 5, 20),
+        "ambient": np.full(20, 25.0),
+        "dt": np.full(20, 0.01),
+        "t": np.arange(20) * 0.01,
+    }
+    first = evaluate(model.graph, columns, model.values)
+    second = evaluate(again.graph, columns, read(target.with_suffix(".json")))
+    np.testing.assert_array_equal(first["voltage"], second["voltage"])
