@@ -117,6 +117,7 @@ SCREENS = {
     "equality": "optimization",
     "step": "optimization",
     "optimizer": "optimization",
+    "cluster": "optimization",
 }
 
 

@@ -20,7 +20,8 @@ export function OptimizationSettings() {
       <EntryList section="equality" noun="equality" title="Equalities" empty="No equalities. An equality fixes a sum of values of parameters." />
       <div class="head mid"><h2>Search</h2></div>
       <QuickFields />
-      <Further />
+      <Further section="optimizer" skip={QUICK} label="all settings" />
+      <Further section="cluster" skip={[]} label="partitions and cluster" />
       <EntryList section="step" noun="step" title="Sequence" ordered empty="One search, all at once. Steps search one after the other." />
     </>
   );
@@ -42,14 +43,14 @@ function QuickFields() {
   );
 }
 
-/** The keys of the search that have no field of their own above. */
-function Further() {
+/** The keys of a section that have no field of their own above. */
+function Further({ section, skip, label }: { section: string; skip: string[]; label: string }) {
   const open = useSignal(false);
-  const rest = keysOf("optimizer").filter((key) => !QUICK.includes(key.name));
-  const isWanted = rest.some((key) => wanted.value === `optimizer.${key.name}`);
-  const isSet = rest.some((key) => key.name in ((settings.value.settings.optimizer as object | undefined) ?? {}));
+  const rest = keysOf(section).filter((key) => !skip.includes(key.name));
+  const isWanted = rest.some((key) => wanted.value === `${section}.${key.name}`);
+  const isSet = rest.some((key) => key.name in ((settings.value.settings[section] as object | undefined) ?? {}));
   const isOpen = open.value || isWanted || isSet;
   if (isWanted && !open.value) open.value = true;
-  if (isOpen) return <EntryForm path={["optimizer"]} skip={QUICK} />;
-  return <button class="fold more" aria-expanded={false} onClick={() => { open.value = true; }}>› all settings ({rest.length})</button>;
+  if (isOpen) return <EntryForm path={[section]} skip={skip} />;
+  return <button class="fold more" aria-expanded={false} onClick={() => { open.value = true; }}>› {label} ({rest.length})</button>;
 }
