@@ -191,7 +191,8 @@ class BlockMatrix:
     def nonzeros(self) -> tuple[Int, Int, Float]:
         """Return rows, columns and values of the non-zeros on and on one side of the diagonal."""
         rows, columns, values = self.storage.nonzeros()
-        rows, columns = self.places[rows], self.places[columns]
+        places = self.places
+        rows, columns = places[rows], places[columns]
         inside = (rows >= 0) & (columns >= 0)
         return rows[inside], columns[inside], values[inside]
 

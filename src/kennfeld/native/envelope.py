@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Int
+from kennfeld.arrays import Bool, Int, Sparse
 
 BLOCK = 8
 BUSY = (np.inf, 4.0, 2.0)  # times the median number of neighbours from which a value comes last; the best is taken
@@ -46,14 +46,13 @@ class Envelope:
     @classmethod
     def of_pairs(cls, size: int, rows: Int, columns: Int) -> "Envelope":
         """Return a small envelope of a symmetric matrix with non-zeros at pairs of rows and columns, on one side."""
-        envelopes = []
-        for order in orders_of_pairs(size, rows, columns):
-            place = np.empty(size, dtype=np.int64)
-            place[order] = np.arange(size)
-            ends = np.sort(place[[rows, columns]] // BLOCK, axis=0)
-            first = np.arange(-(-size // BLOCK))
-            np.minimum.at(first, ends[1], ends[0])
-            envelopes.append(cls(order, first))
+        from scipy.sparse import csr_array
+
+        both = (np.concatenate([rows, columns]), np.concatenate([columns, rows]))
+        pattern = csr_array((np.ones(both[0].size, dtype=np.int8), both), shape=(size, size))
+        envelopes = [
+            cls(order, first_blocks(places_of(order), rows, columns, BLOCK)) for order in sparse_orders(pattern)
+        ]
         return min(envelopes, key=lambda envelope: envelope.work)
 
     @classmethod
@@ -82,9 +81,7 @@ class Envelope:
     @cached_property
     def place(self) -> Int:
         """The row of each original row in the order."""
-        place = np.empty(self.size, dtype=np.int64)
-        place[self.order] = np.arange(self.size)
-        return place
+        return places_of(self.order)
 
     @cached_property
     def start(self) -> Int:
@@ -94,15 +91,35 @@ class Envelope:
         return np.append(ends - lengths - BLOCK * BLOCK * self.first, lengths.sum())
 
 
-def orders_of_pairs(size: int, rows: Int, columns: Int) -> Iterator[Int]:
-    """Yield orders of many rows with a small envelope, given pairs of coupled rows on one side of the diagonal."""
-    from scipy.sparse import csr_array
+def places_of(order: Int) -> Int:
+    """Return the position of each row in an order."""
+    place = np.empty(order.size, dtype=np.int64)
+    place[order] = np.arange(order.size)
+    return place
+
+
+def first_blocks(place: Int, rows: Int, columns: Int, block: int) -> Int:
+    """Return the first block column with a non-zero in each block row of the lower triangle, its own at the latest.
+
+    Args:
+        place: the position of each row in the order.
+        rows: those of the non-zeros, on either side of the diagonal.
+        columns: those of the non-zeros.
+        block: rows of a block.
+    """
+    first = np.arange(-(-place.size // block))
+    down, across = place[rows] // block, place[columns] // block
+    np.minimum.at(first, np.maximum(down, across), np.minimum(down, across))
+    return first
+
+
+def sparse_orders(pattern: Sparse) -> Iterator[Int]:
+    """Yield orders of many rows with a small envelope, given a symmetric matrix with the same non-zeros."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-    both = (np.concatenate([rows, columns]), np.concatenate([columns, rows]))
-    pattern = csr_array((np.ones(both[0].size, dtype=np.int8), both), shape=(size, size))
     for rest, last in split_busy(np.diff(pattern.indptr)):
-        inner = reverse_cuthill_mckee(pattern[rest][:, rest], symmetric_mode=True)
+        kept = pattern[rest][:, rest] if last.size else pattern
+        inner = reverse_cuthill_mckee(kept, symmetric_mode=True)
         yield np.concatenate([rest[inner], last])
 
 

@@ -17,8 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from kennfeld.arrays import Float, Int, Sparse
-from kennfeld.native.envelope import split_busy
-from kennfeld.optimize.trust.matrices import part
+from kennfeld.native.envelope import first_blocks, places_of, sparse_orders
 from kennfeld.threads import blas_threads
 
 BLOCK = 32
@@ -39,23 +38,15 @@ class Layout:
     @classmethod
     def of(cls, pattern: Sparse) -> "Layout":
         """Return the blocks that a symmetric matrix with these non-zeros fills when it is factored."""
-        from scipy.sparse.csgraph import reverse_cuthill_mckee
-
         entries = pattern.tocoo()
-        layouts = []
-        for rest, last in split_busy(np.diff(pattern.indptr)):
-            inner = reverse_cuthill_mckee(part(pattern, rest), symmetric_mode=True)
-            layouts.append(cls._ordered(np.concatenate([rest[inner], last]), entries.row, entries.col))
+        layouts = [cls._ordered(order, entries.row, entries.col) for order in sparse_orders(pattern)]
         return min(layouts, key=lambda layout: layout.work)
 
     @classmethod
     def _ordered(cls, order: Int, rows: Int, columns: Int) -> "Layout":
         """Return the blocks in some order of the values, for non-zeros in these rows and columns."""
-        place = np.empty(order.size, dtype=np.int64)
-        place[order] = np.arange(order.size)
-        first = np.arange(-(-order.size // BLOCK))
-        down, across = place[rows] // BLOCK, place[columns] // BLOCK
-        np.minimum.at(first, np.maximum(down, across), np.minimum(down, across))
+        place = places_of(order)
+        first = first_blocks(place, rows, columns, BLOCK)
         return cls(place, first, np.concatenate([[0], np.cumsum(np.arange(1, first.size + 1) - first)]))
 
     @property
