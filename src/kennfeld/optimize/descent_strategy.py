@@ -37,7 +37,7 @@ class SearchPlan:
 
     Args:
         short: the schedule that is tried first.
-        long: tried if kinks matter, None never; it is given up once the smoothed cost is no lower than in `short`.
+        long: tried if kinks matter, unless it is None; ends at a width at which `short` was at least as good.
         direct: whether a descent without smoothing is tried.
         tolerance: relative change of the cost that ends a descent while others may end lower.
         patience: number of such changes in a row.
@@ -118,17 +118,17 @@ def _compare_descents(
         ends.append(continuation.descend_directly(start, limits, early, setup.report))
     if plan.long is not None and _costs_differ(ends, plan.kink_difference):
         ends.append(continuation.descend(plan.long, start, limits, early, setup.report, costs)[0])
-    if ends[-1].status == "stopped":
-        return _best_on_all_samples(setup, ends, start).with_effort_of(ends)
-    begin = _best_on_all_samples(setup, ends, start).values
-    last = levenberg_marquardt(setup.objective, begin, limits, settings, partial(setup.report, "final"))
+    best = _best_on_all_samples(setup, ends, start)
+    if best.status == "stopped":
+        return best.with_effort_of(ends)
+    last = levenberg_marquardt(setup.objective, best.values, limits, settings, partial(setup.report, "final"))
     return last.with_effort_of([*ends, last])
 
 
 def _best_on_all_samples(setup: DescentSetup, ends: Sequence[SolverResult], start: Float) -> SolverResult:
     """Return the last end with the values of the best one, or with the start if no end has a lower cost."""
     first = setup.objective.cost(start)
-    for end in sorted(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf):
+    for end in sorted(ends, key=_finite_cost):
         cost = setup.objective.cost(end.values)
         if cost < first or not np.isfinite(first):
             return replace(ends[-1], values=end.values, cost=cost)
@@ -155,10 +155,15 @@ def _costs_differ(ends: Sequence[SolverResult], difference: float) -> bool:
 
 
 def _best_of(ends: Sequence[SolverResult]) -> SolverResult:
-    best = min(ends, key=lambda end: end.cost if np.isfinite(end.cost) else np.inf)
+    best = min(ends, key=_finite_cost)
     if ends[-1].status == "stopped":
         best = replace(best, status=ends[-1].status, message=ends[-1].message)
     elif best.status == "failed":
         other = next((end for end in ends if end.status != "failed"), best)
         best = replace(best, status=other.status, message=other.message)
     return best.with_effort_of(ends)
+
+
+def _finite_cost(end: SolverResult) -> float:
+    """Return the cost of an end, infinite if it is not a number."""
+    return end.cost if np.isfinite(end.cost) else np.inf

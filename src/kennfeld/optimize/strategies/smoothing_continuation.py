@@ -81,11 +81,11 @@ class Continuation:
             limits: bounds and linear rows.
             settings: of the descent on the exact model.
             report: called after each accepted step.
-            earlier: of another schedule from the same start: the search ends at a width at which it is no better.
+            earlier: costs of another schedule from the same start; ends at a width at which that was as good.
 
         Returns:
             The end of the last descent, and the costs on the way. If a stage was cut short, the better of its end and
-            the start; if the search is no better than the earlier one, the values there with an infinite cost.
+            the start; if the earlier search was as good, the values there with an infinite cost.
         """
         stages: list[SolverResult] = []
         costs: StageCosts = {}
