@@ -196,6 +196,11 @@ class Dataset(Mapping[str, Channel]):
         return len(self.channels[0]) if self.channels else (0 if self.time is None else self.time.size)
 
     @property
+    def is_fitted(self) -> bool:
+        """True if values are fitted to it: training data with a weight above 0."""
+        return self.use == "training" and self.weight > 0
+
+    @property
     def counting(self) -> Bool:
         """The samples that are scored, Bool[samples]."""
         return np.ones(self.samples, dtype=bool) if self.scored is None else self.scored

@@ -62,7 +62,7 @@ class CellSums:
         """Return the sums over a dataset or a part of one, given its lookups and all criteria that it scores."""
         sums, bound = cls(lookups), series[0].bound
         counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in series])
-        use, fits = bound.dataset.use, bound.dataset.use == "training" and bound.dataset.weight > 0
+        use, fits = bound.dataset.use, bound.dataset.is_fitted
         for lookup in located:
             name, size = lookup.table.name, lookup.table.size
             known = counts[lookup.samples] & lookup.known

@@ -343,7 +343,7 @@ class _Scaled:
 
 def _deviation(fits: Sequence[Fit]) -> float:
     """Return the root of sum r^2 / (n - sum h) over the training samples, or over all if there are none."""
-    used = [fit for fit in fits if fit.bound.dataset.use == "training" and fit.bound.dataset.weight > 0] or fits
+    used = [fit for fit in fits if fit.bound.dataset.is_fitted] or fits
     total = sum(fit.counts.after.sums.squares for fit in used)
     free = sum(fit.details.freedom for fit in used)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -4,6 +4,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from kennfeld.errors import InputError, Location
 from kennfeld.measurement.cells import Decimal, parse_number
@@ -64,10 +65,11 @@ def split_line(line: str, separator: str) -> list[str]:
         return line.split(separator)
 
 
-def find_dialect(location: Location, lines: Sequence[str], encoding: str) -> Dialect:
+@lru_cache(maxsize=8)  # a file is listed before it is read
+def find_dialect(location: Location, first_lines: tuple[str, ...], encoding: str) -> Dialect:
     """Return the dialect of a file that begins with these lines; raise `InputError` if there is no table."""
     best: tuple[tuple[int, int], Dialect] | None = None
-    lines = _join_cells(lines)
+    lines = _join_cells(first_lines)
     for separator in _SEPARATORS:
         if separator != ALONE and not any(separator in line for line in lines):
             continue

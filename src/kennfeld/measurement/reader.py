@@ -128,6 +128,19 @@ def describe(path: str | Path) -> Description:
     return Description(source.name, source.kind.value, tuple(describe_table(part) for part in parts))
 
 
+def list_columns(path: str | Path) -> list[str] | None:
+    """Return the names of the columns of a text file; None for other kinds, which must be read to list them.
+
+    Raises:
+        InputError: the file cannot be read or holds no table.
+    """
+    source = _locate_readable(path, None)
+    if source.kind not in (FileKind.CSV, FileKind.MSL):
+        return None
+    names: list[str] = run_guarded(source.name, lambda: _reader(source).list_columns(source))
+    return names
+
+
 def _locate_readable(path: str | Path, sheet: str | None) -> MeasurementFile:
     source = run_guarded(Path(path).name, lambda: locate(path, sheet))
     kind = source.kind.value

@@ -244,7 +244,7 @@ class SortedFile:
             raise UnusualLayoutError(f"{len(content)} bytes of {size}")
         if method == 0:
             return content
-        rows = size // max(columns, 1)  # the bytes of each column follow each other, then what is no whole row
+        rows = size // max(columns, 1)  # the bytes of each column follow each other, then an incomplete row
         table = np.frombuffer(content, np.uint8, rows * columns).reshape(columns, rows)
         return table.T.tobytes() + content[rows * columns :]
 

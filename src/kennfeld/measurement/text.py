@@ -62,6 +62,11 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     return [replace(table, findings=(*table.findings, *ambiguities))]
 
 
+def list_columns(source: MeasurementFile) -> list[str]:
+    """Return the names of the columns; raise `InputError` if the file holds no table."""
+    return [name for name in detect_dialect(source).header.names if name]
+
+
 def detect_dialect(source: MeasurementFile) -> Dialect:
     """Return the dialect of a file; raise `InputError` if it holds no table."""
     start = source.start(_START)
@@ -73,7 +78,7 @@ def detect_dialect(source: MeasurementFile) -> Dialect:
         lines = io.StringIO(start.decode(encoding, "replace"), newline=None).read().split("\n")[:_HEAD_LINES]
     else:
         lines = list(_head_lines(source, encoding))
-    return find_dialect(source.location, lines, encoding)
+    return find_dialect(source.location, tuple(lines), encoding)
 
 
 def _head_lines(source: MeasurementFile, encoding: str) -> Iterator[str]:

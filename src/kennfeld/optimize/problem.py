@@ -75,7 +75,7 @@ class Problem:
     @property
     def fitted_datasets(self) -> list[Dataset]:
         """The training data with a weight."""
-        return [data for data in self.datasets if data.use == "training" and data.weight > 0]
+        return [data for data in self.datasets if data.is_fitted]
 
     @property
     def free_size(self) -> int:

@@ -96,6 +96,11 @@ class DatasetEntry:
     )
 
     @property
+    def is_fitted(self) -> bool:
+        """True if values are fitted to it: training data with a weight above 0."""
+        return self.use == "training" and self.weight > 0
+
+    @property
     def known_shifts(self) -> dict[str, float]:
         """The given shifts by channel, in s, or in samples without time stamps."""
         return {name: shift for name, shift in self.shift.items() if shift != "auto"}

@@ -1,4 +1,4 @@
-"""Where recordings lie: on a disk that all machines see, or in an object store, by fsspec.
+"""Sources of recordings: files on a disk that all machines see, or in an object store, by fsspec.
 
 A file is known by its address and its state: size and time of its last change, or what the store says instead. A file
 that has changed is another one.

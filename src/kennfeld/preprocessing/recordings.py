@@ -15,7 +15,7 @@ from kennfeld.file_errors import nearest_file
 from kennfeld.formatting import join_names, nearest, quoted
 from kennfeld.graph import Graph
 from kennfeld.measurement.cache import Cache
-from kennfeld.measurement.reader import describe, read_leniently
+from kennfeld.measurement.reader import describe, list_columns, read_leniently
 from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.units import Units, select_time_units
@@ -155,6 +155,11 @@ class RecordingReader:
         """Read the channels of a file, without optional ones that it lacks."""
         request = self.channels.recorded or None, self.entry.raster
         try:
+            columns = list_columns(path)
+            if columns is not None and any(name not in columns for name in self.channels.recorded):
+                attempt = self._attempt_available(path, columns, cache)
+                if not attempt.findings:
+                    return attempt
             names = None if cache is None else cache.load_failed(path, *request)
             if names is None:
                 return _Attempt(self._read(path, *request, cache))

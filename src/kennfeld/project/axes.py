@@ -139,7 +139,7 @@ class Axes:
 
     @property
     def _training(self) -> list[Dataset]:
-        return [data for data in self._datasets or () if data.use == "training" and data.weight > 0]
+        return [data for data in self._datasets or () if data.is_fitted]
 
     def _distribution(self, column: DataColumn, probabilities: Float) -> Float | None:
         """Return quantiles of a column at all training samples, empty if it has no values; None if no data have it."""

@@ -280,7 +280,7 @@ class ProblemBuilder:
 
     def _check_datasets(self) -> None:
         entries = self.file.datasets
-        if entries and not any(entry.use == "training" and entry.weight > 0 for entry in entries):
+        if entries and not any(entry.is_fitted for entry in entries):
             remedy = 'Write use = "training" and a weight > 0 in one of them.'
             self.findings.error(self.file.location("dataset"), "no dataset is used for training", remedy)
         if self.function is None:

@@ -28,7 +28,7 @@ def seen_test_data(file: ProjectFile, problem: Problem, locations: Mapping[str, 
 
 def _shared_files(file: ProjectFile) -> Iterator[Finding]:
     """Yield test files with the content of training files, unless conditions select different samples."""
-    training = [entry for entry in file.datasets if entry.use == "training" and entry.weight > 0]
+    training = [entry for entry in file.datasets if entry.is_fitted]
     for test in (entry for entry in file.datasets if entry.use == "test"):
         others = [entry for entry in training if entry.where == test.where and entry.steady == test.steady]
         fitted = {path: None for entry in others for path in _paths(file, entry)}

@@ -30,32 +30,6 @@ def option(
 
 
 project_file = argument("path", "PROJECT", "The project file, kennfeld.toml.")
-subsystem = option("--subsystem", "Path of a subsystem of a Simulink model.", "PATH", default="")
-folders = option(
-    "--folder folders",
-    "Additional folder to search for libraries of a model. Repeatable.",
-    "FOLDER",
-    type=PATH,
-    multiple=True,
-)
-class_name = option("--class class_name", "Class of an ESDL file.", "NAME", default="")
-methods = option(
-    "--method methods", "Method of the class that a step calls. Repeatable, in order.", "NAME", multiple=True
-)
-task = option("--task", "Task of an ASCET application.", "NAME", default="")
-variable_files = option(
-    "--parameters values",
-    "File with values of a Simulink model's variables. Repeatable.",
-    "FILE",
-    type=PATH,
-    multiple=True,
-)
-bindings = option(
-    "--bind",
-    'Replace a block of a Simulink model by a channel or formula, "PATH=FORMULA". Repeatable.',
-    "BINDING",
-    multiple=True,
-)
 description_file = option(
     "--a2l", "A2L file that describes an image (.hex, .s19).", "FILE", "the A2L file of the same name", type=PATH
 )

@@ -7,8 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from kennfeld.errors import InputError
 from kennfeld.formatting import number_text, size_text
 from kennfeld.graph.events import events
 from kennfeld.models import Model
+from kennfeld.terminal.model_selection import EsdlSelection, SimulinkSelection
 from kennfeld.terminal.output import align, separate
 
 if TYPE_CHECKING:
@@ -41,30 +41,6 @@ class FileInfo:
         """Return the text for a person."""
         blocks = [[self.summary], *(align(table) for table in self.tables if len(table) > 1), self.notes]
         return separate(filter(None, blocks))
-
-
-class SimulinkSelection(NamedTuple):
-    """Part of a Simulink model to import: subsystem, files with values, folders of libraries, replaced blocks."""
-
-    subsystem: str = ""
-    parameters: Sequence[str | Path] = ()
-    folders: Sequence[str | Path] = ()
-    bind: Mapping[str, str] = MappingProxyType({})
-
-
-WHOLE = SimulinkSelection()
-
-
-class EsdlSelection(NamedTuple):
-    """Part of an ASCET project to import: class, methods, task, and folders of further projects."""
-
-    class_name: str = ""
-    methods: Sequence[str] = ()
-    task: str = ""
-    folders: Sequence[Path] = ()
-
-
-DEFAULT_METHODS = EsdlSelection()
 
 
 def describe_measurement(description: measurement.Description) -> FileInfo:

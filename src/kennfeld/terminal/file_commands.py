@@ -4,7 +4,7 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -12,6 +12,7 @@ import click
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option
+from kennfeld.terminal.model_selection import ModelSelection, model_options
 from kennfeld.terminal.output import print_findings, print_lines
 
 
@@ -20,50 +21,21 @@ from kennfeld.terminal.output import print_findings, print_lines
 @command_line.as_json
 @option("--search", "Show only entries whose name or description contains TEXT.", "TEXT", default="")
 @command_line.description_file
-@command_line.subsystem
-@command_line.variable_files
-@command_line.folders
-@command_line.bindings
-@command_line.class_name
-@command_line.methods
-@command_line.task
-def info(
-    path: Path,
-    as_json: bool,
-    search: str,
-    a2l: Path | None,
-    subsystem: str,
-    values: Sequence[Path],
-    folders: Sequence[Path],
-    bind: Sequence[str],
-    class_name: str,
-    methods: Sequence[str],
-    task: str,
-) -> int:
+@model_options
+def info(path: Path, as_json: bool, search: str, a2l: Path | None, selection: ModelSelection) -> int:
     """Show the contents of a file.
 
     --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model or an
     ASCET project, the output lists what can be calibrated and what prevents it.
     """
-    from kennfeld.terminal.describers import EsdlSelection, SimulinkSelection
     from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
-    part = SimulinkSelection(subsystem, values, folders, _bindings(bind))
-    contents = describe_file(path, a2l, part, EsdlSelection(class_name, methods, task, folders))
+    contents = describe_file(path, a2l, selection)
     if search.strip():
         contents = find_entries(contents, search)
     print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
     return DONE
-
-
-def _bindings(texts: Sequence[str]) -> Mapping[str, str]:
-    """Return formulas by the path of the block that each replaces, from texts of the form `PATH=FORMULA`."""
-    pairs = [text.partition("=") for text in texts]
-    if incomplete := [path for path, sign, _ in pairs if not sign]:
-        remedy = 'Write "PATH=FORMULA", such as "Sensor/Radiation=0.15 * (t - 20)".'
-        raise InputError(Finding(Location("--bind", path=path), "has no formula", remedy) for path in incomplete)
-    return {path.strip(): formula.strip() for path, _, formula in pairs}
 
 
 @click.command
@@ -71,27 +43,10 @@ def _bindings(texts: Sequence[str]) -> Mapping[str, str]:
 @argument("target", "OUT", "Output file. The extension selects the format.")
 @option("--image", "Image to write the values into.", "FILE", type=PATH)
 @command_line.description_file
-@command_line.subsystem
-@command_line.variable_files
-@command_line.folders
-@command_line.bindings
-@command_line.class_name
-@command_line.methods
-@command_line.task
+@model_options
 @command_line.force
 def convert(
-    source: Path,
-    target: Path,
-    image: Path | None,
-    a2l: Path | None,
-    subsystem: str,
-    values: Sequence[Path],
-    folders: Sequence[Path],
-    bind: Sequence[str],
-    class_name: str,
-    methods: Sequence[str],
-    task: str,
-    force: bool,
+    source: Path, target: Path, image: Path | None, a2l: Path | None, selection: ModelSelection, force: bool
 ) -> int:
     """Convert a calibration file, a Simulink model or an ESDL class.
 
@@ -109,13 +64,14 @@ def convert(
     if is_program:
         from kennfeld.models.ascet.formula_export import write_esdl_formula
 
+        class_name, methods, task, folders = selection.esdl
         paths = write_esdl_formula(source, target, class_name, methods, task=task, folders=folders)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
     if is_simulink:
         from kennfeld.models.simulink.formula_export import write_formula
 
-        paths = write_formula(source, target, subsystem, values, folders, _bindings(bind))
+        paths = write_formula(source, target, *selection.simulink)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
     [parameters], remarks = calfiles.read_several([source], a2l)

@@ -16,7 +16,8 @@ from kennfeld.measurement.file_kind import FileKind, detect_kind
 from kennfeld.models.simulink.reader.recognition import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
 from kennfeld.terminal import describers
-from kennfeld.terminal.describers import DEFAULT_METHODS, WHOLE, EsdlSelection, FileInfo, SimulinkSelection
+from kennfeld.terminal.describers import FileInfo
+from kennfeld.terminal.model_selection import WHOLE, ModelSelection
 
 _SECTION = re.compile(
     r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
@@ -29,24 +30,18 @@ _CALIBRATION_KINDS = (FileKind.DCM, FileKind.CVX, FileKind.JSON)
 _MAX_MAT_SIZE = 100_000_000  # bytes of a MATLAB data file that is searched for parameters
 
 
-def describe_file(
-    path: str | Path,
-    a2l: str | Path | None = None,
-    part: SimulinkSelection = WHOLE,
-    program: EsdlSelection = DEFAULT_METHODS,
-) -> FileInfo:
+def describe_file(path: str | Path, a2l: str | Path | None = None, selection: ModelSelection = WHOLE) -> FileInfo:
     """Describe a measurement, calibration, A2L, formula, Simulink, ASCET, project or training file, by its content.
 
     Args:
         path: the file; a sheet of a workbook as `bench.xlsx#Sheet1`.
         a2l: the description of an image; by default the A2L file of the same name.
-        part: what to import of a Simulink model.
-        program: what to import of an ASCET project.
+        selection: what to import of a Simulink model or an ASCET project.
 
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
     """
-    file = _InputFile(Path(path), a2l, part, program)
+    file = _InputFile(Path(path), a2l, selection)
     if file.path.is_file():
         for recognises, describe in _DESCRIBERS:
             if recognises(file):
@@ -66,8 +61,7 @@ class _InputFile:
 
     path: Path
     a2l: str | Path | None
-    part: SimulinkSelection
-    program: EsdlSelection
+    selection: ModelSelection
 
     @property
     def suffix(self) -> str:
@@ -161,8 +155,11 @@ def _first_line(text: str) -> str:
 # tried in this order; a file that none of them recognises is a measurement
 _DESCRIBERS: Sequence[tuple[Callable[[_InputFile], bool], Callable[[_InputFile], FileInfo]]] = (
     (lambda file: file.suffix == ".sldd", lambda file: describers.describe_dictionary(file.path)),
-    (lambda file: file.suffix in (".esdl", ".app"), lambda file: describers.describe_esdl(file.path, file.program)),
-    (_is_simulink, lambda file: describers.describe_simulink(file.path, file.part)),
+    (
+        lambda file: file.suffix in (".esdl", ".app"),
+        lambda file: describers.describe_esdl(file.path, file.selection.esdl),
+    ),
+    (_is_simulink, lambda file: describers.describe_simulink(file.path, file.selection.simulink)),
     (_is_toml, _describe_toml),
     (_is_surrogate, lambda file: describers.describe_surrogate_file(file.path)),
     (lambda file: file.suffix == ".kf", _describe_formula_file),

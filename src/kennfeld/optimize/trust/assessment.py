@@ -28,8 +28,9 @@ from kennfeld.optimize.trust.noise import (
     sum_groups,
 )
 from kennfeld.optimize.trust.null_space import null_space
+from kennfeld.optimize.trust.table_changes import table_changes
 from kennfeld.optimize.trust.trust import Trust
-from kennfeld.optimize.trust.weak_directions import table_changes, weak_directions
+from kennfeld.optimize.trust.weak_directions import weak_directions
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.task_runner import RunnerLostError

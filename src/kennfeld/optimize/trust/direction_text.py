@@ -10,7 +10,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.constraints import Pin
 from kennfeld.graph import Graph
 from kennfeld.optimize.trust.remedies import Remedy
-from kennfeld.optimize.trust.weak_directions import TableChange, WeakDirection
+from kennfeld.optimize.trust.table_changes import TableChange, WeakDirection
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Parameter
 from kennfeld.rbf import RBF

@@ -160,7 +160,7 @@ def _find_channels(problem: Problem) -> list[_Sought]:
             remedy = nearest(channel, used) or f"Name one of {', '.join(sorted(used))}."
             message = f"{channel} is neither an input of the function nor a target"
             findings.append(Finding(Location(f"shift of dataset {data.name}"), message, remedy))
-        elif data.use == "training" and data.weight > 0:
+        elif data.is_fitted:
             sought.append(_Sought(number, channel))
     estimated = {at.channel for at in sought}
     for _, data, channel in shifts:
