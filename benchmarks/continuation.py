@@ -121,7 +121,7 @@ def _outcomes(case: Case) -> list[dict[str, Any]]:
     for setting in (SETTINGS[0], *SETTINGS):  # the first search warms up
         options = replace(fit.options, tolerance=setting.tolerance or fit.options.tolerance)
         smoothed = fit.continuation if setting.continuation == "auto" else None
-        setup = DescentSetup(fit.exact, fit.objective, smoothed, None, options, fit.record, setting.plan)
+        setup = DescentSetup(fit.exact, fit.objective, fit.thinned, smoothed, None, options, fit.record, setting.plan)
         with blas_threads(problem.free_size):
             began = time.process_time()
             end = minimise(setup, start, limits)

@@ -78,3 +78,16 @@ def test_shares_of_like_items_are_about_equal(work):
     loads = [sum(work[i] for i in share) for share in shares(work, 4)]
     assert len(loads) == 4
     assert max(loads) < 2 * min(loads)
+
+
+def test_fewer_pieces_are_spread_evenly_and_weigh_as_much_as_all():
+    bench = [Piece(10 * i, 10 * i + 10, np.array([2.0, 1.0])) for i in range(40)]
+    other = [Piece(400 + 5 * i, 405 + 5 * i, np.array([0.0, 3.0])) for i in range(3)]
+    targets = np.zeros((2, 415))
+    targets[0, 300:310] = np.nan  # the first output of piece 30
+    fewer = Samples(np.zeros((0, 415)), targets, [*bench, *other]).in_fewer_pieces(0.1, 2)
+    assert [piece.first for piece in fewer.pieces] == [0, 130, 250, 300, 390, 400, 410]
+    scored = np.array([fewer.scored(piece) for piece in fewer.pieces])
+    weights = sum(piece.scores * own for piece, own in zip(fewer.pieces, scored, strict=True))
+    assert weights.tolist() == [2.0 * 390, 1.0 * 400 + 3.0 * 15]
+    assert fewer.count == 415

@@ -6,7 +6,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.objective import LeastSquaresObjective, _Sensitivity
 
 RANDOM = np.random.default_rng(0)
 COUNT = 1500
@@ -137,3 +137,24 @@ def test_slopes_count_as_zero_in_the_rows_and_in_the_sums_of_a_problem(values):
     assert not matrix[at].any()
     assert not gradient[at]
     assert jacobian.T @ residual == pytest.approx(gradient, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("missing", [[], range(40), range(300, 310), [*range(20), 500]])
+def test_the_curvature_on_all_simulated_samples_is_that_of_scored_and_of_other_samples(missing):
+    data, values = drive(0), {"k": 1.0, "T": 1.0, "x0": 0.5}
+    measured = data["m"].values.copy()
+    measured[list(missing)] = np.nan
+    scored = CompiledProblem(build_problem("y = PT1(k*u, T, x0)", data, values, "m"))
+    partly = data.with_channels(kf.Channel("m", measured))
+    compiled = CompiledProblem(build_problem("y = PT1(k*u, T, x0)", partly, values, "m"))
+    expected = scored.sums.normal(scored.start).matrix.diagonal() if len(missing) else np.zeros(3)
+    assert _Sensitivity(compiled).everywhere(compiled.start) == pytest.approx(expected, rel=1e-12)
+
+
+def test_samples_after_the_last_scored_one_are_not_simulated():
+    data = drive(0)
+    measured = data["m"].values.copy()
+    measured[1200:] = np.nan
+    ended = data.with_channels(kf.Channel("m", measured))
+    compiled = CompiledProblem(build_problem("y = PT1(k*u, 0.5)", ended, {"k": 1.0}, "m"))
+    assert _Sensitivity(compiled).everywhere(compiled.start).tolist() == [0.0]

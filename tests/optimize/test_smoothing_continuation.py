@@ -160,6 +160,28 @@ def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage):
     assert result.cost_after < result.cost_before
 
 
+@pytest.mark.parametrize("text", ["y = PT1(G(u) * k, T)", "y = PT1(G(k * u), T)"])
+def test_a_search_of_a_model_with_memory_begins_with_some_recordings(text, monkeypatch):
+    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 1000)
+    rng, truth = np.random.default_rng(1), {"k": 2.0, "T": 0.5}
+    curve = kf.Curve("G", np.linspace(-3.0, 3.0, 7), np.linspace(-1.0, 2.0, 7) ** 3)
+    drives = []
+    for number in range(40):
+        u = np.repeat(rng.uniform(-1.0, 1.0, 20), 10)
+        drive = kf.Dataset.of(f"drive {number}", {"u": u}, time=0.1 * np.arange(u.size))
+        simulated = kf.simulate(text, drive, truth | {"G": curve})["y"].values
+        drives.append(drive.with_channels(kf.Channel("m", simulated + rng.normal(0.0, 0.01, u.size))))
+    start = kf.ParameterSet([curve, kf.Scalar("k", 1.0), kf.Scalar("T", 2.0)])
+    result = kf.calibrate(text, drives, start, "m", free=["k", "T"])
+    costs = {line.stage: line.cost for line in result.trace}
+    assert result.converged
+    assert result.trace[-1].stage == "final"
+    assert costs["plain"] == pytest.approx(costs["final"], rel=0.3)  # with the weight of all samples
+    assert result.cost_after == pytest.approx(40 * 200 * 0.01**2, rel=0.05)
+    assert result.parameters["k"].value == pytest.approx(2.0, rel=0.01)
+    assert result.parameters["T"].value == pytest.approx(0.5, rel=0.02)
+
+
 def test_a_search_is_given_up_where_an_earlier_one_was_as_good():
     data, start = problem()
     compiled = CompiledProblem(build_problem(TEXT, data, start, "y", node="m", smoothness=1e-3))

@@ -113,6 +113,25 @@ class Samples:
         samples = self._samples(np.concatenate(picked))
         return Samples(self.inputs.take(samples), self.wanted.take(samples), pieces)
 
+    def in_fewer_pieces(self, share: float, least: int) -> "Samples":
+        """Return about this share of the pieces, evenly spaced, with the total weight of all.
+
+        Of the pieces that score the same outputs with the same weights, at least `least` are taken.
+        """
+        scored = np.array([self.scored(piece) for piece in self.pieces])
+        groups: dict[bytes, list[int]] = {}
+        for number, piece in enumerate(self.pieces):
+            groups.setdefault(piece.scores.tobytes() + (scored[number] > 0).tobytes(), []).append(number)
+        pieces: list[Piece] = []
+        for group in groups.values():
+            count = min(max(least, round(len(group) * share)), len(group))
+            picked = [group[i] for i in np.linspace(0, len(group) - 1, count).round().astype(np.int64)]
+            weights = scored[group].sum(axis=0) / np.maximum(scored[picked].sum(axis=0), 1)
+            pieces += [replace(self.pieces[i], scores=self.pieces[i].scores * weights) for i in picked]
+        result = copy(self)
+        result.pieces = tuple(sorted(pieces, key=lambda piece: piece.first))
+        return result
+
     def reweighted(self, factors: Float) -> "Samples":
         """Return the samples with the weight of each output multiplied by a factor; `factors` has shape (outputs,)."""
         result = copy(self)

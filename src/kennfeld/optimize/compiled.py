@@ -36,7 +36,8 @@ from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import in_visiting_order, read_samples, sample_columns
 
-SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20  # of steady-state data, of which more are used to compare searches
+SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20  # of models without memory: more are not used to compare searches
+SEARCH_PIECES, SEARCH_PIECE_SAMPLES = 10, 300_000  # of models with memory, which are evaluated over whole pieces
 
 
 def smoothable(problem: Problem) -> bool:
@@ -149,8 +150,7 @@ class CompiledProblem:
             return self._gathered()
         if self._is_thinned and self.problem.partitions is not None:
             return self._thinned_partitions
-        samples = self._shared(self._smooth_like)
-        return samples.thinned(self._search_share(samples.count))
+        return self._thin(self._shared(self._smooth_like))
 
     @cached_property
     def _thinned_partitions(self) -> Samples:
@@ -284,17 +284,30 @@ class CompiledProblem:
         self.samples.wanted.reread()
 
     def thinned(self) -> "CompiledProblem":
-        """Return the same over a fixed part of the samples if these are many and have no memory, else itself."""
-        share = self._search_share(self.sample_count)
-        if share >= 1:
-            return self
+        """Return the same over a fixed part of the samples if these are many, else itself.
+
+        For models with memory these are whole pieces; with partitions, such models are evaluated over all samples.
+        """
         other = copy(self)
         if self.problem.partitions is None:
-            other.samples = self.samples.thinned(share)
+            other.samples = self._thin(self.samples)
+            if other.samples is self.samples:
+                return self
+        elif self.kernel.line.states or self._search_share(self.sample_count) >= 1:
+            return self
         else:
             other.samples, other.problem = self._thinned_partitions, replace(self.problem, partitions=None)
         other.sums = self.sums_over(other.samples)
         return other
+
+    def _thin(self, samples: Samples) -> Samples:
+        """Return the samples with which searches are compared."""
+        if not self.kernel.line.states:
+            return samples.thinned(self._search_share(samples.count))
+        if samples.count < 2 * SEARCH_PIECE_SAMPLES or len(samples.pieces) < 2 * SEARCH_PIECES:
+            return samples
+        fewer = samples.in_fewer_pieces(SEARCH_PIECE_SAMPLES / samples.count, SEARCH_PIECES)
+        return fewer if 2 * sum(piece.last - piece.first for piece in fewer.pieces) <= samples.count else samples
 
     @property
     def residuals(self) -> int:
@@ -350,9 +363,7 @@ class CompiledProblem:
         return samples
 
     def _search_share(self, samples: int) -> float:
-        """Return the share of the samples with which searches are compared."""
-        if self.kernel.line.states:
-            return 1.0
+        """Return the share of the samples with which searches of models without memory are compared."""
         return max(SEARCH_SAMPLES, SAMPLES_PER_VALUE * self.values.free) / max(samples, 1)
 
 

@@ -2,7 +2,8 @@
 
 Chains of piecewise-linear lookups have kinks at which a descent stops early, so descents on smoothed lookups compete
 with a direct one. A short smoothing schedule is always tried; a long one only if both ends differ. Each of them ends
-early, and uses a part of the samples if there are many; only the best is continued to its end, on all samples.
+early, and uses a part of the samples if there are many; only the best is continued to its end, on all samples. A single
+descent of a model with memory begins with such a part, too.
 `python -m benchmarks continuation` compares these choices with others.
 """
 
@@ -51,6 +52,10 @@ class SearchPlan:
     patience: int = 2
     kink_difference: float = 3e-3
 
+    def early(self, settings: SolverSettings) -> SolverSettings:
+        """Return the settings of descents that are compared."""
+        return replace(settings, tolerance=max(settings.tolerance, self.tolerance), patience=self.patience)
+
 
 @dataclass(frozen=True)
 class DescentSetup:
@@ -58,6 +63,7 @@ class DescentSetup:
 
     exact: CompiledProblem
     objective: LeastSquaresObjective  # of `exact`
+    thinned: CompiledProblem  # over the part of the samples with which a single descent begins, or `exact`
     continuation: Continuation | None  # None if no lookup is smoothed
     outputs: OutputLimits | None  # None if no output is limited
     options: Options
@@ -79,8 +85,7 @@ def minimise(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverR
     moving_axes = bool(setup.exact.problem.free_axes)
     settings = coarsen(options.settings) if moving_axes else options.settings
     if setup.continuation is None:
-        report = partial(setup.report, "plain")
-        ends = [levenberg_marquardt(setup.objective, start, limits, settings, report)]
+        ends = [_descend(setup, start, limits, settings)]
     else:
         ends = [_compare_descents(setup, setup.continuation, start, limits, settings)]
     if moving_axes and not ends[-1].cut_short:
@@ -106,18 +111,35 @@ def enforce_output_limits(setup: DescentSetup, end: SolverResult, start: Float, 
     return ends[1].with_effort_of(ends)
 
 
+def _descend(setup: DescentSetup, start: Float, limits: LinearLimits, settings: SolverSettings) -> SolverResult:
+    """Descend on the model as it is, with many samples first on a part of them."""
+    report = partial(setup.report, "plain")
+    if setup.thinned is setup.exact:
+        return levenberg_marquardt(setup.objective, start, limits, settings, report)
+    part = LeastSquaresObjective(setup.thinned)
+    end = levenberg_marquardt(part, start, limits, setup.plan.early(settings), report)
+    return _continue_on_all_samples(setup, [end], start, limits, settings)
+
+
 def _compare_descents(
     setup: DescentSetup, continuation: Continuation, start: Float, limits: LinearLimits, settings: SolverSettings
 ) -> SolverResult:
     """Descend on smoothed lookups and directly, and continue the better one to its end."""
     plan = setup.plan
-    early = replace(settings, tolerance=max(settings.tolerance, plan.tolerance), patience=plan.patience)
+    early = plan.early(settings)
     end, costs = continuation.descend(plan.short, start, limits, early, setup.report)
     ends = [end]
     if plan.direct and end.status != "stopped":
         ends.append(continuation.descend_directly(start, limits, early, setup.report))
     if plan.long is not None and _costs_differ(ends, plan.kink_difference):
         ends.append(continuation.descend(plan.long, start, limits, early, setup.report, costs)[0])
+    return _continue_on_all_samples(setup, ends, start, limits, settings)
+
+
+def _continue_on_all_samples(
+    setup: DescentSetup, ends: Sequence[SolverResult], start: Float, limits: LinearLimits, settings: SolverSettings
+) -> SolverResult:
+    """Continue the best of several descents, or else the start, to its end."""
     best = _best_on_all_samples(setup, ends, start)
     if best.status == "stopped":
         return best.with_effort_of(ends)

@@ -83,6 +83,8 @@ class FitRun:
         self.options = replace(options, tolerance=tolerance)
         smoothed = options.continuation != "off" and options.method != "global"
         self.continuation = Continuation.of(self.exact) if smoothed else None
+        single = self.continuation is None and options.method != "global" and self.exact.sums.stateful
+        self.thinned = self.exact.thinned() if single else self.exact
         self.read = seconds.read
         self.compile = time.perf_counter() - self.began
         self.trace: list[TraceLine] = []
@@ -96,6 +98,7 @@ class FitRun:
             other.__dict__.pop(cached, None)
         other.problem, other.exact = problem, self.exact.with_start(problem)
         other.objective = LeastSquaresObjective(other.exact)
+        other.thinned = other.exact if self.thinned is self.exact else self.thinned.with_start(problem)
         other.continuation = self.continuation and self.continuation.with_start(other.exact)
         other.trace, other.best = [], None
         return other
@@ -231,13 +234,20 @@ class FitRun:
 
     def _is_whole(self, stage: str) -> bool:
         """Return if the cost of a stage is that of the exact model over all samples."""
-        compared = self.continuation is not None and self.continuation.thinned and stage in ("exact", "plain")
+        thinned = self.thinned is not self.exact if self.continuation is None else self.continuation.thinned
+        compared = thinned and stage in ("exact", "plain")
         return not (compared or stage.startswith("smooth"))
 
     @property
     def _setup(self) -> DescentSetup:
         return DescentSetup(
-            self.exact, self.objective, self.continuation, self.outputs, self.options, report=self.record
+            self.exact,
+            self.objective,
+            self.thinned,
+            self.continuation,
+            self.outputs,
+            self.options,
+            report=self.record,
         )
 
     def _leave_saddles(self, end: SolverResult, limits: LinearLimits) -> SolverResult:

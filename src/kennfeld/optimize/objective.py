@@ -9,6 +9,7 @@ divide noise by noise.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -202,10 +203,12 @@ class _Sensitivity:
         """
         if self._everywhere is None:
             self._everywhere = np.zeros(self._compiled.values.free)
-            compiled = self._compiled
-            if compiled.sums.stateful and any(compiled.each(_has_unscored)):
-                diagonal = sum(compiled.each(_curvature_everywhere, values))
-                self._everywhere = self._largest(np.nan_to_num(diagonal, posinf=0.0))
+            sums = self._compiled.sums
+            if sums.stateful:
+                unscored = [each for each in self._compiled.each(_unscored_curvature, values) if each is not None]
+                if unscored:
+                    diagonal = sum(unscored) + sums.normal(values).matrix.diagonal()
+                    self._everywhere = self._largest(np.nan_to_num(diagonal, posinf=0.0))
         return self._everywhere
 
     def _largest(self, each: Float) -> Float:
@@ -229,38 +232,39 @@ class _Sensitivity:
 
 def _sum_target_squares(compiled: CompiledProblem) -> float:
     scales = np.array([output.scale for output in compiled.kernel.outputs])
-    blocks = _target_blocks(compiled.samples)
-    return float(sum((piece.scores / scales**2) @ np.nansum(block**2, axis=1) for piece, _, block in blocks))
+    return float(
+        sum(
+            (piece.scores / scales**2) @ np.nansum(block**2, axis=1)
+            for piece in compiled.samples.pieces
+            for block in _target_blocks(compiled.samples, piece)
+        )
+    )
 
 
-def _has_unscored(compiled: CompiledProblem) -> bool:
-    return _all_scored(compiled.samples) is not None
+def _unscored_curvature(compiled: CompiledProblem, values: Float) -> Float | None:
+    """Return the curvature along each free value at the samples that are simulated only, Float[free]; None without."""
+    samples = _unscored(compiled.samples)
+    return None if samples is None else compiled.sums_over(samples).normal(values).matrix.diagonal().copy()
 
 
-def _curvature_everywhere(compiled: CompiledProblem, values: Float) -> Float:
-    """Return the curvature along each free value with all samples scored, Float[free]."""
-    samples = _all_scored(compiled.samples)
-    sums = compiled.sums if samples is None else compiled.sums_over(samples)
-    return sums.normal(values).matrix.diagonal().copy()
+def _unscored(samples: Samples) -> Samples | None:
+    """Return the samples that are simulated only, as scored ones; None without.
 
-
-def _all_scored(samples: Samples) -> Samples | None:
-    """Return the samples with each piece scored up to its last scored sample; None if they are already."""
-    scored = np.full((len(samples.targets), samples.count), np.nan)
-    known = 0
-    for piece, first, block in _target_blocks(samples):
-        finite = np.isfinite(block)
-        known += int(finite.sum())
-        at = np.flatnonzero(finite.any(axis=0))
-        if at.size:
-            scored[:, piece.first : first + int(at[-1]) + 1] = 0.0
-    if known == np.count_nonzero(scored == 0.0):
-        return None
-    return Samples(samples.inputs.parts, list(scored), samples.pieces)
-
-
-def _target_blocks(samples: Samples) -> Iterator[tuple[Piece, int, Float]]:
-    """Yield pieces, the first sample of a block, and its targets Float[outputs, samples]."""
+    What follows the last scored sample of a piece is not simulated.
+    """
+    targets, pieces = np.zeros((len(samples.targets), samples.count)), []
     for piece in samples.pieces:
-        for first in range(piece.first, piece.last, SAMPLES_PER_BLOCK):
-            yield piece, first, samples.targets_of(np.arange(first, min(first + SAMPLES_PER_BLOCK, piece.last)))
+        scored = np.hstack([np.isfinite(block) for block in _target_blocks(samples, piece)] or [np.zeros((1, 0), bool)])
+        reached = np.flatnonzero(scored.any(axis=0))
+        missing = np.flatnonzero(~scored[:, : reached[-1] + 1].all(axis=0)) if reached.size else reached
+        if missing.size:
+            end = int(missing[-1]) + 1
+            targets[:, piece.first : piece.first + end][scored[:, :end]] = np.nan
+            pieces.append(replace(piece, last=piece.first + end))
+    return Samples(samples.inputs.parts, list(targets), pieces, samples.order) if pieces else None
+
+
+def _target_blocks(samples: Samples, piece: Piece) -> Iterator[Float]:
+    """Yield the targets of a piece in blocks, Float[outputs, samples]."""
+    for first in range(piece.first, piece.last, SAMPLES_PER_BLOCK):
+        yield samples.targets_of(np.arange(first, min(first + SAMPLES_PER_BLOCK, piece.last)))
