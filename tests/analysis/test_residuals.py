@@ -194,6 +194,21 @@ class TestStudentized:
         (found,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
         assert abs(found.errors[0].scaled[30]) < 1e-6
 
+    @settings(deadline=None, max_examples=40)
+    @given(st.integers(0, 1000), st.integers(3, 300), st.sampled_from([0.0, 1.0, 1e160]), st.booleans())
+    def test_errors_beyond_three_deviations_are_counted_before_these_are_known(self, seed, count, size, studentized):
+        rng = np.random.default_rng(seed)
+        x = rng.uniform(0, 10, count)
+        data = Dataset.of("d", {"x": x, "t": size * rng.standard_t(2, count)})
+        test = Dataset.of("e", {"x": rng.uniform(0, 10, 50), "t": 5 * size * rng.standard_t(2, 50)}, use="test")
+        problem = problem_of("y = C(x)", [Curve("C", self.points, np.zeros(6))], data, test)
+        trust = Trust({"C": self.leverage(x)}) if studentized else None
+        (analysed,) = residuals(problem, problem.parameters, trust=trust)
+        for errors, summary in zip(analysed.errors, analysed.summaries, strict=True):
+            known = errors.scaled[np.isfinite(errors.scaled)]
+            share = np.mean(np.abs(known) > 3.0) if known.size else np.nan
+            assert summary.beyond == pytest.approx(share, nan_ok=True)
+
     def test_test_samples_had_no_part_in_the_fit(self):
         data = scattered()
         problem = problem_of(

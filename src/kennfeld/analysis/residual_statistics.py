@@ -1,7 +1,7 @@
-"""Statistics of the errors of one criterion over parts of a dataset, in three passes.
+"""Statistics of the errors of one criterion over parts of a dataset, in two passes.
 
-The first pass counts and sums, the second finds quantiles around those counts, autocorrelations around the mean, and
-the largest errors, the third counts scaled errors. All of them can be merged with those of other parts.
+The first pass counts and sums, the second finds quantiles around those counts, autocorrelations around the mean, the
+largest errors, and scaled errors that are rare. All of them can be merged with those of other parts.
 """
 
 from dataclasses import dataclass, field
@@ -17,6 +17,8 @@ from kennfeld.sample_statistics import Moments, QuantileSearch, Ranks
 MIDDLE, MOST = 0.5, 0.95  # quantiles of the size of the errors
 TAILS = 0.001  # share of the errors on each side that may lie outside a histogram
 EVEN = 1e-3  # relative difference of time steps that count as equal
+BEYOND = 3.0  # scaled errors that are rare for a normal distribution: 0.3 %
+ROUNDING = 1e-9  # relative; by which bounds are widened
 
 
 @dataclass
@@ -144,6 +146,43 @@ class ErrorSearches:
             getattr(self, name).merge(search)
 
 
+@dataclass
+class RareErrors:
+    """Counts scaled errors beyond 3 before the standard deviation that scales them is known, between `bounds`.
+
+    It depends on the leverages of all samples, as does each of the errors that are kept until then: those whose count
+    depends on where between its bounds the deviation lies.
+    """
+
+    bounds: tuple[float, float]  # of the standard deviation of the errors
+    known: int = 0
+    certain: int = 0  # errors beyond 3 for any deviation between the bounds
+    possible: list[tuple[Float, Float]] = field(default_factory=list)  # other errors, and their leverages
+
+    def part(self, error: Float, leverage: Float) -> "RareErrors":
+        """Return the same count over a part of a dataset: Float[samples], NaN if not scored."""
+        size = np.abs(scaled_errors(error, 1.0, leverage))
+        low, high = BEYOND * np.array(self.bounds) * (1 - ROUNDING, 1 + ROUNDING)
+        finite = np.isfinite(size)
+        certain = finite & (size > high)
+        possible = finite & (size >= low) & ~certain
+        kept = [(error[possible], leverage[possible])]
+        return RareErrors(self.bounds, int(np.count_nonzero(finite)), int(np.count_nonzero(certain)), kept)
+
+    def merge(self, later: "RareErrors") -> None:
+        """Take in the count over the following part."""
+        self.known += later.known
+        self.certain += later.certain
+        self.possible += later.possible
+
+    def share(self, deviation: float) -> float:
+        """Return the share of errors beyond 3 of their standard deviations; NaN if no scaled error is known."""
+        if not self.known or not deviation > 0:
+            return float("nan")
+        sizes = [np.abs(scaled_errors(error, deviation, leverage)) for error, leverage in self.possible]
+        return (self.certain + sum(int(np.count_nonzero(size > BEYOND)) for size in sizes)) / self.known
+
+
 @dataclass(frozen=True)
 class LargeError:
     """A sample with a large error; `sample` and `piece` count from the beginning of the dataset."""
@@ -174,12 +213,17 @@ class LargeErrors:
 
 @dataclass
 class ErrorDetails:
-    """Second pass: quantiles, autocorrelation, largest errors, and the degrees of freedom that the errors have."""
+    """Second pass: quantiles, autocorrelation, largest and rare errors, and the degrees of freedom that they have.
+
+    `samples` are absolute errors, relative errors and leverages of each part, if they are kept.
+    """
 
     searches: ErrorSearches
     products: LaggedProducts | None
     largest: LargeErrors
+    rare: RareErrors
     freedom: float
+    samples: list[tuple[Float, Float, Float]]
 
     def merge(self, later: "ErrorDetails") -> None:
         """Take in the details of the following part."""
@@ -187,7 +231,9 @@ class ErrorDetails:
         if self.products is not None and later.products is not None:
             self.products.merge(later.products)
         self.largest.merge(later.largest)
+        self.rare.merge(later.rare)
         self.freedom += later.freedom
+        self.samples += later.samples
 
 
 def find_peaks(size: Float, error: Float, starts: Int) -> Int:

@@ -20,6 +20,7 @@ from kennfeld.analysis.residual_statistics import (
     ErrorSearches,
     LargeError,
     LargeErrors,
+    RareErrors,
     largest_places,
     relative_errors,
     scaled_errors,
@@ -33,7 +34,6 @@ from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.sample_statistics import Mergeable, gather
 
-BEYOND = 3.0  # scaled errors that are rare for a normal distribution: 0.3 %
 _Statistic = TypeVar("_Statistic", bound=Mergeable)  # Python 3.11
 _Row = TypeVar("_Row", bound=Mergeable)
 
@@ -203,14 +203,29 @@ class _ResidualScan:
             if any(count.target.count for count in first.counts.rows):
                 cells.merge(first.cells)
         fits = []
+        rare = [RareErrors(bounds) for bounds in self._deviation_bounds(counts)]
         for bound, own in zip(self._bounds, counts, strict=True):
             scored = [number for number, count in enumerate(own) if count.target.count]
             searches = [count.searches() for count in own]
-            work = partial(self._detail, counts=own, searches=searches)
+            work = partial(self._detail, counts=own, searches=searches, rare=rare, keep=keep)
             details = self._gather(work, bound).rows if scored else []
             fits += [Fit(number, bound, own[number], details[number]) for number in scored]
         tallied = cells.tally(self._evaluator.parameters)
         return Analysis(tuple(self._of_criteria(fits, tallied.cells, keep=keep)), tuple(fits), tallied.touching)
+
+    def _deviation_bounds(self, counts: Sequence[Sequence[ErrorCounts]]) -> list[tuple[float, float]]:
+        """Return bounds of `_deviation` for each criterion, given its counts on each dataset.
+
+        The leverages of all samples are at most those of all grid points.
+        """
+        bound_by_data = sum(float(np.nansum(table)) for table in self._leverage.values())
+        bounds = []
+        for own in zip(*counts, strict=True):
+            rows = [(bound.dataset.is_fitted, count) for bound, count in zip(self._bounds, own, strict=True)]
+            used = [count for fitted, count in rows if fitted and count.target.count] or list(own)
+            total, samples = sum(c.after.sums.squares for c in used), sum(c.target.count for c in used)
+            bounds.append((_root_of_share(total, samples), _root_of_share(total, samples - bound_by_data)))
+        return bounds
 
     def _gather(self, work: Callable[[BoundPart], _Statistic], bound: BoundDataset) -> _Statistic:
         return gather(work, self._evaluator.parts(bound))
@@ -229,10 +244,17 @@ class _ResidualScan:
         return self._weights.leverage(self._problem, lookups, evaluated.located, series, self._leverage)
 
     def _detail(
-        self, part: BoundPart, counts: Sequence[ErrorCounts], searches: Sequence[ErrorSearches]
+        self,
+        part: BoundPart,
+        counts: Sequence[ErrorCounts],
+        searches: Sequence[ErrorSearches],
+        rare: Sequence[RareErrors],
+        *,
+        keep: bool,
     ) -> "_Rows[ErrorDetails]":
         evaluated, rows = self._evaluator.over(part), []
-        for before, after, count, search in zip(evaluated.before, evaluated.after, counts, searches, strict=True):
+        series = zip(evaluated.before, evaluated.after, strict=True)
+        for (before, after), count, search, large in zip(series, counts, searches, rare, strict=True):
             leverage = self._leverages(evaluated, after)
             lags = 0 if after.time is None else count_lags(part.whole.starts, part.whole.count)
             products = None
@@ -243,7 +265,9 @@ class _ResidualScan:
                     search.part(before, after),
                     products,
                     self._largest(part, after, leverage),
+                    large.part(after.error, leverage),
                     float(np.sum(1.0 - leverage[after.scored])),
+                    [(after.error, relative_errors(after), leverage)] if keep else [],
                 )
             )
         return _Rows(rows)
@@ -273,14 +297,8 @@ class _ResidualScan:
 
     def _of_criteria(self, fits: Sequence[Fit], cells: Sequence[CellErrors], *, keep: bool) -> Iterator[Residuals]:
         deviations = {n: _deviation([fit for fit in fits if fit.number == n]) for n in sorted({f.number for f in fits})}
-        scaled: dict[tuple[int, int], _Scaled] = {}
-        for bound in {id(fit.bound): fit.bound for fit in fits}.values():
-            own = {fit.number: deviations[fit.number] for fit in fits if fit.bound is bound}
-            rows = self._gather(partial(self._scale, deviations=own, keep=keep), bound).rows
-            scaled |= {(number, id(bound)): row for number, row in zip(own, rows, strict=True)}
         for number, deviation in deviations.items():
             own_fits = [fit for fit in fits if fit.number == number]
-            own_scaled = [scaled[number, id(fit.bound)] for fit in own_fits]
             criterion = self._problem.criteria[number]
             yield Residuals(
                 criterion=criterion.node,
@@ -288,21 +306,11 @@ class _ResidualScan:
                 unit=own_fits[0].counts.unit,
                 scaling="studentized" if self._leverage else "standardised",
                 deviation=deviation,
-                errors=tuple(_errors(fit, row) for fit, row in zip(own_fits, own_scaled, strict=True) if keep),
-                summaries=tuple(map(_summary, own_fits, own_scaled)),
+                errors=tuple(_errors(fit, deviation) for fit in own_fits if keep),
+                summaries=tuple(_summary(fit, deviation) for fit in own_fits),
                 cells=tuple(cell for cell in cells if cell.criterion == number),
                 worst=_worst(own_fits, deviation, self._worst),
             )
-
-    def _scale(self, part: BoundPart, deviations: Mapping[int, float], *, keep: bool) -> "_Rows[_Scaled]":
-        evaluated, rows = self._evaluator.over(part), []
-        for number, deviation in deviations.items():
-            series = evaluated.after[number]
-            scaled = scaled_errors(series.error, deviation, self._leverages(evaluated, series))
-            known = scaled[np.isfinite(scaled)]
-            arrays = [(series.error, relative_errors(series), scaled)] if keep else []
-            rows.append(_Scaled(known.size, int(np.count_nonzero(np.abs(known) > BEYOND)), arrays))
-        return _Rows(rows)
 
 
 @dataclass
@@ -327,38 +335,31 @@ class _FirstPass:
             getattr(self, name).merge(statistic)
 
 
-@dataclass
-class _Scaled:
-    """Third pass: how many scaled errors are known and how many are beyond 3; all errors if they are kept."""
-
-    known: int
-    beyond: int
-    arrays: list[tuple[Float, Float, Float]]
-
-    def merge(self, later: "_Scaled") -> None:
-        self.known += later.known
-        self.beyond += later.beyond
-        self.arrays += later.arrays
-
-
 def _deviation(fits: Sequence[Fit]) -> float:
     """Return the root of sum r^2 / (n - sum h) over the training samples, or over all if there are none."""
     used = [fit for fit in fits if fit.bound.dataset.is_fitted] or fits
     total = sum(fit.counts.after.sums.squares for fit in used)
     free = sum(fit.details.freedom for fit in used)
+    return _root_of_share(total, free) if free > 0 else float("nan")
+
+
+def _root_of_share(total: float, count: float) -> float:
+    """Return the root of a share of a sum of squares, infinite if nothing is counted."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.sqrt(total / free)) if free > 0 else float("nan")
+        return float(np.sqrt(np.float64(total) / count)) if count > 0 else float("inf")
 
 
-def _errors(fit: Fit, scaled: _Scaled) -> Errors:
-    arrays = [np.concatenate(parts) for parts in zip(*scaled.arrays, strict=True)]
-    return Errors(fit.bound.dataset.name, fit.bound.dataset.use, *arrays)
+def _errors(fit: Fit, deviation: float) -> Errors:
+    error, relative, leverage = (np.concatenate(parts) for parts in zip(*fit.details.samples, strict=True))
+    scaled = scaled_errors(error, deviation, leverage)
+    return Errors(fit.bound.dataset.name, fit.bound.dataset.use, error, relative, scaled)
 
 
-def _summary(fit: Fit, scaled: _Scaled) -> Summary:
+def _summary(fit: Fit, deviation: float) -> Summary:
     counts, searches = fit.counts, fit.details.searches
     finite, variation = counts.finite, counts.target.squares
-    squares = finite.squares + finite.count * finite.mean**2
+    with np.errstate(over="ignore"):
+        squares = float(finite.squares + finite.count * np.float64(finite.mean) ** 2)
     determined = variation > 0 and finite.count == fit.samples
     memory = None
     if fit.details.products is not None:
@@ -375,7 +376,7 @@ def _summary(fit: Fit, scaled: _Scaled) -> Summary:
         percentile_95=searches.size.quantile(MOST),
         largest=max(-counts.after.low, counts.after.high) if finite.count else float("nan"),
         relative=searches.relative.quantile(0.5),
-        beyond=scaled.beyond / scaled.known if scaled.known else float("nan"),
+        beyond=fit.details.rare.share(deviation),
         autocorrelation=memory,
     )
 

@@ -48,6 +48,8 @@ class Workspace:
         self._sums = (*strided(self.matrix, dense), address(self.gradient))
         self._batch = BatchMemory(0 if n else entries, columns, m)
         self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
+        self._ends = tuple(address(array) for array in (self.q, self.l, self.q_next, self.l_next))
+        self._swept = (*self._ends[2:], address(self.sensitivities), self.width, address(self.reach))
         axes = (address(kernel.axes), address(widths, len(kernel.layout.axes)))
         self._targets = address(samples.targets, kind=POINTER)
         self._settings = (*axes, address(self.memory), address(self.hints, kind=INT64))
@@ -119,14 +121,11 @@ class Workspace:
 
     def backward(self, chunk: Chunk) -> None:
         """Compute Q and L after each sample of the tape."""
-        ends = (address(array) for array in (self.q, self.l, self.q_next, self.l_next))
-        self.kernel.sweeps.backward(chunk.length, *self._steps, *ends)
+        self.kernel.sweeps.backward(chunk.length, *self._steps, *self._ends)
 
     def forward(self, chunk: Chunk) -> None:
         """Add the tape to the sums, and carry S over it."""
-        swept = (address(self.q_next), address(self.l_next))
-        later = (*swept, address(self.sensitivities), self.width, address(self.reach))
-        self.kernel.sweeps.forward(chunk.length, *self._steps, *later, *self._entries, *self._sums)
+        self.kernel.sweeps.forward(chunk.length, *self._steps, *self._swept, *self._entries, *self._sums)
 
     def rows(self, chunk: Chunk) -> tuple[Float, Float]:
         """Compute residuals and Jacobian of the tape, times the square root of the weights; carries S over it."""
