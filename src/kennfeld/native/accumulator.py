@@ -253,9 +253,10 @@ class Accumulator:
         def work(space: Workspace, runs: list[Run]) -> None:
             space.use(values)
             own = np.zeros(self.kernel.values.free, dtype=np.int64)
+            latest = np.full_like(own, -1)
             for chunk in (chunk for run in runs for chunk in run):
                 self._linearise(space, chunk)
-                own += space.touched(chunk)
+                space.touched(chunk, latest, own)
             counts.append(own)
 
         self._each_share(work)

@@ -27,12 +27,12 @@ free^2). G accepts repeated columns in any order; `fold` computes H from it.
 from functools import cache, cached_property
 
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
-from kennfeld.machine_code.ir import FunctionWriter
+from kennfeld.machine_code.ir import ZERO, FunctionWriter
 from kennfeld.native.forward_sweep import forward_functions
 from kennfeld.native.jacobian_sweeps import rows_functions
 from kennfeld.native.sample_sums import block_sums, dense_sums
 from kennfeld.native.tape_layout import TapeLayout
-from kennfeld.native.tape_reader import dot, load_row, times
+from kennfeld.native.tape_reader import ENTRIES, TapeEntries, dot, load_row, times
 
 
 class Sweeps:
@@ -64,6 +64,10 @@ class Sweeps:
     @cached_property
     def rows(self) -> NativeFunction:
         return compile_functions(*rows_functions(self.pattern), loops=True)["rows"]
+
+    @cached_property
+    def touched(self) -> NativeFunction:
+        return compile_functions(_touched(self.pattern))["touched"]
 
     @cached_property
     def fold(self) -> NativeFunction:
@@ -105,6 +109,31 @@ def _backward(pattern: TapeLayout) -> FunctionWriter:
                 f.store(f.fadd(later, dot(f, weighted, c[j::n])), "%q", i * n + j)
             now = dot(f, weighted, residual)  # L[k] = A' L[k+1] + C' W r
             f.store(f.fadd(dot(f, a[i::n], l_next), now), "%l", i)
+    return f
+
+
+def _touched(pattern: TapeLayout) -> FunctionWriter:
+    """Write `touched(length, weight, entries, first, latest, counts)`: count samples by the columns in which they act.
+
+    A scored sample adds 1 to `counts` of each column in which it has a slope; without states, in which a scored output
+    has one. `latest` is the last such sample of each column; `first` is the number of the first sample of the tape.
+    """
+    numbers = (("i64", "first"), ("ptr", "latest"), ("ptr", "counts"))
+    f = FunctionWriter("touched", [("i64", "length"), ("ptr", "weight"), *ENTRIES, *numbers])
+    with f.loop(0, "%length") as k:
+        weights = load_row(f, "%weight", k, pattern.outputs)
+        unscored = [f.new(f"fcmp ule double {weight}, {ZERO}") for weight in weights]
+        entries, sample = TapeEntries(f, k, pattern.rows), f.add("%first", k)
+        with f.unless(*unscored), f.loop(0, entries.count) as e:
+            column, slopes = entries.read(e)
+            flat = [f.new(f"fcmp oeq double {slope}, {ZERO}") for slope in slopes]
+            if not pattern.carried:
+                flat = [f.new(f"or i1 {a}, {b}") for a, b in zip(flat, unscored, strict=True)]
+            with f.unless(*flat):
+                known = f.new(f"icmp eq i64 {f.load('%latest', column, 'i64')}, {sample}")
+                with f.unless(known):
+                    f.store(sample, "%latest", column, "i64")
+                    f.store(f.add(f.load("%counts", column, "i64"), 1), "%counts", column, "i64")
     return f
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int, aligned_zeros
+from kennfeld.arrays import Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT32, INT64, POINTER, address, strided
 from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
 from kennfeld.native.kernel import Kernel
@@ -140,34 +140,22 @@ class Workspace:
             residual = self.residual[: chunk.length] * np.sqrt(self.weight[: chunk.length])
         return residual.ravel(), self._jacobian[: chunk.length * m]
 
-    def touched(self, chunk: Chunk) -> Int:
-        """Count for each column the scored samples of the tape that have a slope in it.
-
-        Without states, only slopes of a scored output count.
-        """
-        length, columns = chunk.length, self.kernel.values.free
-        counts = self.weight[:length] > 0
-        scored: Bool = np.any(counts, axis=1)
-        used = self._used(chunk, counts if not self.kernel.pattern.carried else None) & scored[:, None]
-        met = np.sort(np.where(used, self.index[:length], columns), axis=1)
-        met[:, 1:][met[:, 1:] == met[:, :-1]] = columns
-        return np.bincount(met.ravel(), minlength=columns + 1)[:columns]
+    def touched(self, chunk: Chunk, latest: Int, counts: Int) -> None:
+        """Count for each column the scored samples of the tape that have a slope in it; see `sweeps`."""
+        columns = self.kernel.values.free
+        numbers = (chunk.first, address(latest, columns, INT64), address(counts, columns, INT64))
+        self.kernel.sweeps.touched(chunk.length, self._steps[1], *self._entries, *numbers)
 
     def met(self, chunk: Chunk, owners: Int) -> Int:
         """Return owner * columns + column for each column in which a sample of an owner >= 0 has a slope.
 
         Sorted, without duplicates.
         """
-        used = self._used(chunk, None) & (owners >= 0)[:, None]
-        numbers = owners[:, None] * self.kernel.values.free + self.index[: chunk.length]
-        return np.unique(numbers[used])
-
-    def _used(self, chunk: Chunk, counts: Bool | None) -> Bool:
-        """Return the entries of the tape with a slope; if the scored outputs are given, with a slope of one of them."""
         length = chunk.length
-        slope = self.slope[:length] != 0
-        some: Bool = (slope if counts is None else slope & counts[:, None]).any(axis=2)
-        return some & (np.arange(self.index.shape[1]) < self.count[:length, None])
+        used = (self.slope[:length] != 0).any(axis=2) & (owners >= 0)[:, None]
+        used &= np.arange(self.index.shape[1]) < self.count[:length, None]
+        numbers = owners[:, None] * self.kernel.values.free + self.index[:length]
+        return np.unique(numbers[used])
 
     def begin_sensitivities(self, sample: int, *, add_start: bool) -> None:
         """Set S at the first sample of a piece; `add_start` adds its share to the sums, from Q and L there."""
