@@ -30,7 +30,7 @@ def test_lookups_near_a_value_are_those_of_a_search_through_all(shape):
     for value in range(table.size):
         expected = np.zeros(SAMPLES)
         for lookup in lookups(table, 3):
-            for at, share in lookup.corners():
+            for at, share in lookup.corners:
                 here = np.where(at == value, share, 0.0)
                 np.maximum(expected[lookup.samples], here, out=expected[lookup.samples])
         np.testing.assert_allclose(index.weights(value, SAMPLES), expected, atol=2e-6)
@@ -65,7 +65,7 @@ def test_sums_at_grid_points_are_those_over_all_lookups(shape):
     weighted, weight = np.zeros(table.size), np.zeros(table.size)
     for lookup in clipped():
         own = values[lookup.samples]
-        for at, share in lookup.corners():
+        for at, share in lookup.corners:
             share = np.where(np.isfinite(own), share, 0.0)
             weighted += np.bincount(at, share * np.nan_to_num(own), minlength=table.size)
             weight += np.bincount(at, share, minlength=table.size)

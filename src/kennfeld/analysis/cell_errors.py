@@ -67,7 +67,7 @@ class CellSums:
             name, size = lookup.table.name, lookup.table.size
             known = counts[lookup.samples] & lookup.known
             touching = sums.touching.setdefault(name, np.zeros(size, dtype=np.int64))
-            for at, weight in lookup.corners() if fits else ():
+            for at, weight in lookup.corners if fits else ():
                 touching += np.bincount(at[known & (weight != 0)], minlength=size)
             for errors in series:
                 if errors.criterion in lookups.reached[name] and errors.scored.any():

@@ -107,5 +107,5 @@ def _corners(
     """Yield the grid points and weights of the lookups of these tables on which the criterion depends."""
     for lookup in located:
         if lookup.table.name in tables and series.criterion in lookups.reached[lookup.table.name]:
-            for at, weight in lookup.corners():
-                yield lookup, at, np.clip(weight, 0.0, None)
+            for at, weight in lookup.corners:
+                yield lookup, at, np.maximum(weight, 0.0)

@@ -91,7 +91,7 @@ def touched(
     for block in coverage.blocks(bound):
         lookup = _locate(block, parameters[block.name], {})
         mask = seen.setdefault(block.name, np.zeros(lookup.table.values.shape, dtype=bool))
-        for at, weight in lookup.corners():
+        for at, weight in lookup.corners:
             mask.flat[at[counting[lookup.samples] & (weight != 0)]] = True
     return seen
 
@@ -116,16 +116,21 @@ class Lookup:
         """Flat number of the cell, over `cell_shape`."""
         return np.ravel_multi_index(self.cells, cell_shape(self.table))
 
-    def corners(self) -> Iterator[tuple[Int, Float]]:
-        """Yield for each corner of the cell the flat grid point number and its weight, of each sample."""
-        shape = self.table.values.shape
+    @cached_property
+    def corners(self) -> tuple[tuple[Int, Float], ...]:
+        """For each corner of the cell the flat grid point number and its weight, of each sample."""
+        counts = self.table.values.shape
         sides = [
             ((cell, 1.0 - share), (np.minimum(cell + 1, count - 1), share))
-            for cell, share, count in zip(self.cells, self.shares, shape, strict=True)
+            for cell, share, count in zip(self.cells, self.shares, counts, strict=True)
         ]
+        corners = []
         for corner in product(*sides):
-            weight = np.prod([weight for _, weight in corner], axis=0)
-            yield np.ravel_multi_index([at for at, _ in corner], shape), np.where(self.known, weight, 0.0)
+            at, weight = corner[0]
+            for count, (next_at, next_weight) in zip(counts[1:], corner[1:], strict=True):
+                at, weight = at * count + next_at, weight * next_weight
+            corners.append((at, weight if self.known.all() else np.where(self.known, weight, 0.0)))
+        return tuple(corners)
 
 
 def unmoved_tables(graph: Graph) -> frozenset[str]:

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from kennfeld.formatting import size_text
 from kennfeld.preprocessing.recordings import find_recordings
 from kennfeld.project import Project
 from kennfeld.project.value_forms import TargetEntry
+from kennfeld.threads import map_in_order
 
 Row = tuple[str, str, str]  # section, key, value
 
@@ -102,7 +104,7 @@ def sources(project: Project) -> list[SourceFile]:
     roles: dict[Path, str] = {}
     for role, path in _named(project):
         roles.setdefault(path, role)
-    return [_source(role, path, project.file.folder) for path, role in roles.items()]
+    return list(map_in_order(partial(_source, folder=project.file.folder), list(roles.items())))
 
 
 def _named(project: Project) -> Iterator[tuple[str, Path]]:
@@ -121,7 +123,8 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
             yield f"data, {entry.use}", Path(path if Path(path).is_file() else path.rpartition("#")[0])
 
 
-def _source(role: str, path: Path, folder: Path) -> SourceFile:
+def _source(file: tuple[Path, str], folder: Path) -> SourceFile:
+    path, role = file
     name = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
     try:
         with path.open("rb") as stream:

@@ -79,7 +79,7 @@ class Evidence:
             if recording.use != "training":
                 continue
             for lookup in self._lookups.blocks(recording.bound):
-                for at, share in lookup.corners():
+                for at, share in lookup.corners:
                     totals[lookup.table.name] += np.bincount(at[share > 0], minlength=totals[lookup.table.name].size)
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
@@ -161,7 +161,7 @@ class Evidence:
             if not own.any():
                 continue
             total = totals[lookup.table.name]
-            for at, share in lookup.corners():
+            for at, share in lookup.corners:
                 total += np.bincount(at[own], np.clip(share[own], 0.0, None), minlength=total.size)
         return {name: total.reshape(self._parameters[name].values.shape) for name, total in totals.items()}
 
