@@ -11,13 +11,16 @@ import time
 import numpy as np
 import pytest
 from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
+from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.cli import run
+from kennfeld.dask_runner import DaskRunner
 from kennfeld.errors import InputError
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.project import Project
+from kennfeld.project.results import write_simulation
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
 
@@ -100,6 +103,15 @@ def test_any_number_of_workers_gives_the_same_bits(tmp_path, write, cluster):
         assert result.cost_after == serial.cost_after
         assert result.quality == serial.quality
         assert all(np.array_equal(result.trust.deviation[n], serial.trust.deviation[n]) for n in serial.trust.deviation)
+
+
+def test_a_simulation_on_workers_gives_the_same_table(tmp_path, cluster):
+    path, tables = write_short_drives(tmp_path), []
+    for project in (Project.read(path), in_partitions(path, 400, scheduler=cluster.address)):
+        file = write_simulation(project.simulation(), tmp_path / "simulation.parquet")
+        project.close()
+        tables.append(parquet.read_table(file))
+    assert tables[0].to_pydict() == tables[1].to_pydict()
 
 
 def test_processes_of_this_machine_give_the_same_bits(tmp_path):
@@ -186,11 +198,16 @@ def _kill_after_first_step(folder, cluster):
     cluster.scheduler.kill()
 
 
-def test_a_scheduler_that_dies_while_files_are_read_is_an_error(tmp_path, cluster, capsys):
-    path = write_short(tmp_path)
+def test_a_scheduler_that_dies_while_files_are_read_is_an_error(tmp_path, cluster, capsys, monkeypatch):
+    path, map_tasks = write_short(tmp_path), DaskRunner.map
     for worker in range(2):
         cluster.kill_worker(worker)
-    threading.Timer(4.0, cluster.scheduler.kill).start()
+
+    def map_and_kill(self, *arguments):
+        threading.Timer(1.0, cluster.scheduler.kill).start()
+        return map_tasks(self, *arguments)
+
+    monkeypatch.setattr(DaskRunner, "map", map_and_kill)
     assert run(["calibrate", str(path), "--scheduler", cluster.address]) == 2
     assert f"the scheduler at {cluster.address} is gone" in capsys.readouterr().err
 

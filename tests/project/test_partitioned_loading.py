@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from partitioned_projects import STEADY, in_partitions, write_steady, write_timed
+from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.errors import InputError
@@ -16,6 +17,7 @@ from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project, partitioned_loading
+from kennfeld.project.results import write_simulation
 
 WRITERS = [write_steady, write_timed]
 
@@ -325,6 +327,39 @@ def test_folds_that_divide_files_are_an_error(tmp_path):
         cross_validate(problem, folds=50)
 
 
-def test_a_simulation_of_partitions_is_an_error(tmp_path):
+def test_a_simulation_of_partitions_in_memory_is_an_error(tmp_path):
     with pytest.raises(InputError, match="data in partitions are not simulated as a whole"):
         in_partitions(write_steady(tmp_path), 600).simulate()
+
+
+@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize("size", [300, 1000, 10**6])
+def test_a_simulation_is_that_of_all_data(tmp_path, write, size):
+    path = write(tmp_path)
+    simulations = [project.simulation() for project in (Project.read(path), in_partitions(path, size))]
+    files = [write_simulation(each, tmp_path / f"{i}.parquet") for i, each in enumerate(simulations)]
+    plain, parted = (parquet.read_table(file) for file in files)
+    assert simulations[1].samples == simulations[0].samples
+    assert parted.schema.equals(plain.schema, check_metadata=True)
+    assert parted.num_rows == plain.num_rows > 1000
+    assert parted.to_pydict() == plain.to_pydict()
+
+
+@pytest.mark.parametrize("pause", [150, 180])
+def test_a_simulation_continues_pieces_that_are_cut(tmp_path, pause):
+    text = "y = a * u\n"
+    (tmp_path / "model.kf").write_text(text)
+    rows = "\n".join(f"{0.1 * k + (50 if k >= pause else 0):g},{k}" for k in range(400))
+    (tmp_path / "drive_1.csv").write_text(f"time [s],u [-]\n{rows}\n")
+    (tmp_path / "drive_2.csv").write_text("time [s],u [-]\n" + "\n".join(f"{0.1 * k:g},{k}" for k in range(120)) + "\n")
+    project = tmp_path / "kennfeld.toml"
+    project.write_text(
+        '[model]\nfile = "model.kf"\n[[dataset]]\nname = "d"\nfiles = ["drive_*.csv"]\n'
+        '[parameters.a]\ninitial = 1.0\n[[criterion]]\nnode = "y"\ntarget = { channel = "u" }\n'
+    )
+    pieces = []
+    for number, opened in enumerate([Project.read(project), in_partitions(project, 90)]):
+        file = write_simulation(opened.simulation(), tmp_path / f"{number}.parquet")
+        pieces.append(parquet.read_table(file)["piece"].to_pylist())
+    assert pieces[0] == [1] * pause + [2] * (400 - pause) + [3] * 120
+    assert pieces[1] == pieces[0]

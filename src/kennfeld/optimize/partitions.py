@@ -54,11 +54,15 @@ class Recordings:
         Raises:
             InputError: its file cannot be read.
         """
+        data = self.file(part)
+        return data if (part.first, part.last) == (0, data.samples) else cut(data, part.first, part.last)
+
+    def file(self, part: Part) -> Dataset:
+        """Return all samples of the file of a part; errors as for `open`."""
         prepared = self.files.file(self.recipes[part.dataset], part.source)
         if prepared.failed or prepared.dataset is None:
             raise InputError(with_worker(f for f in prepared.findings if f.severity == "error"))
-        data = prepared.dataset
-        return data if (part.first, part.last) == (0, data.samples) else cut(data, part.first, part.last)
+        return prepared.dataset
 
 
 def with_worker(findings: Iterable[Finding]) -> tuple[Finding, ...]:

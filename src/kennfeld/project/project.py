@@ -248,20 +248,21 @@ class Project:
         """
         from kennfeld.project.simulation import simulate_problem
 
+        if self.is_partitioned:
+            message = "data in partitions are not simulated as a whole"
+            remedy = "Use Project.simulation, part by part, or write partition = 0, with fewer files."
+            raise InputError.of(self.file.location("cluster"), message, remedy)
         return simulate_problem(self._simulated(shifts), parameters)
 
     def simulation(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
     ) -> "Simulation":
-        """Return the same as `simulate`, to be computed part by part."""
+        """Return the same as `simulate`, to be computed part by part; data may be in partitions."""
         from kennfeld.project.simulation import Simulation
 
         return Simulation(self._simulated(shifts), parameters)
 
     def _simulated(self, shifts: Mapping[str, Mapping[str, float]] | None) -> "Problem":
-        if self.is_partitioned:
-            message = "data in partitions are not simulated as a whole"
-            raise InputError.of(self.file.location("cluster"), message, "Write partition = 0, with fewer files.")
         if not shifts:
             return self.problem()
         from kennfeld.optimize.tuning.shift_estimation import apply_shifts

@@ -1,10 +1,15 @@
 """Simulation of the function of a project over its datasets: as a whole, or part by part."""
 
+import pickle
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from kennfeld.arrays import Int
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.optimize.partitions import Part, Partition, Partitions, StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
@@ -34,13 +39,14 @@ class Simulation:
 
     Attributes:
         units: of all channels, by name.
-        samples: number of samples of each dataset, by its name.
+        samples: number of samples of each dataset, by its name; with data in partitions, of those simulated so far.
     """
 
     def __init__(self, problem: Problem, parameters: ParameterSet | None) -> None:
         self._problem, self._values = problem, replace_parameters(problem, parameters)
         self._compiled = NodeSimulator(problem.model.graph, self._values)
-        self.samples = {data.name: problem.bind(data).shown.count for data in problem.datasets}
+        whole = problem.partitions is None
+        self.samples = {data.name: problem.bind(data).shown.count if whole else 0 for data in problem.datasets}
         units = problem.model.graph.units
         self.units = {name: units.get(name, "") for name in problem.model.graph.names}
         for data in problem.datasets:
@@ -49,12 +55,54 @@ class Simulation:
 
     def parts(self) -> Iterator[SimulatedPart]:
         """Yield the parts of all datasets in order."""
+        if self._problem.partitions is not None:
+            yield from self._partitions(self._problem.partitions)
+            return
         for data in self._problem.datasets:
             yield from map_in_order(self._part, self._problem.parts(self._problem.bind(data)))
 
     def _part(self, part: BoundPart) -> SimulatedPart:
         data = _simulate_bound(self._problem, part.bound, self._values, self._compiled)
         return SimulatedPart(data, part.piece)
+
+    def _partitions(self, partitions: Partitions) -> Iterator[SimulatedPart]:
+        """Yield the parts of all partitions, which are simulated by their runner."""
+        ordered = sorted([*partitions.training, *partitions.test], key=_dataset_of)
+        shared = partitions.share((self._problem.skeleton, self._values))
+        pieces = [0] * len(self._problem.datasets)
+        for partition, parts in zip(ordered, partitions.map(simulate_partition, shared, ordered), strict=True):
+            number = _dataset_of(partition)
+            name = self._problem.datasets[number].name
+            for data, continues in parts:
+                before = max(pieces[number] - continues, 0)
+                self.samples[name] += data.samples
+                pieces[number] = before + data.starts.size
+                yield SimulatedPart(replace(data, name=name), before)
+
+
+def _dataset_of(partition: Partition) -> int:
+    return partition.parts[0].dataset
+
+
+def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Dataset, bool]]:
+    """Simulate each part of a partition; the second value tells whether it continues the piece before it."""
+    recordings, (skeleton, values) = shared_content(shared)
+    parts = pickle.loads(item).parts
+    problem = skeleton.over(StoredDatasets(recordings, parts))
+    compiled = problem.once("simulator", lambda problem: NodeSimulator(problem.model.graph, values))
+    simulated = []
+    for data, part in zip(problem.datasets, parts, strict=True):
+        nodes = _simulate_bound(problem, problem.bind(data), values, compiled)
+        starts = _starts_in_file(problem.bind(recordings.file(part)).shown, part)
+        continues = 0 not in starts or (data.time is None and not problem.model.graph.states)
+        simulated.append((replace(nodes, starts=np.union1d([0], starts).astype(np.int64)), continues))
+    return simulated
+
+
+def _starts_in_file(file: BoundDataset, part: Part) -> Int:
+    """Return the samples of a part at which pieces of its file begin, among those that are simulated."""
+    first, last = np.searchsorted(np.arange(file.dataset.samples)[file.kept], [part.first, part.last])
+    return np.asarray(file.starts[slice(*np.searchsorted(file.starts, [first, last]))] - first)
 
 
 def _simulate_bound(problem: Problem, bound: BoundDataset, values: ParameterSet, compiled: NodeSimulator) -> Dataset:

@@ -251,21 +251,20 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
-    from kennfeld.project import Project
     from kennfeld.project.results import write_simulation
 
-    project = Project.read(path)
     values = None if parameters is None else read(parameters)
-    simulation = project.simulation(values)
-    written = write_simulation(simulation, output or path.parent / "simulation.parquet")
-    print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
-    if project.surrogates:
-        from kennfeld.analysis.extrapolation import find_extrapolation
-        from kennfeld.project.simulation import replace_parameters
-        from kennfeld.terminal.result_lines import extrapolation_lines
+    with _open(path) as project:
+        simulation = project.simulation(values)
+        written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+        print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
+        if project.surrogates:
+            from kennfeld.analysis.extrapolation import find_extrapolation
+            from kennfeld.project.simulation import replace_parameters
+            from kennfeld.terminal.result_lines import extrapolation_lines
 
-        problem = project.problem()
-        print_lines(*extrapolation_lines(find_extrapolation(problem, replace_parameters(problem, values)), ""))
+            problem = project.problem()
+            print_lines(*extrapolation_lines(find_extrapolation(problem, replace_parameters(problem, values)), ""))
     print_lines(f"Written to {written}")
     return DONE
 
