@@ -18,6 +18,7 @@ from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.project.results import write_simulation
+from kennfeld.task_runner import SerialRunner
 
 WRITERS = [write_steady, write_timed]
 
@@ -43,6 +44,26 @@ def test_sums_are_those_of_all_data(tmp_path, write, size):
     assert close(added.matrix, whole.matrix)
     assert np.array_equal(parted.sums.touched(values), plain.sums.touched(values))
     assert parted.weights == pytest.approx(plain.weights, rel=1e-12)
+
+
+def test_partitions_are_evaluated_once_for_the_same_values(tmp_path, monkeypatch):
+    compiled, calls = CompiledProblem(in_partitions(write_timed(tmp_path), 500).problem()), []
+    run_tasks = SerialRunner.map
+
+    def count(self, task, *arguments):
+        calls.append(task)
+        return run_tasks(self, task, *arguments)
+
+    monkeypatch.setattr(SerialRunner, "map", count)
+    cost, normal = compiled.sums.cost(compiled.start), compiled.sums.normal(compiled.start)
+    gradient, matrix = normal.gradient.copy(), normal.matrix.copy()
+    normal.matrix[:] = 0.0  # as callers may
+    assert compiled.sums.cost(compiled.start) == cost
+    assert np.array_equal(compiled.sums.normal(compiled.start).gradient, gradient)
+    assert np.array_equal(compiled.sums.normal(compiled.start).matrix, matrix)
+    assert len(calls) == 2
+    compiled.sums.cost(compiled.start * 1.01)
+    assert len(calls) == 3
 
 
 @pytest.mark.parametrize("write", WRITERS)

@@ -100,8 +100,12 @@ class BlockStorage:
         if self.full and other.full:
             self.blocks += other.blocks
             return
-        at = self.locate(other.places[: other.count])
-        self.blocks[at] += other.blocks[: other.count]
+        self.add_blocks(other.places[: other.count], other.blocks[: other.count])
+
+    def add_blocks(self, places: Int, blocks: Float) -> None:
+        """Add blocks, Float[blocks, entries], at their places, Int[blocks], each named once."""
+        at = self.locate(places)  # may replace `blocks`
+        self.blocks[at] += blocks
 
     def add_entries(self, rows: Int, columns: Int, entries: Float) -> None:
         """Add entries of a symmetric matrix, of which those above the diagonal are ignored; any may be repeated."""

@@ -167,7 +167,7 @@ class CompiledProblem:
         """Cost and derivatives over the training data."""
         if self.problem.partitions is None or self._is_thinned:
             return self.sums_over(self.samples)
-        return PartitionedSums(self.each, len(self._lowered.axes), stateful=bool(self.kernel.line.states))
+        return self._sums_over_partitions(self.each)
 
     @property
     def sample_count(self) -> int:
@@ -228,7 +228,7 @@ class CompiledProblem:
 
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""
-        return RememberedSums(self._sums_of(self.kernel, samples), samples)
+        return RememberedSums(self._sums_of(self.kernel, samples), samples.count, samples.wanted)
 
     def sums_with(self, select: Callable[..., Samples], *arguments: Any) -> Sums:
         """Return the sums over `select(compiled, *arguments)`, the samples in another selection or with other weights.
@@ -241,7 +241,11 @@ class CompiledProblem:
         def each(task: Callable[..., Any], *rest: Any) -> Iterator[Any]:
             return self.each(_run_on_selection, select, arguments, task, *rest)
 
-        return PartitionedSums(each, len(self._lowered.axes), stateful=bool(self.kernel.line.states))
+        return self._sums_over_partitions(each)
+
+    def _sums_over_partitions(self, each: Callable[..., Iterator[Any]]) -> Sums:
+        sums = PartitionedSums(each, len(self._lowered.axes), stateful=bool(self.kernel.line.states))
+        return RememberedSums(sums, self.sample_count)
 
     def full(self, values: Float) -> Float:
         """Return the free values, Float[free], followed by the fixed ones."""

@@ -95,8 +95,7 @@ def _add_blocks(first: PackedNormal) -> Addition:
 
     def add(part: PackedNormal) -> None:
         assert isinstance(part.matrix, PackedBlocks)
-        at = storage.locate(part.matrix.places)
-        storage.blocks[at] += part.matrix.blocks
+        storage.add_blocks(*part.matrix)
 
     def result() -> BlockMatrix:
         if storage.mostly_used:

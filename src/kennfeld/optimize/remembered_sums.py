@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.native.samples import Samples
+from kennfeld.native.column_table import ColumnTable
 from kennfeld.optimize.sums import NormalEquations, Sums
 
 MOST_COSTS = 8
@@ -25,10 +25,16 @@ class _Copy:
 
 
 class RememberedSums:
-    """The given sums over samples, which compute nothing twice; see `sums.Sums`."""
+    """The given sums, which compute nothing twice; see `sums.Sums`.
 
-    def __init__(self, sums: Sums, samples: Samples) -> None:
-        self._sums, self._samples, self.widths = sums, samples, sums.widths
+    Args:
+        sums: sums over samples.
+        samples: number of samples.
+        targets: their targets if these may change in place.
+    """
+
+    def __init__(self, sums: Sums, samples: int, targets: ColumnTable | None = None) -> None:
+        self._sums, self._samples, self._targets, self.widths = sums, samples, targets, sums.widths
         self._costs: dict[bytes, float] = {}
         self._last: tuple[bytes, _Copy] | None = None
 
@@ -57,7 +63,7 @@ class RememberedSums:
             return self._last[1].again()
         normal, self._last = self._sums.normal(values), None
         matrix = normal.matrix  # in blocks if there are many values
-        if isinstance(matrix, np.ndarray) and self._samples.count >= MIN_SAMPLES * matrix.size:
+        if isinstance(matrix, np.ndarray) and self._samples >= MIN_SAMPLES * matrix.size:
             self._last = key, _Copy(normal.gradient, matrix).again()
         return normal
 
@@ -75,4 +81,5 @@ class RememberedSums:
 
     def _key(self, values: Float) -> bytes:
         """Return a key of all that the sums depend on: values, widths, and targets that may change in place."""
-        return values.tobytes() + self.widths.tobytes() + self._samples.wanted.version.to_bytes(8, "little")
+        version = 0 if self._targets is None else self._targets.version
+        return values.tobytes() + self.widths.tobytes() + version.to_bytes(8, "little")
