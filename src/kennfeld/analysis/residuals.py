@@ -218,13 +218,13 @@ class _ResidualScan:
 
         The leverages of all samples are at most those of all grid points.
         """
-        bound_by_data = sum(float(np.nansum(table)) for table in self._leverage.values())
+        determined = sum(float(np.nansum(table)) for table in self._leverage.values())
         bounds = []
         for own in zip(*counts, strict=True):
             rows = [(bound.dataset.is_fitted, count) for bound, count in zip(self._bounds, own, strict=True)]
             used = [count for fitted, count in rows if fitted and count.target.count] or list(own)
             total, samples = sum(c.after.sums.squares for c in used), sum(c.target.count for c in used)
-            bounds.append((_root_of_share(total, samples), _root_of_share(total, samples - bound_by_data)))
+            bounds.append((_root_of_share(total, samples), _root_of_share(total, samples - determined)))
         return bounds
 
     def _gather(self, work: Callable[[BoundPart], _Statistic], bound: BoundDataset) -> _Statistic:

@@ -36,8 +36,10 @@ from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import in_visiting_order, read_samples, sample_columns
 
-SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20  # of models without memory: more are not used to compare searches
-SEARCH_PIECES, SEARCH_PIECE_SAMPLES = 10, 300_000  # of models with memory, which are evaluated over whole pieces
+# searches are compared on part of the samples: without memory on this many, or on so many per value if that is more,
+SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20
+# with memory on at least this many pieces, of about this many samples
+SEARCH_PIECES, SEARCH_PIECE_SAMPLES = 10, 300_000
 
 
 def smoothable(problem: Problem) -> bool:
