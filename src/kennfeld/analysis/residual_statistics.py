@@ -150,8 +150,8 @@ class ErrorSearches:
 class RareErrors:
     """Counts scaled errors beyond 3 before the standard deviation that scales them is known, between `bounds`.
 
-    It depends on the leverages of all samples. Until it is known, those errors are kept of which it decides whether they
-    are beyond 3.
+    It depends on the leverages of all samples. Until it is known, those errors are kept of which it will decide whether
+    they are beyond 3.
     """
 
     bounds: tuple[float, float]  # of the standard deviation of the errors
