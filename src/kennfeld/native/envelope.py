@@ -5,7 +5,7 @@ order (E. Cuthill, J. McKee: Reducing the bandwidth of sparse symmetric matrices
 George, 1971). Rows are grouped in blocks, as in `cholesky`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,12 +36,11 @@ class Envelope:
     @classmethod
     def of(cls, pattern: Bool) -> "Envelope":
         """Return a small envelope of a symmetric pattern, bool (size, size)."""
-        candidates = [
-            np.concatenate([rest[_by_levels(pattern[np.ix_(rest, rest)])], last])
+        orders = [
+            np.concatenate([rest[_by_levels(pattern[rest][:, rest] if last.size else pattern)], last])
             for rest, last in split_busy(np.count_nonzero(pattern, axis=1))
         ]
-        envelopes = [cls.ordered(pattern, order) for order in candidates or [np.arange(len(pattern))]]
-        return min(envelopes, key=lambda envelope: envelope.work)
+        return cls._smallest(orders or [np.arange(len(pattern))], *np.nonzero(pattern))
 
     @classmethod
     def of_pairs(cls, size: int, rows: Int, columns: Int) -> "Envelope":
@@ -50,18 +49,18 @@ class Envelope:
 
         both = (np.concatenate([rows, columns]), np.concatenate([columns, rows]))
         pattern = csr_array((np.ones(both[0].size, dtype=np.int8), both), shape=(size, size))
-        envelopes = [
-            cls(order, first_blocks(places_of(order), rows, columns, BLOCK)) for order in sparse_orders(pattern)
-        ]
-        return min(envelopes, key=lambda envelope: envelope.work)
+        return cls._smallest(sparse_orders(pattern), rows, columns)
 
     @classmethod
     def ordered(cls, pattern: Bool, order: Int) -> "Envelope":
         """Return the envelope of a symmetric pattern in a given order."""
-        ordered = pattern[np.ix_(order, order)]
-        np.fill_diagonal(ordered, True)
-        columns = ordered.argmax(axis=1) // BLOCK
-        return cls(order, np.minimum.reduceat(columns, np.arange(0, order.size, BLOCK)))
+        return cls._smallest([order], *np.nonzero(pattern))
+
+    @classmethod
+    def _smallest(cls, orders: Iterable[Int], rows: Int, columns: Int) -> "Envelope":
+        """Return the smallest envelope of the non-zeros at pairs of rows and columns among several orders."""
+        envelopes = (cls(order, first_blocks(places_of(order), rows, columns, BLOCK)) for order in orders)
+        return min(envelopes, key=lambda envelope: envelope.work)
 
     @property
     def size(self) -> int:
