@@ -71,7 +71,10 @@ def find_dialect(location: Location, first_lines: tuple[str, ...], encoding: str
     best: tuple[tuple[int, int], Dialect] | None = None
     lines = _join_cells(first_lines)
     for separator in _SEPARATORS:
-        if separator != ALONE and not any(separator in line for line in lines):
+        if separator == ALONE:
+            if best is not None and best[0][0] >= len(lines):  # a single column has no more numbers than lines
+                continue
+        elif not any(separator in line for line in lines):
             continue
         rows = [[] if is_comment(line) or is_mark(line, separator) else split_line(line, separator) for line in lines]
         may_have_commas = separator != "," and any("," in line for line in lines)
