@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-__all__ = ["apart", "installed", "peak", "repeated", "reset_peak", "threads"]
+__all__ = ["apart", "environment_of_users", "installed", "peak", "repeated", "reset_peak", "threads"]
 
 ROOT = Path(__file__).parents[1]
 POOLS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -28,12 +28,20 @@ def installed(*packages: str) -> bool:
     return all(find_spec(package) is not None for package in packages)
 
 
+def environment_of_users() -> dict[str, str]:
+    """Return the environment variables of this process, except that Python keeps its byte code.
+
+    Compiling all modules takes longer than a short run.
+    """
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+
+
 def apart(target: str, *, cores: int | None = None, timeout: float = 900.0, **arguments: Any) -> dict[str, Any]:
     """Return the result of `module:function` in a fresh process, held to `cores` cores where the system can do that.
 
     Arguments and result pass as JSON. A process that fails or lasts longer than `timeout` gives {"error": a sentence}.
     """
-    environment = dict(os.environ)
+    environment = environment_of_users()
     if cores is not None:
         environment |= dict.fromkeys(POOLS, str(cores)) | {"BENCHMARK_CORES": str(cores)}
     command = [sys.executable, "-m", "benchmarks.worker", target, json.dumps(arguments)]

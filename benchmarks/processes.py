@@ -1,11 +1,10 @@
 """Whole processes, from the shell's return key to the end."""
 
-import os
 import subprocess
 import time
 from collections.abc import Sequence
 
-from benchmarks.measure import threads
+from benchmarks.measure import environment_of_users, threads
 from benchmarks.table import Table, seconds
 
 __all__ = ["run_command", "time_commands"]
@@ -26,11 +25,8 @@ def time_commands(table: Table, name: str, commands: Sequence[Sequence[str]]) ->
 
 
 def run_command(command: Sequence[str]) -> str:
-    """Run a command and return what went wrong; empty if nothing did.
-
-    Python keeps its byte code, as it does for users: compiling all modules takes longer than a short run.
-    """
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    """Run a command and return what went wrong; empty if nothing did."""
+    environment = environment_of_users()
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=environment)
     except (OSError, subprocess.TimeoutExpired) as error:

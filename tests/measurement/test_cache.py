@@ -1,6 +1,8 @@
 """Recordings that need not be read twice."""
 
 import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -68,6 +70,17 @@ def test_other_channels_and_another_raster_are_read_for_themselves(kept):
         assert kept.cache.read(kept.file, *arguments).samples == (5 if arguments[1] else 3)
         kept.cache.read(kept.file, *arguments)
     assert kept.reads == len(kept.entries) == 4
+
+
+def test_keeping_a_recording_does_not_load_pandas():
+    code = (
+        "import sys; from kennfeld.dataset import Dataset;"
+        "from kennfeld.measurement.cache import from_parquet, to_parquet;"
+        "content = to_parquet(Dataset.of('bench', {'Speed': [1.0, float('nan')]}));"
+        "print(from_parquet(content, 'bench')['Speed'].values.tolist(), 'pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[1.0, nan] False"
 
 
 def test_sheets_of_a_workbook_are_kept_apart(kept):

@@ -24,7 +24,7 @@ from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, Location
-from kennfeld.measurement.arrow_numbers import view_of
+from kennfeld.measurement.arrow_numbers import array_of, view_of
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
 
@@ -62,7 +62,7 @@ def to_parquet(dataset: Dataset) -> bytes | None:
         "findings": [asdict(finding) for finding in dataset.findings],
     }
     table = pa.table(
-        [pa.array(np.ascontiguousarray(values)) for values in columns],
+        [array_of(values) for values in columns],
         schema=pa.schema([(str(i), pa.float64()) for i in range(len(columns))], {_NOTES: json.dumps(notes)}),
     )
     sink = pa.BufferOutputStream()
