@@ -7,6 +7,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -100,20 +101,20 @@ def evaluate(project: str, small: str, workers: int) -> dict[str, Any]:
 
     first = Project.read(small).on_cluster(workers=workers)
     compiled = CompiledProblem(first.problem())
-    for _ in range(2 * workers):
-        compiled.sums.normal(compiled.start)
+    for number in range(2 * workers):
+        compiled.sums.normal(_values(compiled, number))
     runner = first._runner
     start, at_start = reset_peak(), runner.client.run(reset_peak) if workers > 1 else {}
     opened = Project.read(project)
     opened.__dict__["_runner"] = runner
     read, problem = _timed(opened.problem)
     compiled = CompiledProblem(problem)
-    unread, _ = _timed(lambda: compiled.sums.cost(compiled.start))
-    cost = min(_timed(lambda: compiled.sums.cost(compiled.start))[0] for _ in range(2))
+    unread, *costs = (_timed(partial(compiled.sums.cost, _values(compiled, number)))[0] for number in range(3))
+    cost = min(costs)
     runs = []
-    for _ in range(3):
+    for number in range(3, 6):
         before = _processor_time(), _task_time(runner)
-        normal, equations = _timed(lambda: compiled.sums.normal(compiled.start))
+        normal, equations = _timed(partial(compiled.sums.normal, _values(compiled, number)))
         runs.append((_processor_time() - before[0], _task_time(runner) - before[1], normal))
     spent, tasks, normal = min(runs)
     worker = 0
@@ -134,6 +135,11 @@ def evaluate(project: str, small: str, workers: int) -> dict[str, Any]:
         "bytes": PARTITION * POINTS * 8 * (len(compiled.kernel.layout.inputs) + 1),
         "bits": _bits(equations.gradient, equations.matrix),
     }
+
+
+def _values(compiled: Any, number: int) -> np.ndarray[Any, Any]:
+    """Return other values for each number, as sums at the last ones are remembered."""
+    return np.asarray(compiled.start * (1.0 + 1e-9 * number))
 
 
 def _task_time(runner: Any) -> float:
@@ -273,8 +279,8 @@ def evaluate_over_link(project: str) -> dict[str, Any]:
             with DelayedLink(host, int(port), latency, bandwidth) as link:
                 opened = Project.read(project).on_cluster(link.address)
                 compiled = CompiledProblem(opened.problem())
-                compiled.sums.normal(compiled.start)
-                duration = min(_timed(lambda c=compiled: c.sums.normal(c.start))[0] for _ in range(3))  # type: ignore[misc]
+                compiled.sums.normal(_values(compiled, 0))
+                duration = min(_timed(partial(compiled.sums.normal, _values(compiled, k)))[0] for k in range(1, 4))
                 count, free = len(opened.problem().partitions.training), compiled.values.free  # type: ignore[union-attr]
                 opened.close()
             plain = plain or duration
