@@ -51,7 +51,7 @@ def measure_iteration(
 
 
 class _Ready:
-    """A compiled problem that is evaluated at two points in turn, so that nothing can be kept from the last call."""
+    """A compiled problem, evaluated at another point each time, so that nothing can be kept from earlier calls."""
 
     def __init__(self, formula: str, target: str, node: str, parameters: ParameterSet, data: Dataset) -> None:
         from kennfeld.criteria import Criterion
@@ -64,24 +64,25 @@ class _Ready:
         compiled = CompiledProblem(Problem(model, (data,), parameters, (Criterion(node, target),)))
         self._objective = LeastSquaresObjective(compiled)
         start = self._objective.start
-        moved = start * (1 + 1e-3 * np.random.default_rng(0).normal(size=start.size))
-        self._points, self._calls = (start, moved), 0
+        self._start, self._step = start, 1e-3 * start * np.random.default_rng(0).normal(size=start.size)
+        self._calls = 0
         self.entries, self.free = compiled.kernel.entries.room, start.size
 
     def _next(self) -> Any:
         self._calls += 1
-        return self._points[self._calls % 2]
+        return self._start + (self._calls % 2 + 1e-6 * self._calls) * self._step
 
     def cost(self) -> float:
-        """The cost at the other point."""
+        """The cost at another point."""
         return self._objective.cost(self._next())
 
     def normal(self) -> None:
-        """Gradient and matrix where the cost was last asked for."""
-        self._objective.normal(self._points[self._calls % 2])
+        """Gradient and matrix at another point."""
+        self._objective.normal(self._next())
 
     def iterate(self) -> float:
-        """Both, and the cost."""
-        cost = self.cost()
-        self.normal()
+        """Both at another point, and the cost there."""
+        point = self._next()
+        cost = self._objective.cost(point)
+        self._objective.normal(point)
         return cost
