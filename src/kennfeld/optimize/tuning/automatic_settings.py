@@ -17,7 +17,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Progress, Result, Seconds, single_start
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.tuning.holdout_blocks import independent_samples
+from kennfeld.optimize.tuning.independent_samples import independent_samples
 from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, SmoothnessSelection
 from kennfeld.threads import blas_threads
@@ -63,7 +63,7 @@ def choose_smoothness(
     """Choose the automatic factors of the problem of a run, from a start within the limits."""
 
     def independent(values: Float) -> float:
-        return independent_samples(run.problem, run.scorer.errors, run.parameters(values))
+        return independent_samples(run.problem, run.parameters(values))
 
     steady = all(bound.dataset.time is None for bound in run.problem.training)
     samples = None if steady else independent

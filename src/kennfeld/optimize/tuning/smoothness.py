@@ -363,5 +363,9 @@ def _blocks(compiled: CompiledProblem) -> Iterator[_Block]:
 
 def count_scored(compiled: CompiledProblem) -> float:
     """Count the scored samples of all criteria."""
+    return float(sum(compiled.each(_count_weighted)))
+
+
+def _count_weighted(compiled: CompiledProblem) -> float:
     samples = compiled.samples
     return float(sum(samples.scored(piece) @ (piece.scores > 0) for piece in samples.pieces))
