@@ -366,6 +366,8 @@ class CompiledProblem:
         form = DataForm.of(problem)
         if form.step != self.form.step:
             return CompiledProblem(problem, sums_of=self._sums_of, form=form)
+        if problem.partitions is not None:
+            _ = self._shared_form  # kept for all copies, so that no process compiles again
         other = self.with_start(problem)
         other.weighting = form.weighting
         if problem.partitions is not None:

@@ -106,12 +106,16 @@ class FitRun:
     def result(self, search: Search | None = None) -> Result:
         """Run `minimise` and assess its end."""
         with blas_threads(self.exact.values.free):
-            try:
-                return self._result(search)
-            except RunnerLostError as error:
-                if self.best is None:
-                    raise InputError.of(Location("[cluster]"), f"{error}, before the first step", REJOIN) from error
-                return self._result_without_data(*self.best, f"{error}. {KEPT}")
+            return self.while_connected(lambda: self._result(search))
+
+    def while_connected(self, compute: Callable[[], Result]) -> Result:
+        """Return `compute()`, or the best values so far if the data cannot be evaluated any more."""
+        try:
+            return compute()
+        except RunnerLostError as error:
+            if self.best is None:
+                raise InputError.of(Location("[cluster]"), f"{error}, before the first step", REJOIN) from error
+            return self._result_without_data(*self.best, f"{error}. {KEPT}")
 
     def _result_without_data(self, cost: float, values: Float, message: str) -> Result:
         """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""

@@ -160,39 +160,39 @@ class Partitions:
         return sum(partition.samples for partition in self.training)
 
     def shifted(
-        self, shifts: Mapping[int, Mapping[str, float]], margins: Mapping[int, int] | None = None
+        self, shifts: Mapping[str, Mapping[str, float]], margins: Mapping[str, int] | None = None
     ) -> "Partitions":
         """Return the same with channels moved in time; the samples are computed where a part is opened.
 
         Args:
-            shifts: by the number of the dataset and the channel, in s; for steady-state data in samples.
-            margins: samples at the ends of each piece that are not scored, by the number of the dataset.
+            shifts: by dataset and channel, in s; for steady-state data in samples.
+            margins: samples at the ends of each piece that are not scored, by dataset.
         """
-        shift = {number: tuple(own.items()) for number, own in shifts.items()}
-        margins = margins or {}
 
-        def moved(partition: Partition) -> Partition:
-            return Partition(
-                tuple(
-                    replace(part, shift=shift.get(part.dataset, ()), margin=margins.get(part.dataset, 0))
-                    for part in partition.parts
-                )
-            )
+        def shift(part: Part) -> Part:
+            name = self._name_of(part)
+            return replace(part, shift=tuple(shifts.get(name, {}).items()), margin=(margins or {}).get(name, 0))
 
-        training, test = (tuple(moved(partition) for partition in own) for own in (self.training, self.test))
+        training, test = (
+            tuple(Partition(tuple(map(shift, partition.parts))) for partition in own)
+            for own in (self.training, self.test)
+        )
         return replace(self, training=training, test=test)
 
-    def excerpt(self, most: int) -> dict[int, Dataset]:
-        """Return at most about `most` training samples in long stretches, by the number of the dataset.
+    def _name_of(self, part: Part) -> str:
+        return self.recordings.recipes[part.dataset].entry.name
+
+    def excerpt(self, most: int) -> dict[str, Dataset]:
+        """Return at most about `most` training samples in long stretches, by dataset.
 
         They depend on the files, their lengths and the size of partitions alone.
         """
         stretches = find_stretches([part for partition in self.training for part in partition.parts], most)
         items = [Partition((part,)) for part in stretches]
-        opened: dict[int, list[Dataset]] = {}
+        opened: dict[str, list[Dataset]] = {}
         for part, data in zip(stretches, self.map(open_part, self.share(None), items), strict=True):
-            opened.setdefault(part.dataset, []).append(data)
-        return {number: concatenate(own[0].name, own) for number, own in opened.items()}
+            opened.setdefault(self._name_of(part), []).append(data)
+        return {name: concatenate(name, own) for name, own in opened.items()}
 
     def share(self, content: Any) -> bytes:
         """Return what all calls of a task share, for `map`; the task reads it by `shared_content`."""

@@ -53,13 +53,18 @@ def _shift_piece(dataset: Dataset, values: Float, piece: slice, by: float, first
     """Return a channel at the samples of a piece from `first` to before `last`, moved by a time."""
     if first >= last:
         return np.zeros(0)
-    count = piece.stop - piece.start
-    time = np.arange(count, dtype=np.float64) if dataset.time is None else dataset.time[piece]
-    at = time[first - piece.start : last - piece.start] - by
-    low = max(int(np.searchsorted(time, at[0])) - _NEIGHBOURS, 0)
-    high = min(int(np.searchsorted(time, at[-1])) + _NEIGHBOURS, count)
-    near = slice(piece.start + low, piece.start + high)
-    return resample_channel(time[low:high], values[near], at, stepped=is_stepped(values[piece]))
+    count, begin, end = piece.stop - piece.start, first - piece.start, last - piece.start
+    if dataset.time is None:
+        at = np.arange(begin, end) - by
+        low, high = int(np.floor(at[0])), int(np.ceil(at[-1]))
+    else:
+        own = dataset.time[piece]
+        at = own[begin:end] - by
+        low, high = np.searchsorted(own, at[[0, -1]]).tolist()
+    low, high = min(max(low - _NEIGHBOURS, 0), count - 1), min(max(high + _NEIGHBOURS, 1), count)
+    time = np.arange(low, high, dtype=np.float64) if dataset.time is None else own[low:high]
+    near = values[piece.start + low : piece.start + high]
+    return resample_channel(time, near, at, stepped=is_stepped(values[piece]))
 
 
 def inside_pieces(dataset: Dataset, margin: int, first: int, last: int) -> Bool:

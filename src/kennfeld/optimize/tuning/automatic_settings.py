@@ -20,6 +20,7 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.tuning.independent_samples import independent_samples
 from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, SmoothnessSelection
+from kennfeld.task_runner import RunnerLostError
 from kennfeld.threads import blas_threads
 
 Search = Callable[[Problem], Result]
@@ -47,7 +48,7 @@ def resolve_automatic(
     if ready.automatic_names:
         plain = FitRun(ready, replace(options, continuation="off"), progress, Seconds())
         with blas_threads(plain.exact.values.free):
-            result = _Smoothing(plain, options, search).result()
+            result = plain.while_connected(_Smoothing(plain, options, search).result)
     else:
         result = search(ready)
     total = time.perf_counter() - began + read
@@ -103,7 +104,10 @@ class _Smoothing:
             end = choice.fit.values
         elif options.continuation == "off":
             return self._merge(result, choice)
-        last = choose_smoothness(plain, end, limits, choice)
+        try:
+            last = choose_smoothness(plain, end, limits, choice)
+        except RunnerLostError as error:
+            return self._merge(replace(result, status="stopped", message=f"{result.message} {error}."), choice)
 
         def descend(start: Float, limits: LinearLimits) -> SolverResult:
             report = partial(plain.record, "plain")

@@ -84,6 +84,8 @@ class HoldoutBlocks:
         Returns None if there are fewer than `FEWEST` blocks.
         """
         most = min(BLOCKS, MAX_ENTRIES // max(compiled.values.free**2, 1))
+        if most < FEWEST:
+            return None
         groups = _joined([row for part in compiled.each(_find_recordings) for row in part])
         divisions, sizes = _divide(groups, most)
         return None if sizes.size < FEWEST else cls(compiled, divisions, sizes)
