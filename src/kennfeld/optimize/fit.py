@@ -40,6 +40,7 @@ MAX_LISTED = 5
 UNDERFLOW = 1e-290  # a cost below has lost digits
 REJOIN = "Start the cluster, and run the command again."
 KEPT = "The result has the best values so far; their errors are unknown."
+CHOICE = "smoothness"  # begins the names of stages in which factors are chosen
 REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
 UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
@@ -229,7 +230,8 @@ class FitRun:
         self.trace.append(entry)
         if compiled in (None, self.exact):
             own = line.cost if self._is_whole(stage) else np.inf
-            if self.best is None or own <= self.best[0]:
+            # costs with different smoothness factors do not compare
+            if self.best is None or own <= self.best[0] or stage.startswith(CHOICE):
                 self.best = own, values.copy()
         if self.watch is not None and compiled in (None, self.exact):  # dense axes have values of their own
             self.watch(entry, values)
@@ -240,7 +242,7 @@ class FitRun:
         """Return if the cost of a stage is that of the exact model over all samples."""
         thinned = self.thinned is not self.exact if self.continuation is None else self.continuation.thinned
         compared = thinned and stage in ("exact", "plain")
-        return not (compared or stage.startswith("smooth"))
+        return not (compared or (stage.startswith("smooth") and not stage.startswith(CHOICE)))
 
     @property
     def _setup(self) -> DescentSetup:

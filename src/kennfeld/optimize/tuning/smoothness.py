@@ -16,6 +16,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.fit import CHOICE
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
@@ -299,7 +300,7 @@ class SmoothnessSelection:
         """Fit with some factors, and evaluate and linearise the criterion there."""
         self._use(logarithms)
         self.rounds += 1
-        report = partial(self.report, f"smoothness {self.rounds}")
+        report = partial(self.report, f"{CHOICE} {self.rounds}")
         fit = levenberg_marquardt(self.objective, start, self.limits, self.settings, report)
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations
