@@ -167,7 +167,8 @@ class SmoothnessSelection:
         self.problem = self.compiled.problem
         self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, self.settings.max_iterations))
         self.restraints: Mapping[str, Restraint] = {}
-        self.samples = count_scored(self.compiled)  # the same for all rounds, so that these are comparable
+        self.scored = count_scored(self.compiled)
+        self.samples = self.scored  # the same for all rounds, so that these are comparable
         self.holdout: HoldoutBlocks | None = None
         self.objective = LeastSquaresObjective(self.compiled)
         blocks = list(_blocks(self.compiled))
@@ -197,7 +198,7 @@ class SmoothnessSelection:
 
     def _set_samples(self, samples: float) -> None:
         """Set the number of independent samples; hold out blocks if the samples are correlated."""
-        if count_scored(self.compiled) >= MIN_CORRELATION * samples:
+        if self.scored >= MIN_CORRELATION * samples:
             self.holdout = HoldoutBlocks.of(self.compiled)
         self.samples = samples
 
@@ -277,7 +278,7 @@ class SmoothnessSelection:
         that decay exponentially with a correlation time of tau samples it is sqrt((tau + 1/tau)/n). Heavier tails are
         ignored: the errors in them are about the same in all fits that are compared.
         """
-        count = count_scored(self.compiled)
+        count = self.scored
         tau = max(count / self.samples, 1.0)
         allowed = best.value + self.samples * np.log1p(((tau + 1 / tau) / count) ** 0.5)
         smoothest, stride = best, MAX_STRIDE
