@@ -231,3 +231,16 @@ def test_the_command_writes_chosen_shifts_and_factors(tmp_path, capsys):
     assert written["shifts"]["road"]["y"] == pytest.approx(-0.34, abs=0.01)
     assert written["smoothness"]["K"]["x"] > 0
     assert "shift of y in drives: -0.3" in capsys.readouterr().out
+
+
+def test_the_command_simulates_with_the_shifts_of_a_result(tmp_path, capsys):
+    path = write_shifted(tmp_path)
+    assert run(["calibrate", str(path)]) == 0
+    whole = parquet.read_table(tmp_path / "results" / "simulation.parquet").to_pydict()
+    path.write_text(path.read_text() + "\n[cluster]\npartition = 500\n")
+    values = str(tmp_path / "results" / "parameters.json")
+    assert run(["simulate", str(path), "-p", values]) == 0
+    assert f"from {tmp_path / 'results' / 'result.json'}" in capsys.readouterr().out
+    assert parquet.read_table(tmp_path / "simulation.parquet").to_pydict()["Y"] == whole["Y"]
+    assert run(["simulate", str(path)]) == 0
+    assert 'channels with shift = "auto" are not shifted' in capsys.readouterr().err
