@@ -33,8 +33,8 @@ SAMPLES_PER_BLOCK = 2**16  # targets read at once
 Key = Part | int  # a part of a file, or the number of a dataset
 
 
-class Recording(NamedTuple):
-    """A recording in time, or what a partition has of it: a range of samples, as the data come, and how many count."""
+class RecordingRange(NamedTuple):
+    """Samples of a recording in time, or of its part in a partition, as the data come, and how many of them count."""
 
     first: int
     last: int
@@ -111,7 +111,7 @@ class HoldoutBlocks:
             yield HoldoutBlock(float(misfits[number]), equations.gradient, as_array(equations.matrix), float(share))
 
 
-def _find_recordings(compiled: CompiledProblem) -> list[tuple[Key, bool, list[Recording]]]:
+def _find_recordings(compiled: CompiledProblem) -> list[tuple[Key, bool, list[RecordingRange]]]:
     """Return the recordings in each training dataset, and whether the first one continues that of another part."""
     problem = compiled.problem
     datasets = problem.datasets
@@ -122,7 +122,7 @@ def _find_recordings(compiled: CompiledProblem) -> list[tuple[Key, bool, list[Re
     result, end = [], 0
     for (key, continues), bound in zip(fitted, problem.gathered, strict=True):
         edges = [(end + a, end + b) for a, b in _recordings(problem, bound)]
-        result.append((key, continues, [Recording(a, b, int(counted[b] - counted[a])) for a, b in edges]))
+        result.append((key, continues, [RecordingRange(a, b, int(counted[b] - counted[a])) for a, b in edges]))
         end += bound.count
     return result
 
@@ -149,10 +149,10 @@ def _count_scored(compiled: CompiledProblem, size: int) -> Int:
     return np.cumsum(counting)
 
 
-_Group = list[tuple[Key, Recording]]  # the parts of one recording
+_Group = list[tuple[Key, RecordingRange]]  # the parts of one recording
 
 
-def _joined(rows: Sequence[tuple[Key, bool, list[Recording]]]) -> list[_Group]:
+def _joined(rows: Sequence[tuple[Key, bool, list[RecordingRange]]]) -> list[_Group]:
     """Return the recordings of all partitions, those that are cut as one."""
     groups: list[_Group] = []
     for key, continues, recordings in rows:

@@ -18,14 +18,14 @@ from kennfeld.parameter_set import ParameterSet
 
 
 @dataclass
-class Autocorrelation:
+class CorrelationSums:
     """Sums of products of errors by their distance in samples, from 0, over pieces of at most `longest` samples."""
 
     sums: Float  # Float[lags]
     longest: int
 
     @classmethod
-    def of(cls, pieces: Sequence[Float]) -> "Autocorrelation":
+    def of(cls, pieces: Sequence[Float]) -> "CorrelationSums":
         """Return the sums over pieces, Float[samples] each; NaN is ignored."""
         longest = max((piece.size for piece in pieces), default=0)
         sums = np.zeros(max(min(longest, MAX_LAGS + 1), 1))
@@ -35,7 +35,7 @@ class Autocorrelation:
                 sums[:lags] += lagged_products(np.nan_to_num(piece), lags - 1)
         return cls(sums, longest)
 
-    def merge(self, later: "Autocorrelation") -> None:
+    def merge(self, later: "CorrelationSums") -> None:
         """Take in the sums over other pieces."""
         sums = np.zeros(max(self.sums.size, later.sums.size))
         for own in (self.sums, later.sums):
@@ -61,7 +61,7 @@ def correlation_time(pieces: Sequence[Float]) -> float:
     >>> bool(correlation_time([np.repeat(np.random.default_rng(0).normal(size=2000), 10)]) > 8)
     True
     """
-    return Autocorrelation.of(pieces).time
+    return CorrelationSums.of(pieces).time
 
 
 @dataclass
@@ -69,7 +69,7 @@ class _Errors:
     """The errors of one criterion over a dataset: how many are known, and their autocorrelation in time."""
 
     count: float
-    correlation: Autocorrelation | None = None
+    correlation: CorrelationSums | None = None
 
     def merge(self, later: "_Errors") -> None:
         self.count += later.count
@@ -109,6 +109,6 @@ def _survey_errors(problem: Problem, parameters: ParameterSet) -> list[tuple[int
         for row, criterion in zip(scorer.errors(bound, parameters), problem.criteria, strict=True):
             if criterion.weight > 0:
                 known = float(np.isfinite(row).sum())
-                rows.append(_Errors(known, Autocorrelation.of([row[a:b] for a, b in pieces]) if in_time else None))
+                rows.append(_Errors(known, CorrelationSums.of([row[a:b] for a, b in pieces]) if in_time else None))
         surveys.append((number, rows))
     return surveys
