@@ -8,7 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from kennfeld.column_file import read_columns, write_columns
 
-columns = st.lists(st.one_of(arrays(kind, st.integers(0, 50)) for kind in (np.float64, np.int64, np.bool_)), max_size=5)
+KINDS = (np.float64, np.int64, np.uint32, np.bool_)
+columns = st.lists(st.one_of(arrays(kind, st.integers(0, 50)) for kind in KINDS), max_size=5)
 
 
 @given(columns)

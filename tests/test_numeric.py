@@ -1,5 +1,7 @@
+import sys
 from decimal import Decimal
 from fractions import Fraction
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -115,6 +117,12 @@ def test_columns_of_tables_with_types_of_their_own_are_read():
 def test_what_a_masked_array_masks_is_missing(kind):
     given = np.ma.array([[1, 999], [3, 4]], mask=[[0, 1], [0, 0]], dtype=kind)
     np.testing.assert_array_equal(array(given, "Gain"), [[1, np.nan], [3, 4]])
+
+
+def test_numbers_are_taken_while_another_thread_loads_masked_arrays(monkeypatch):
+    """`sys.modules` has a module before its names are there."""
+    monkeypatch.setitem(sys.modules, "numpy.ma", ModuleType("numpy.ma"))
+    assert array([1, 2], "x").tolist() == [1.0, 2.0]
 
 
 def test_a_masked_array_without_a_mask_is_all_there():

@@ -18,7 +18,7 @@ from kennfeld.atomic_files import replace_atomically
 
 _SIGNATURE = b"kennfeld columns 1"
 _ALIGNMENT = 64  # bytes
-_KINDS = ("<f8", "<i8", "|b1")
+_KINDS = ("<f8", "<i8", "<u4", "|b1")
 _END = struct.Struct(f"<Q{len(_SIGNATURE)}s")
 
 

@@ -5,8 +5,8 @@ doubles only.
 """
 
 import numbers
-import sys
 from decimal import Decimal
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -81,10 +81,12 @@ def array(source: Any, label: str) -> Float:
 
 def _mask(source: Any) -> Bool | None:
     """Return the mask of a masked array; None for any other source, and if nothing is masked."""
-    masked_arrays = sys.modules.get("numpy.ma")  # loaded if there is any masked array
-    if masked_arrays is None or (mask := masked_arrays.getmask(source)) is masked_arrays.nomask:
+    # `sys.modules` would name a module that another thread is still loading
+    if not any(base.__module__.startswith("numpy.ma") for base in type(source).__mro__):
         return None
-    return np.asarray(mask)
+    masked_arrays = import_module("numpy.ma")
+    mask = masked_arrays.getmask(source)
+    return None if mask is masked_arrays.nomask else np.asarray(mask)
 
 
 def truths(source: Any, label: str) -> Bool:

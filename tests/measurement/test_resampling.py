@@ -1,9 +1,11 @@
 """Resampling: linear or held, nothing outside the samples, exact where a sample lies on the raster."""
 
 import numpy as np
+import pytest
 
+from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.measurement import read
-from kennfeld.measurement.resampling import even_grid, resample
+from kennfeld.measurement.resampling import even_grid, is_stepped, resample
 
 
 def test_a_file_is_put_onto_an_even_raster_over_its_own_range(csv):
@@ -52,3 +54,13 @@ def test_a_slow_channel_among_fast_ones_is_bridged():
     slow = np.where(np.arange(1000) % 100 == 0, np.sin(time) + 0.1, np.nan)
     found = resample(time, slow, time)
     assert not np.isnan(found[:901]).any()
+
+
+@pytest.mark.parametrize(
+    ("later", "stepped"),
+    [([3.0], True), ([np.nan], True), ([2.5], False), (np.arange(4.0, 18.0), False), ([-1.0] * 5, True)],
+)
+def test_a_long_channel_is_judged_by_all_its_values(later, stepped):
+    values = np.concatenate([np.tile([1.0, 2.0, 3.0], SAMPLES_PER_BLOCK), later])
+    assert is_stepped(values) is stepped
+    assert is_stepped(values[::-1]) is stepped

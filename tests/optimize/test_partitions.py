@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.optimize.partitioned_sums import NormalSum, add_packed, pack
-from kennfeld.optimize.partitions import split_files
+from kennfeld.optimize.partitions import LEAST_STRETCH, Part, find_stretches, split_files
 from kennfeld.preprocessing.recording_sources import RecordingSource
 
 lengths = st.lists(st.integers(0, 50), min_size=1, max_size=8)
@@ -36,3 +36,29 @@ def test_normal_equations_are_added_in_order_and_unpacked():
     total = add_packed(pack(each) for each in sums)
     assert np.array_equal(total.gradient, sums[0].gradient + sums[1].gradient + sums[2].gradient)
     assert np.array_equal(total.matrix, sums[0].matrix + sums[1].matrix + sums[2].matrix)
+
+
+@given(st.lists(st.lists(st.integers(1, 90_000), min_size=1, max_size=30), min_size=1, max_size=3))
+def test_stretches_are_long_parts_of_all_datasets(datasets):
+    parts = [
+        Part(number, RecordingSource(f"{at}.csv", ""), 0, length)
+        for number, lengths in enumerate(datasets)
+        for at, length in enumerate(lengths)
+    ]
+    most = 100_000 * len(datasets)
+    stretches = find_stretches(parts, most)
+    by_source = {(part.dataset, part.source): part for part in parts}
+    for number, lengths in enumerate(datasets):
+        own = [stretch for stretch in stretches if stretch.dataset == number]
+        samples = sum(stretch.last - stretch.first for stretch in own)
+        assert samples == sum(lengths) if sum(lengths) <= 100_000 else 0 < samples <= 100_000
+        for stretch in own:
+            part = by_source[number, stretch.source]
+            assert part.first == stretch.first < stretch.last <= part.last
+            assert stretch.last == part.last or stretch.last - stretch.first >= LEAST_STRETCH
+
+
+def test_parts_that_follow_each_other_are_one_stretch():
+    source, other = RecordingSource("a.csv", ""), RecordingSource("b.csv", "")
+    parts = [Part(0, source, 0, 5), Part(0, source, 5, 9), Part(0, other, 0, 3), Part(0, other, 7, 8)]
+    assert find_stretches(parts, 100) == [Part(0, source, 0, 9), Part(0, other, 0, 3), Part(0, other, 7, 8)]

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Dataset
-from kennfeld.preprocessing.time_shift import resample_channel, shift_channels
+from kennfeld.preprocessing.time_shift import inside_pieces, resample_channel, shift_channels, shifted_values
 
 
 def made(time, starts=(0,), **columns):
@@ -44,3 +44,32 @@ def test_shifting_there_and_back_gives_the_inner_samples_again(values, by):
     inner = ~np.isnan(back["u"].values)
     assert inner.sum() == max(len(values) - abs(by), 0)
     np.testing.assert_array_equal(back["u"].values[inner], np.asarray(values)[inner])
+
+
+recordings = st.lists(st.integers(1, 30), min_size=1, max_size=5)
+
+
+@given(recordings, st.floats(-4, 4), st.booleans(), st.booleans(), st.integers(0, 2**31))
+def test_a_range_of_samples_is_shifted_like_the_whole(lengths, by, timed, stepped, seed):
+    random = np.random.default_rng(seed)
+    total, starts = sum(lengths), np.cumsum([0, *lengths[:-1]])
+    values = random.integers(0, 3, total).astype(float) if stepped else random.normal(size=total)
+    values[random.random(total) < 0.1] = np.nan
+    time = np.concatenate([0.3 * np.arange(length) for length in lengths])
+    data = Dataset.of("d", {"u": values}, time=time if timed else None, starts=starts)
+    whole = shift_channels(data, {"u": by})["u"].values
+    first, last = sorted(random.integers(0, total + 1, 2))
+    part = shifted_values(data, {"u": by}, first, last).get("u", values[first:last])
+    np.testing.assert_array_equal(part, whole[first:last])
+
+
+@given(recordings, st.integers(0, 10), st.integers(0, 2**31))
+def test_ends_of_pieces_are_those_of_the_whole(lengths, margin, seed):
+    total, starts = sum(lengths), np.cumsum([0, *lengths[:-1]])
+    data = Dataset.of("d", {"u": np.zeros(total)}, starts=starts)
+    whole = inside_pieces(data, margin, 0, total)
+    for start, length in zip(starts, lengths, strict=True):
+        excluded = min(margin, length // 4)
+        assert np.flatnonzero(whole[start : start + length]).tolist() == [*range(excluded, length - excluded)]
+    first, last = sorted(np.random.default_rng(seed).integers(0, total + 1, 2))
+    np.testing.assert_array_equal(inside_pieces(data, margin, first, last), whole[first:last])

@@ -64,6 +64,36 @@ delta = 2.0
 scale = 0.05
 """
 
+SHIFTED = """
+[model]
+file = "model.kf"
+
+[[dataset]]
+name = "drives"
+files = ["drive_*.csv"]
+shift = { y = "auto" }
+
+[[dataset]]
+name = "road"
+files = ["road.csv"]
+use = "test"
+shift = { y = "auto" }
+
+[parameters.K]
+x = { input = "u", begin = 0, end = 1, count = 5 }
+initial = 1.0
+smoothness = 1e-4
+
+[[criterion]]
+node = "Y"
+target = { channel = "y" }
+"""
+
+MODELS = {
+    "memory": ("input u\nY = PT1(K(u), T)\n", "\n[parameters.T]\ninitial = 1.0\nbounds = [0.05, 10]\n"),
+    "none": ("input u\nY = K(u)\n", ""),
+}
+
 
 def write_steady(folder: Path, files: int = 4, samples: int = 800, text: str = STEADY) -> Path:
     """Write steady-state points in files of different lengths; the coordinate of `C` depends on a free parameter.
@@ -100,6 +130,47 @@ def write_timed(folder: Path, files: int = 3, samples: int = 400, text: str = TI
         (folder / f"drive_{number}.csv").write_text("\n".join(["time,u,y", *rows]))
     (folder / "kennfeld.toml").write_text(text)
     return folder / "kennfeld.toml"
+
+
+def write_shifted(folder: Path, model: str = "memory", delay: float = 3.4, text: str = SHIFTED) -> Path:
+    """Write recordings whose channel `y` is some samples late; each is of another length."""
+    random = np.random.default_rng(3)
+    formula, parameter = MODELS[model]
+    (folder / "model.kf").write_text(formula)
+    for number in range(5):
+        count = 820 + 90 * number
+        u = 0.5 + 0.45 * np.sin(np.cumsum(random.normal(0, 0.2, count)))
+        y = 3 * u**2
+        if model == "memory":
+            y = lagged(y, 0.7)
+        y = np.interp(np.arange(count) - delay, np.arange(count), y) + random.normal(0, 0.02, count)
+        name = f"drive_{number}.csv" if number < 4 else "road.csv"
+        rows = (f"{0.1 * k:.1f},{u[k]:.8g},{y[k]:.8g}" for k in range(20, count))
+        (folder / name).write_text("\n".join(["time,u,y", *rows]))
+    (folder / "kennfeld.toml").write_text(text + parameter)
+    return folder / "kennfeld.toml"
+
+
+def write_lasting(folder: Path, text: str) -> Path:
+    """Write recordings of a curve whose errors last for seconds."""
+    random = np.random.default_rng(4)
+    (folder / "model.kf").write_text("input u\nY = K(u)\n")
+    for number in range(4):
+        count = 1500 + 200 * number
+        u = 0.5 + 0.45 * np.sin(np.cumsum(random.normal(0, 0.15, count)))
+        y = 3 * u**2 + lagged(random.normal(0, 2.0, count), 3.0)
+        rows = (f"{0.1 * k:.1f},{u[k]:.8g},{y[k]:.8g}" for k in range(count))
+        (folder / f"drive_{number}.csv").write_text("\n".join(["time,u,y", *rows]))
+    (folder / "kennfeld.toml").write_text(text)
+    return folder / "kennfeld.toml"
+
+
+def lagged(inputs: np.ndarray, seconds: float) -> np.ndarray:
+    """Return the output of a lag, sampled every 0.1 s."""
+    output = inputs.copy()
+    for k in range(1, inputs.size):
+        output[k] = output[k - 1] + 0.1 / (seconds + 0.1) * (inputs[k] - output[k - 1])
+    return output
 
 
 def in_partitions(path: Path, size: int, **cluster: object) -> Project:

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
+from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
 from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
@@ -103,6 +103,39 @@ def test_any_number_of_workers_gives_the_same_bits(tmp_path, write, cluster):
         assert result.cost_after == serial.cost_after
         assert result.quality == serial.quality
         assert all(np.array_equal(result.trust.deviation[n], serial.trust.deviation[n]) for n in serial.trust.deviation)
+
+
+def test_choices_of_smoothness_and_shift_are_the_same_bits(tmp_path, cluster, monkeypatch):
+    monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.SCANNED_SAMPLES", 900)
+    monkeypatch.setattr("kennfeld.optimize.partitions.LEAST_STRETCH", 300)
+    path = write_shifted(tmp_path, text=SHIFTED.replace("smoothness = 1e-4", 'smoothness = "auto"'))
+    serial = calibrate(in_partitions(path, 1000))
+    several = calibrate(in_partitions(path, 1000, scheduler=cluster.address))
+    cluster.kill_worker(1)
+    single = calibrate(in_partitions(path, 1000, scheduler=cluster.address))
+    for result in (several, single):
+        assert result.shifts == serial.shifts
+        assert result.smoothness == serial.smoothness
+        assert result.message == serial.message
+        assert np.array_equal(values_of(result), values_of(serial))
+        assert result.quality == serial.quality
+    assert "Shifts were scanned on " in serial.message
+
+
+def test_a_scheduler_that_dies_while_smoothness_is_chosen_ends_with_the_best_values(tmp_path, cluster):
+    path = write_steady(tmp_path, text=STEADY.replace("smoothness = 0.01", 'smoothness = "auto"'))
+    stages = []
+
+    def kill_scheduler(line):
+        stages.append(line.stage)
+        if line.stage == "smoothness 2":
+            cluster.scheduler.kill()
+
+    result = calibrate(in_partitions(path, 600, scheduler=cluster.address), kill_scheduler)
+    assert result.status == "stopped"
+    assert f"the scheduler at {cluster.address} is gone" in result.message
+    assert result.cost_after < result.cost_before
+    assert stages[-1] == "smoothness 2"
 
 
 def test_a_simulation_on_workers_gives_the_same_table(tmp_path, cluster):

@@ -2,6 +2,7 @@ import csv
 import hashlib
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from simulated_datasets import SimulatedDatasets
 
 from kennfeld import Axis, Curve, Dataset, InputError, Map, ParameterSet, Scalar, calibrate, read, read_parameters
-from kennfeld.project.results import COLUMNS, require_room, write, write_simulation, write_text
+from kennfeld.project.results import COLUMNS, read_shifts, require_room, write, write_simulation, write_text
 
 FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
 
@@ -259,3 +260,16 @@ def test_a_file_in_the_place_of_the_folder_leaves_no_room(tmp_path):
         require_room(tmp_path / "results")
     with pytest.raises(InputError, match="cannot be written"):
         require_room(tmp_path / "results" / "deeper")
+
+
+def test_shifts_of_a_result_are_read_again(result, tmp_path):
+    assert read_shifts(tmp_path) == {}
+    write(replace(result, shifts={"drive": {"Torque": -0.25}}), Line(), tmp_path)
+    assert read_shifts(tmp_path) == {"drive": {"Torque": -0.25}}
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"shifts": {"drive": 1}}', '{"shifts": {"drive": {"Torque": "late"}}}'])
+def test_damaged_shifts_name_their_file(text, tmp_path):
+    (tmp_path / "result.json").write_text(text)
+    with pytest.raises(InputError, match=r"result\.json.*its shifts cannot be read"):
+        read_shifts(tmp_path)

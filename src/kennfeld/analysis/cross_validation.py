@@ -392,7 +392,9 @@ def _without_partitions(problem: Problem, fold: PartitionFold) -> Problem:
         training=tuple(partition for partition in whole.training if partition not in fold.held),
         test=held,
     )
-    return replace(problem, datasets=(*training, *further), partitions=partitions)
+    sought = problem.unknown_shifts
+    shifts = {**sought, **{data.name + HELD_OUT: sought[data.name] for data in training if data.name in sought}}
+    return replace(problem, datasets=(*training, *further), partitions=partitions, unknown_shifts=shifts)
 
 
 def _name_fold(progress: Progress | None, number: int) -> Progress | None:

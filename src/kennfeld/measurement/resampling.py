@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import PAUSE
+from kennfeld.dataset import PAUSE, SAMPLES_PER_BLOCK
 
 _SAME_INSTANT = 1e-9  # s; a grid point this close to a time stamp is that sample
 _MAX_LEVELS = 16  # of a gear, a mode or a switch
@@ -33,13 +33,16 @@ def is_stepped(values: Float) -> bool:
     >>> is_stepped(np.array([0.0, 1.0, 1.0])), is_stepped(np.array([0.0, 0.5])), is_stepped(np.arange(100.0))
     (True, False, False)
     """
-    valid = values[~np.isnan(values)]
-    if not valid.size or np.any(valid != np.round(valid)):
-        return False
-    if np.all((valid == 0) | (valid == 1)):
-        return True
-    levels = np.unique(valid).size
-    return levels <= _MAX_LEVELS and valid.size >= 4 * levels
+    levels, count = np.empty(0), 0
+    for first in range(0, values.size, SAMPLES_PER_BLOCK):
+        block = values[first : first + SAMPLES_PER_BLOCK]
+        valid = block[~np.isnan(block)]
+        if np.any(valid != np.round(valid)):
+            return False
+        levels, count = np.union1d(levels, valid), count + valid.size
+        if levels.size > _MAX_LEVELS:
+            return False
+    return count > 0 and (bool(np.isin(levels, (0, 1)).all()) or count >= 4 * levels.size)
 
 
 def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequence[bool]) -> list[Float]:

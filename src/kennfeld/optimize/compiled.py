@@ -3,6 +3,7 @@
 import pickle
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache, partial
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph, GraphBuilder
@@ -34,7 +35,7 @@ from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
-from kennfeld.preprocessing.stored_samples import in_visiting_order, read_samples, sample_columns
+from kennfeld.preprocessing.stored_samples import StoredSamples, in_visiting_order, read_samples, sample_columns
 
 # searches are compared on part of the samples: without memory on this many, or on so many per value if that is more,
 SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20
@@ -136,6 +137,7 @@ class CompiledProblem:
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
         self.start = self.values.pack(parameters)
+        self._stored: list[tuple[StoredSamples, Part]] = []  # of one partition
 
     def _kernel_outputs(self, graph: Graph) -> list[Output]:
         names = graph.names
@@ -209,24 +211,53 @@ class CompiledProblem:
         """Return the same over one partition, whose samples are kept on disk and mapped into memory."""
         other = copy(self)
         other.problem = self.problem.over(StoredDatasets(recordings, partition.parts))
-        other.samples = chain_samples([self._part_samples(recordings, part) for part in partition.parts])
+        stored = [self._part_samples(recordings, part) for part in partition.parts]
+        other.samples = chain_samples([part.samples for part in stored])
+        other._stored = list(zip(stored, partition.parts, strict=True))
         other.sums = other.sums_over(other.samples)
         return other
 
-    def _part_samples(self, recordings: Recordings, part: Part) -> Samples:
+    def _part_samples(self, recordings: Recordings, part: Part) -> StoredSamples:
         """Return the samples of one part, which are laid out when it is first used: one at a time is in memory."""
-        recipe = recordings.recipes[part.dataset]
-        path = recordings.files.path(digest_of(self.data_key, part.source, part.first, part.last, recipe.key))
-        scores = np.array([c.weight * recipe.entry.weight for c in self.problem.criteria])
-        samples = read_samples(path, len(self.kernel.layout.inputs), scores)
-        if samples is None:
+        path = self._part_path(recordings, part)
+        scores = np.array([c.weight * recordings.recipes[part.dataset].entry.weight for c in self.problem.criteria])
+        stored = read_samples(path, len(self.kernel.layout.inputs), scores)
+        if stored is None:
             other = copy(self)
             other.problem = self.problem.over(StoredDatasets(recordings, [part]))
-            samples = in_visiting_order(other._gathered())
-            if recordings.files.keep(path, sample_columns(samples), {}):
-                samples = read_samples(path, len(self.kernel.layout.inputs), scores) or samples
+            stored = in_visiting_order(other._gathered())
+            if recordings.files.keep(path, sample_columns(stored), {}):
+                stored = read_samples(path, len(self.kernel.layout.inputs), scores) or stored
         touch(path)
-        return samples
+        return stored
+
+    def _part_path(self, recordings: Recordings, part: Part) -> Path:
+        own = part.source, part.first, part.last, part.shift, part.margin, recordings.recipes[part.dataset].key
+        return recordings.files.path(digest_of(self.data_key, own))
+
+    def discard_part(self, recordings: Recordings, part: Part) -> None:
+        """Remove the samples of one part from the disk, if they are there."""
+        with suppress(OSError):
+            self._part_path(recordings, part).unlink(missing_ok=True)
+
+    def discard_samples(self) -> None:
+        """Remove the samples of all partitions from the disks, for shifts of channels that are not used again."""
+        partitions = self.problem.partitions
+        if partitions is not None:
+            for _ in partitions.map(discard_partition, self._shared_form, partitions.training):
+                pass
+
+    def sample_numbers(self) -> Int:
+        """Return the number of the sample at each visit, as the data come, Int[visits]."""
+        if not self._stored:
+            order = self.samples.order
+            return np.arange(self.samples.count) if order is None else order.astype(np.int64)
+        numbers, end = [], 0
+        for stored, part in self._stored:
+            own = np.arange(stored.samples.count) if stored.order is None else stored.order
+            numbers.append(own.astype(np.int64) + end)
+            end += stored.samples.count if stored.order is None else part.last - part.first
+        return np.concatenate(numbers)
 
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""
@@ -335,8 +366,14 @@ class CompiledProblem:
         form = DataForm.of(problem)
         if form.step != self.form.step:
             return CompiledProblem(problem, sums_of=self._sums_of, form=form)
+        if problem.partitions is not None:
+            _ = self._shared_form  # kept for all copies, so that no process compiles again
         other = self.with_start(problem)
         other.weighting = form.weighting
+        if problem.partitions is not None:
+            for name in ("samples", "sums", "_thinned_partitions"):
+                other.__dict__.pop(name, None)
+            return other
         other.samples = other._gathered()
         other.sums = other.sums_over(other.samples)
         return other
@@ -380,6 +417,15 @@ def run_on_compiled(shared: bytes, item: bytes, arguments: bytes) -> Any:
     with _compiling:
         compiled = _compiled_once(shared)
     return task(compiled.over_partition(recordings, pickle.loads(item)), *rest)
+
+
+def discard_partition(shared: bytes, item: bytes, _: bytes) -> None:
+    """Remove the samples of one partition from the disk; see `CompiledProblem.discard_samples`."""
+    recordings, _content = shared_content(shared)
+    with _compiling:
+        compiled = _compiled_once(shared)
+    for part in pickle.loads(item).parts:
+        compiled.discard_part(recordings, part)
 
 
 _compiling = threading.Lock()

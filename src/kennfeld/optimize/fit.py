@@ -40,6 +40,7 @@ MAX_LISTED = 5
 UNDERFLOW = 1e-290  # a cost below has lost digits
 REJOIN = "Start the cluster, and run the command again."
 KEPT = "The result has the best values so far; their errors are unknown."
+CHOICE = "smoothness"  # begins the names of stages in which factors are chosen
 REACHED = 1e-10  # share of the cost at the start below which a fit is as good as exact
 UNDERFLOW_MESSAGE = "The weighted squares of the errors underflow. Use larger weights, a smaller scale or other units."
 
@@ -106,12 +107,16 @@ class FitRun:
     def result(self, search: Search | None = None) -> Result:
         """Run `minimise` and assess its end."""
         with blas_threads(self.exact.values.free):
-            try:
-                return self._result(search)
-            except RunnerLostError as error:
-                if self.best is None:
-                    raise InputError.of(Location("[cluster]"), f"{error}, before the first step", REJOIN) from error
-                return self._result_without_data(*self.best, f"{error}. {KEPT}")
+            return self.while_connected(lambda: self._result(search))
+
+    def while_connected(self, compute: Callable[[], Result]) -> Result:
+        """Return `compute()`, or the best values so far if the data cannot be evaluated any more."""
+        try:
+            return compute()
+        except RunnerLostError as error:
+            if self.best is None:
+                raise InputError.of(Location("[cluster]"), f"{error}, before the first step", REJOIN) from error
+            return self._result_without_data(*self.best, f"{error}. {KEPT}")
 
     def _result_without_data(self, cost: float, values: Float, message: str) -> Result:
         """Return the best values of a search whose data cannot be evaluated any more; their errors are unknown."""
@@ -225,7 +230,8 @@ class FitRun:
         self.trace.append(entry)
         if compiled in (None, self.exact):
             own = line.cost if self._is_whole(stage) else np.inf
-            if self.best is None or own <= self.best[0]:
+            # costs with different smoothness factors do not compare
+            if self.best is None or own <= self.best[0] or stage.startswith(CHOICE):
                 self.best = own, values.copy()
         if self.watch is not None and compiled in (None, self.exact):  # dense axes have values of their own
             self.watch(entry, values)
@@ -236,7 +242,7 @@ class FitRun:
         """Return if the cost of a stage is that of the exact model over all samples."""
         thinned = self.thinned is not self.exact if self.continuation is None else self.continuation.thinned
         compared = thinned and stage in ("exact", "plain")
-        return not (compared or stage.startswith("smooth"))
+        return not (compared or (stage.startswith("smooth") and not stage.startswith(CHOICE)))
 
     @property
     def _setup(self) -> DescentSetup:

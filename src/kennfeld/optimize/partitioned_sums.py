@@ -62,13 +62,28 @@ def pack(normal: NormalEquations) -> PackedNormal:
 
 def add_packed(parts: Iterator[PackedNormal]) -> NormalSum:
     """Add the normal equations of partitions in order."""
-    first = next(parts)
-    gradient = first.gradient.copy()
-    add, result = (_add_blocks if isinstance(first.matrix, PackedBlocks) else _add_triangles)(first)
+    total = NormalAddition(next(parts))
     for part in parts:
-        gradient += part.gradient
-        add(part)
-    return NormalSum(gradient, result())
+        total.add(part)
+    return total.result()
+
+
+class NormalAddition:
+    """Adds normal equations one after the other, beginning with a first one."""
+
+    def __init__(self, first: PackedNormal) -> None:
+        self._gradient = first.gradient.copy()
+        in_blocks = isinstance(first.matrix, PackedBlocks)
+        self._add, self._matrix = (_add_blocks if in_blocks else _add_triangles)(first)
+
+    def add(self, part: PackedNormal) -> None:
+        """Add the normal equations of another partition."""
+        self._gradient += part.gradient
+        self._add(part)
+
+    def result(self) -> NormalSum:
+        """Return the sum."""
+        return NormalSum(self._gradient, self._matrix())
 
 
 Addition = tuple[Callable[[PackedNormal], None], Callable[[], SymmetricMatrix]]  # adds a part; returns the sum

@@ -5,28 +5,39 @@ order of the files. So one process and any number of workers compute the same, b
 """
 
 import pickle
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, overload
 
-from kennfeld.dataset import Dataset
+import numpy as np
+
+from kennfeld.dataset import Dataset, concatenate
 from kennfeld.errors import Finding, InputError
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFiles, cut
 from kennfeld.preprocessing.recording_sources import RecordingSource
+from kennfeld.preprocessing.time_shift import inside_pieces, shifted_values
 from kennfeld.task_runner import Task, TaskRunner, worker_name
+
+LEAST_STRETCH = 10_000  # samples
 
 
 @dataclass(frozen=True)
 class Part:
-    """Samples of one file, from `first` to before `last`, that belong to a dataset, by number."""
+    """Samples of one file, from `first` to before `last`, that belong to a dataset, by number.
+
+    `shift` are the times in s by which channels are moved, for steady-state data in samples, and `margin` is the number
+    of samples at the ends of each piece that are not scored.
+    """
 
     dataset: int
     source: RecordingSource
     first: int
     last: int
+    shift: tuple[tuple[str, float], ...] = ()
+    margin: int = 0
 
 
 @dataclass(frozen=True)
@@ -54,15 +65,33 @@ class Recordings:
         Raises:
             InputError: its file cannot be read.
         """
-        data = self.file(part)
-        return data if (part.first, part.last) == (0, data.samples) else cut(data, part.first, part.last)
+        return _select(self._prepared(part), part, part.first, part.last)
 
     def file(self, part: Part) -> Dataset:
         """Return all samples of the file of a part; errors as for `open`."""
+        data = self._prepared(part)
+        return _select(data, part, 0, data.samples)
+
+    def begins_inside(self, part: Part) -> bool:
+        """Return whether a part begins within a piece of its file."""
+        return part.first not in self._prepared(part).starts
+
+    def _prepared(self, part: Part) -> Dataset:
         prepared = self.files.file(self.recipes[part.dataset], part.source)
         if prepared.failed or prepared.dataset is None:
             raise InputError(with_worker(f for f in prepared.findings if f.severity == "error"))
         return prepared.dataset
+
+
+def _select(data: Dataset, part: Part, first: int, last: int) -> Dataset:
+    """Return samples of a file, with the shifts and the margin of a part; only these are computed."""
+    result = data if (first, last) == (0, data.samples) else cut(data, first, last)
+    moved = shifted_values(data, dict(part.shift), first, last)
+    if moved:
+        result = result.with_channels(*(replace(result[name], values=values) for name, values in moved.items()))
+    if part.margin:
+        result = replace(result, scored=result.counting & inside_pieces(data, part.margin, first, last))
+    return result
 
 
 def with_worker(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -77,13 +106,18 @@ class StoredDatasets(Sequence[Dataset]):
     """The datasets of some parts, one for each, opened when they are first used."""
 
     def __init__(self, recordings: Recordings, parts: Sequence[Part]) -> None:
-        self._recordings, self._parts = recordings, parts
+        self._recordings, self.parts = recordings, parts
         self._opened: tuple[Dataset, ...] | None = None
+
+    @property
+    def continuing(self) -> list[bool]:
+        """True for the parts that begin within a piece of their file."""
+        return [self._recordings.begins_inside(part) for part in self.parts]
 
     @property
     def _datasets(self) -> tuple[Dataset, ...]:
         if self._opened is None:
-            self._opened = tuple(self._recordings.open(part) for part in self._parts)
+            self._opened = tuple(self._recordings.open(part) for part in self.parts)
         return self._opened
 
     @overload
@@ -94,7 +128,12 @@ class StoredDatasets(Sequence[Dataset]):
         return self._datasets[at]
 
     def __len__(self) -> int:
-        return len(self._parts)
+        return len(self.parts)
+
+
+def dataset_numbers(datasets: Sequence[Dataset]) -> Sequence[int]:
+    """Return the number of each dataset among those of the whole problem, of which they may be parts."""
+    return [part.dataset for part in datasets.parts] if isinstance(datasets, StoredDatasets) else range(len(datasets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +159,41 @@ class Partitions:
         """Number of training samples."""
         return sum(partition.samples for partition in self.training)
 
+    def shifted(
+        self, shifts: Mapping[str, Mapping[str, float]], margins: Mapping[str, int] | None = None
+    ) -> "Partitions":
+        """Return the same with channels moved in time; the samples are computed where a part is opened.
+
+        Args:
+            shifts: by dataset and channel, in s; for steady-state data in samples.
+            margins: samples at the ends of each piece that are not scored, by dataset.
+        """
+
+        def shift(part: Part) -> Part:
+            name = self._name_of(part)
+            return replace(part, shift=tuple(shifts.get(name, {}).items()), margin=(margins or {}).get(name, 0))
+
+        training, test = (
+            tuple(Partition(tuple(map(shift, partition.parts))) for partition in own)
+            for own in (self.training, self.test)
+        )
+        return replace(self, training=training, test=test)
+
+    def _name_of(self, part: Part) -> str:
+        return self.recordings.recipes[part.dataset].entry.name
+
+    def excerpt(self, most: int) -> dict[str, Dataset]:
+        """Return at most about `most` training samples in long stretches, by dataset.
+
+        They depend on the files, their lengths and the size of partitions alone.
+        """
+        stretches = find_stretches([part for partition in self.training for part in partition.parts], most)
+        items = [Partition((part,)) for part in stretches]
+        opened: dict[str, list[Dataset]] = {}
+        for part, data in zip(stretches, self.map(open_part, self.share(None), items), strict=True):
+            opened.setdefault(self._name_of(part), []).append(data)
+        return {name: concatenate(name, own) for name, own in opened.items()}
+
     def share(self, content: Any) -> bytes:
         """Return what all calls of a task share, for `map`; the task reads it by `shared_content`."""
         return pickle_content((self.recordings, content))
@@ -135,6 +209,56 @@ def shared_content(shared: bytes) -> tuple[Recordings, Any]:
     """Return what all calls of a task share, decoded once in each process."""
     recordings, content = pickle.loads(shared)
     return recordings, content
+
+
+def open_part(shared: bytes, item: bytes, _: bytes) -> Dataset:
+    """Return the samples of a partition of one part."""
+    recordings, _ = shared_content(shared)
+    (part,) = pickle.loads(item).parts
+    return recordings.open(part)
+
+
+def find_stretches(parts: Sequence[Part], most: int) -> list[Part]:
+    """Return parts of at most about `most` samples in total, the same number for each dataset.
+
+    If a dataset has more, these are the beginnings of parts that are evenly spread over its samples, and at least
+    `LEAST_STRETCH` samples long, so that states settle and little is lost at their ends.
+
+    >>> file = RecordingSource("a.csv", "")
+    >>> find_stretches([Part(0, file, 0, 400), Part(0, file, 400, 700)], 1000)
+    [Part(dataset=0, source=RecordingSource(address='a.csv', state=''), first=0, last=700, shift=(), margin=0)]
+    """
+    datasets = dict.fromkeys(part.dataset for part in parts)
+    share = most // max(len(datasets), 1)
+    return [
+        stretch for number in datasets for stretch in _spread([part for part in parts if part.dataset == number], share)
+    ]
+
+
+def _spread(parts: Sequence[Part], most: int) -> list[Part]:
+    if sum(part.last - part.first for part in parts) <= most:
+        return _joined(parts)
+    length = max(most // len(parts), LEAST_STRETCH)
+    ends = np.cumsum([min(part.last - part.first, length) for part in parts])
+    count = max(most // length, 1)
+    places = (np.arange(count) + 0.5) * (ends[-1] / count)
+    picked = np.unique(np.searchsorted(ends, places, side="right"))
+    return [replace(parts[i], last=min(parts[i].last, parts[i].first + length)) for i in picked]
+
+
+def _joined(parts: Sequence[Part]) -> list[Part]:
+    """Return parts of which those that follow each other in a file are one."""
+    joined: list[Part] = []
+    for part in parts:
+        if joined and follows(joined[-1], part):
+            part = replace(joined.pop(), last=part.last)
+        joined.append(part)
+    return joined
+
+
+def follows(part: Part, later: Part) -> bool:
+    """Return whether a part of a file is followed by another one."""
+    return (part.dataset, part.source, part.last) == (later.dataset, later.source, later.first)
 
 
 def split_files(

@@ -143,15 +143,15 @@ class PreparedFile:
             return self
         return replace(self, dataset=replace(self.dataset, name=entry.name, use=entry.use, weight=entry.weight))
 
-    def excerpt(self, most: int) -> Dataset | None:
+    def excerpt(self, most: int, *, neighbouring: bool = False) -> Dataset | None:
         """Return at most about `most` samples: the first ones of a recording, else spread over all points.
 
-        With the extremes of every channel of steady-state points.
+        With the extremes of every channel of steady-state points, unless the excerpt must consist of neighbours.
         """
         data = self.dataset
         if data is None or data.samples <= most:
             return data
-        if data.time is not None or data.settling is not None:
+        if data.time is not None or data.settling is not None or neighbouring:
             return cut(data, 0, most)
         even = np.linspace(0, data.samples - 1, most).astype(np.int64)
         picked = np.unique(np.concatenate([even, *(_extremes(channel.values) for channel in data.channels)]))

@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Dataset
 from kennfeld.measurement.resampling import is_stepped
 
 _SAME_INSTANT = 1e-6  # of a step
+_NEIGHBOURS = 2  # samples beyond a range of time that take part in its interpolation
 
 
 def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
@@ -21,23 +23,68 @@ def shift_channels(dataset: Dataset, shift: Mapping[str, float]) -> Dataset:
     >>> data["u"].values
     array([nan,  1.,  2.])
     """
-    shifted = []
-    for name, by in shift.items():
-        if name not in dataset or by == 0:
-            continue
-        values = dataset[name].values
-        parts = []
-        for piece in dataset.pieces:
-            time = np.arange(piece.stop - piece.start, dtype=np.float64)
-            if dataset.time is not None:
-                time = dataset.time[piece]
-            parts.append(resample_channel(time, values[piece], time - by))
-        shifted.append(replace(dataset[name], values=np.concatenate(parts)))
-    return dataset.with_channels(*shifted)
+    moved = shifted_values(dataset, shift, 0, dataset.samples)
+    return dataset.with_channels(*(replace(dataset[name], values=values) for name, values in moved.items()))
 
 
-def resample_channel(time: Float, values: Float, at: Float) -> Float:
-    """Return a channel at other times: linear, or held if it is stepped; NaN next to a gap and outside."""
+def shifted_values(dataset: Dataset, shift: Mapping[str, float], first: int, last: int) -> dict[str, Float]:
+    """Return the channels that move, over the samples from `first` to before `last`; see `shift_channels`.
+
+    Of samples beyond that range, only those from which values move into it are read.
+    """
+    edges = [*dataset.starts.tolist(), dataset.samples]
+    begin = int(np.searchsorted(dataset.starts, first, side="right")) - 1
+    end = int(np.searchsorted(dataset.starts, last))
+    pieces = [slice(a, b) for a, b in pairwise(edges[begin : end + 1])]
+    return {
+        name: np.concatenate(
+            [
+                _shift_piece(dataset, dataset[name].values, piece, by, max(piece.start, first), min(piece.stop, last))
+                for piece in pieces
+            ]
+            or [np.zeros(0)]
+        )
+        for name, by in shift.items()
+        if name in dataset and by != 0
+    }
+
+
+def _shift_piece(dataset: Dataset, values: Float, piece: slice, by: float, first: int, last: int) -> Float:
+    """Return a channel at the samples of a piece from `first` to before `last`, moved by a time."""
+    if first >= last:
+        return np.zeros(0)
+    count, begin, end = piece.stop - piece.start, first - piece.start, last - piece.start
+    if dataset.time is None:
+        at = np.arange(begin, end) - by
+        low, high = int(np.floor(at[0])), int(np.ceil(at[-1]))
+    else:
+        own = dataset.time[piece]
+        at = own[begin:end] - by
+        low, high = np.searchsorted(own, at[[0, -1]]).tolist()
+    low, high = min(max(low - _NEIGHBOURS, 0), count - 1), min(max(high + _NEIGHBOURS, 1), count)
+    time = np.arange(low, high, dtype=np.float64) if dataset.time is None else own[low:high]
+    near = values[piece.start + low : piece.start + high]
+    return resample_channel(time, near, at, stepped=is_stepped(values[piece]))
+
+
+def inside_pieces(dataset: Dataset, margin: int, first: int, last: int) -> Bool:
+    """Mark the samples from `first` to before `last` that are not at an end of a piece, Bool[last - first].
+
+    `margin` samples at either end of a piece are excluded, at most half of the piece.
+    """
+    inside = np.zeros(last - first, dtype=bool)
+    for a, b in pairwise([*dataset.starts.tolist(), dataset.samples]):
+        excluded = min(margin, (b - a) // 4)
+        begin, end = max(a + excluded - first, 0), max(b - excluded - first, 0)
+        inside[begin:end] = True
+    return inside
+
+
+def resample_channel(time: Float, values: Float, at: Float, *, stepped: bool | None = None) -> Float:
+    """Return a channel at other times: linear, or held if it is stepped; NaN next to a gap and outside.
+
+    `stepped` says so if the values are a part of the channel only.
+    """
     if values.size == 0:
         return np.full(at.shape, np.nan)
     after = np.clip(np.searchsorted(time, at), 0, time.size - 1)
@@ -47,7 +94,8 @@ def resample_channel(time: Float, values: Float, at: Float) -> Float:
     exact = np.abs(time[near] - at) <= _SAME_INSTANT * step
     inside = (at >= time[0]) & (at <= time[-1])
     width = np.where(after > before, time[after] - time[before], 1.0)
-    share = 0.0 if is_stepped(values) else (at - time[before]) / width
+    held = is_stepped(values) if stepped is None else stepped
+    share = 0.0 if held else (at - time[before]) / width
     between = values[before] + share * (values[after] - values[before])
     result: Float = np.where(exact, values[near], np.where(inside, between, np.nan))
     return result

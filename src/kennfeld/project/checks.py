@@ -245,10 +245,7 @@ def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
     """Report settings that need all samples in one process, and how many the report shows."""
     assert problem.partitions is not None
     remedy = "Remove partition and scheduler from [cluster], or this setting."
-    automatic = 'smoothness = "auto"'
     reasons = [(entry.location, "limits of outputs") for entry in file.limits]
-    reasons += [(file.location("parameters", name, "smoothness"), automatic) for name in problem.automatic_names]
-    reasons += [(entry.location, automatic) for entry in file.steps if _is_automatic(entry.smoothness)]
     findings = [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
     count, whole = sum(data.samples for data in problem.fitted_datasets), problem.partitions.samples
     if count < whole:
@@ -256,12 +253,6 @@ def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
         scope = f"the figures of the report show an excerpt of {count} samples"
         findings.append(Finding(file.location("cluster"), f"{message}; {scope}", severity="remark"))
     return findings
-
-
-def _is_automatic(setting: object) -> bool:
-    if isinstance(setting, Mapping):
-        return any(_is_automatic(inner) for inner in setting.values())
-    return setting == "auto"
 
 
 def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:

@@ -66,7 +66,8 @@ def summarise_file(shared: bytes, item: bytes, arguments: bytes) -> FileSummary:
     data = file.dataset
     if data is None:
         return FileSummary(replace(file, findings=with_worker(file.findings)))
-    part = replace(file, dataset=file.excerpt(excerpt))
+    sought = bool(recordings.recipes[number].entry.unknown_shifts)  # shifts of points count their order
+    part = replace(file, dataset=file.excerpt(excerpt, neighbouring=sought))
     return FileSummary(part, data.samples, int(np.count_nonzero(data.counting)), tuple(data.starts.tolist()))
 
 
@@ -136,12 +137,8 @@ class PartitionedLoading:
             if not matches:
                 loaded.findings.append(Finding(entry.location.within("files"), f"{pattern} matches no file"))
             sources |= dict.fromkeys(matches)
-        if entry.unknown_shifts:
-            message = f'the shift of {entry.unknown_shifts[0]} cannot be "auto" if data are evaluated in partitions'
-            remedy = "Estimate it on a few files without [cluster], and write the number."
-            loaded.findings.append(Finding(entry.location.within("shift"), message, remedy))
         name = entry.name or default_name([source.address for source in sources], entry.files[0])
-        return _DatasetFiles(replace(entry, name=name, shift=entry.known_shifts), tuple(sources))
+        return _DatasetFiles(replace(entry, name=name), tuple(sources))
 
     def _with_units(self, recipes: list[DatasetRecipe], listed: Sequence[_DatasetFiles]) -> list[DatasetRecipe]:
         """Return the recipes with the units of the first file, to which the others are converted."""
@@ -225,6 +222,8 @@ def _add_dataset(loaded: LoadedData, files: _DatasetFiles) -> None:
     scored = None if all(part.scored is None for part in parts) else np.concatenate([part.counting for part in parts])
     loaded.datasets.append(replace(dataset, scored=scored))
     loaded.locations[entry.name] = entry.location
+    if entry.unknown_shifts:
+        loaded.unknown_shifts[entry.name] = entry.unknown_shifts
 
 
 def _unscored(files: _DatasetFiles) -> Iterator[Finding]:

@@ -166,6 +166,25 @@ def write(
     return tuple(target / name for name in names)
 
 
+def read_shifts(folder: Path) -> dict[str, dict[str, float]]:
+    """Return the estimated shifts of the result in a folder, by dataset and channel; empty if it has no result.
+
+    Raises:
+        InputError: its `result.json` is damaged.
+    """
+    path = folder / RESULT
+    if not path.is_file():
+        return {}
+    try:
+        shifts = json.loads(path.read_text(encoding="utf-8")).get("shifts", {})
+        return {
+            name: {channel: float(shift) for channel, shift in channels.items()} for name, channels in shifts.items()
+        }
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        message = f"its shifts cannot be read ({error})"
+        raise InputError.of(Location(str(path)), message, "Calibrate again, or move the calibration file.") from error
+
+
 def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
     try:
         return write_parameters(parameters, path)

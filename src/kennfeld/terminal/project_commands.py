@@ -255,18 +255,44 @@ def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
 
     values = None if parameters is None else read(parameters)
     with _open(path) as project:
-        simulation = project.simulation(values)
+        shifts = _stored_shifts(project, parameters)
+        simulation = project.simulation(values, shifts)
         written = write_simulation(simulation, output or path.parent / "simulation.parquet")
         print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
         if project.surrogates:
             from kennfeld.analysis.extrapolation import find_extrapolation
+            from kennfeld.optimize.tuning.shift_estimation import apply_shifts
             from kennfeld.project.simulation import replace_parameters
             from kennfeld.terminal.result_lines import extrapolation_lines
 
-            problem = project.problem()
+            problem = apply_shifts(project.problem(), shifts)
             print_lines(*extrapolation_lines(find_extrapolation(problem, replace_parameters(problem, values)), ""))
     print_lines(f"Written to {written}")
     return DONE
+
+
+def _stored_shifts(project: "Project", parameters: Path | None) -> dict[str, dict[str, float]]:
+    """Return the estimated shifts of the result that calibrated values belong to, and print them."""
+    from kennfeld.project.results import RESULT, read_shifts
+
+    sought = project.problem().unknown_shifts
+    stored = read_shifts(parameters.parent) if sought and parameters is not None else {}
+    shifts = {name: own for name, own in stored.items() if name in sought}
+    if parameters is not None:
+        place = parameters.parent / RESULT
+        print_lines(
+            *(
+                f"shift of {channel} in {name}: {by:g}, from {place}"
+                for name, own in shifts.items()
+                for channel, by in own.items()
+            )
+        )
+    for name in sought:
+        if name not in shifts:
+            message = 'channels with shift = "auto" are not shifted'
+            remedy = "Use parameters in the results folder of a calibration, or write numbers."
+            print_findings(Finding(Location(f"dataset {name}"), message, remedy, severity="warning"))
+    return shifts
 
 
 @click.command

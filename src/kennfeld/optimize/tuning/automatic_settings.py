@@ -17,9 +17,10 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Progress, Result, Seconds, single_start
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.tuning.holdout_blocks import independent_samples
+from kennfeld.optimize.tuning.independent_samples import independent_samples
 from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, SmoothnessSelection
+from kennfeld.task_runner import RunnerLostError
 from kennfeld.threads import blas_threads
 
 Search = Callable[[Problem], Result]
@@ -47,7 +48,7 @@ def resolve_automatic(
     if ready.automatic_names:
         plain = FitRun(ready, replace(options, continuation="off"), progress, Seconds())
         with blas_threads(plain.exact.values.free):
-            result = _Smoothing(plain, options, search).result()
+            result = plain.while_connected(_Smoothing(plain, options, search).result)
     else:
         result = search(ready)
     total = time.perf_counter() - began + read
@@ -63,7 +64,7 @@ def choose_smoothness(
     """Choose the automatic factors of the problem of a run, from a start within the limits."""
 
     def independent(values: Float) -> float:
-        return independent_samples(run.problem, run.scorer.errors, run.parameters(values))
+        return independent_samples(run.problem, run.parameters(values))
 
     steady = all(bound.dataset.time is None for bound in run.problem.training)
     samples = None if steady else independent
@@ -103,7 +104,10 @@ class _Smoothing:
             end = choice.fit.values
         elif options.continuation == "off":
             return self._merge(result, choice)
-        last = choose_smoothness(plain, end, limits, choice)
+        try:
+            last = choose_smoothness(plain, end, limits, choice)
+        except RunnerLostError as error:
+            return self._merge(replace(result, status="stopped", message=f"{result.message} {error}."), choice)
 
         def descend(start: Float, limits: LinearLimits) -> SolverResult:
             report = partial(plain.record, "plain")

@@ -8,10 +8,14 @@ scored on the same samples, those that every lag leaves available.
 Then the neighbouring lags: the search continues while a neighbour is better, and the vertex of the parabola through the
 best three costs gives the fraction of a sample. Recorded values are not interpolated for that, since interpolation
 averages noise and so favours lags between samples.
+
+With data in partitions, lags are scanned on a part of the recordings, which depends on the files and their lengths
+alone, and the neighbouring lags are compared on all of them.
 """
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -28,13 +32,14 @@ from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.time_shift import shift_channels
+from kennfeld.preprocessing.time_shift import inside_pieces, shift_channels
 
 MIN_LIKELIHOOD_RATIO = 10.0  # as a difference of -2 log L, from which another lag is ruled out
 NEIGHBOURHOOD = 2.0  # samples around a lag in time within which others are about as good
 EDGE_DISTANCE = 0.6  # samples
 
 WINDOW = 20  # samples to either side
+SCANNED_SAMPLES = 300_000  # of data in partitions
 ROUNDS = 3  # scans of each lag, if there are several
 CANDIDATES = 3  # lags that are fitted again from the start values
 WHOLE_LAG_TOLERANCE = 0.05  # of a sample
@@ -105,7 +110,10 @@ def apply_shifts(problem: Problem, shifts: Shifts) -> Problem:
     if not shifts:
         return problem
     datasets = tuple(shift_channels(data, shifts.get(data.name, {})) for data in problem.datasets)
-    return replace(problem, datasets=datasets, unknown_shifts={})
+    partitions = problem.partitions
+    if partitions is not None:
+        partitions = partitions.shifted(shifts)
+    return replace(problem, datasets=datasets, partitions=partitions, unknown_shifts={})
 
 
 def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, float]], str]:
@@ -122,11 +130,13 @@ def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, floa
         InputError: a channel is not used by the problem, or its shift is automatic in test data only.
     """
     sought = _find_channels(problem)
-    search = _ShiftSearch(problem, sought)
-    lags = search.run()
+    scanned, remark = _part_to_scan(problem)
+    search = _ShiftSearch(scanned, sought)
+    lags = search.scan()
+    lags = (search.over_all(problem, lags) if remark else search).refine(lags)
     shifts: dict[str, dict[str, float]] = {}
     for at, lag in zip(sought, lags, strict=True):
-        data = problem.datasets[at.dataset]
+        data = scanned.datasets[at.dataset]
         # rounds off the noise of the last digits; -0 becomes 0
         shifts.setdefault(data.name, {})[at.channel] = float(f"{lag * _step(data):.6g}") + 0.0
     for data in problem.datasets:
@@ -135,7 +145,19 @@ def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, floa
                 known = [own[channel] for own in shifts.values() if channel in own]
                 shifts.setdefault(data.name, {})[channel] = float(np.median(known))
     minima = [search.minimum(i, lag, shifts) for i, lag in enumerate(lags)]
-    return apply_shifts(problem, shifts), shifts, describe_shifts(minima)
+    return apply_shifts(problem, shifts), shifts, " ".join([describe_shifts(minima), *remark])
+
+
+def _part_to_scan(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
+    """Return the problem with the data on which lags are scanned, in this process, and a remark if these are a part."""
+    partitions = problem.partitions
+    if partitions is None:
+        return problem, ()
+    excerpt = partitions.excerpt(SCANNED_SAMPLES)
+    datasets = tuple(excerpt.get(data.name, data) for data in problem.datasets)
+    scanned, whole = sum(data.samples for data in excerpt.values()), partitions.samples
+    remark = f"Shifts were scanned on {scanned} of {whole} training samples, and compared with their neighbours on all."
+    return replace(problem, datasets=datasets, partitions=None), (remark,) if scanned < whole else ()
 
 
 @dataclass(frozen=True)
@@ -185,17 +207,27 @@ class _ShiftSearch:
 
     def __init__(self, problem: Problem, sought: Sequence[_Sought]) -> None:
         self.problem, self.sought = problem, sought
-        self.most = [_half_width(problem.datasets[at.dataset]) for at in sought]
+        data = [problem.datasets[at.dataset] for at in sought]
+        self.most, self.steps = [_half_width(own) for own in data], [_step(own) for own in data]
         self.fits: dict[tuple[SolverSettings, tuple[float, ...]], tuple[float, ParameterSet]] = {}
         self.scans: dict[int, dict[float, float]] = {}
-        self.compiled = CompiledProblem(replace(problem, datasets=self._shift_data([0.0] * len(sought))))
+        self.compiled = CompiledProblem(self._shift([0.0] * len(sought)))
         limits = linear_limits(problem, self.compiled.values)
         projected, _ = project(LeastSquaresObjective(self.compiled).start, limits)
         off = None if projected is None else departure(self.compiled, projected, limits)
         # the start values, moved off a saddle point
         self.begin = problem.parameters if off is None else self.compiled.parameters(off.values)
 
-    def run(self) -> list[float]:
+    def over_all(self, problem: Problem, lags: Sequence[float]) -> "_ShiftSearch":
+        """Return the search over all data in partitions, from the values of the fit at these lags."""
+        other = copy(self)
+        other.problem, other.fits = problem, {}
+        other.begin = self._cached_fit(lags, self.begin, ROUGH)[1]
+        other.compiled = CompiledProblem(other._shift(lags))
+        return other
+
+    def scan(self) -> list[float]:
+        """Return the best whole lags within the windows."""
         lags = [0.0] * len(self.sought)
         for _ in range(ROUNDS):
             before = list(lags)
@@ -203,6 +235,10 @@ class _ShiftSearch:
                 lags = self._find_best(which, lags)
             if lags == before or len(lags) == 1:
                 break
+        return lags
+
+    def refine(self, lags: list[float]) -> list[float]:
+        """Return the best lags, starting at whole ones."""
         for i in range(len(lags)):
             lags = self._descend(i, lags)
         return [self._interpolate_lag(i, lags) for i in range(len(lags))]
@@ -263,12 +299,12 @@ class _ShiftSearch:
             channel=at.channel,
             dataset=data.name,
             shift=shifts[data.name][at.channel],
-            step=_step(data),
+            step=self.steps[which],
             unit="samples" if data.time is None else "s",
             lag=lag,
             most=self.most[which],
             costs=self.scans[which],
-            scored=int(np.count_nonzero(self._shift_data([0.0] * len(self.sought))[at.dataset].counting)),
+            scored=int(np.count_nonzero(self._shift([0.0] * len(self.sought)).datasets[at.dataset].counting)),
         )
 
     def _cached_fit(
@@ -281,23 +317,34 @@ class _ShiftSearch:
         return self.fits[key]
 
     def _fit(self, lags: Sequence[float], start: ParameterSet, settings: SolverSettings) -> tuple[float, ParameterSet]:
-        problem = replace(self.problem, datasets=self._shift_data(lags), parameters=start)
+        problem = replace(self._shift(lags), parameters=start)
         compiled = self.compiled.over(problem)
         limits = linear_limits(problem, compiled.values)
         objective = LeastSquaresObjective(compiled, by_rows=settings is not SCAN)
         begin, _ = project(objective.start, limits)
-        if begin is None or not compiled.samples.count:
+        if begin is None or not compiled.sample_count:
             return np.inf, start
         end = levenberg_marquardt(objective, begin, limits, settings)
-        return end.cost / compiled.weights, compiled.parameters(end.values)
+        result = end.cost / compiled.weights, compiled.parameters(end.values)
+        compiled.discard_samples()
+        return result
 
-    def _shift_data(self, lags: Sequence[float]) -> tuple[Dataset, ...]:
-        """Return the datasets with shifted channels; only samples that every lag leaves available are scored."""
+    def _shift(self, lags: Sequence[float]) -> Problem:
+        """Return the problem with shifted channels; only samples that every lag leaves available are scored."""
+        shifts: dict[int, dict[str, float]] = {}
+        margins: dict[int, int] = {}
+        for at, lag, most, step in zip(self.sought, lags, self.most, self.steps, strict=True):
+            shifts.setdefault(at.dataset, {})[at.channel] = lag * step
+            margins[at.dataset] = most
+        if self.problem.partitions is not None:
+            names = [data.name for data in self.problem.datasets]
+            moved = {names[number]: own for number, own in shifts.items()}
+            ends = {names[number]: most for number, most in margins.items()}
+            return replace(self.problem, partitions=self.problem.partitions.shifted(moved, ends))
         data = list(self.problem.datasets)
-        for at, lag, most in zip(self.sought, lags, self.most, strict=True):
-            own = data[at.dataset]
-            data[at.dataset] = _exclude_ends(shift_channels(own, {at.channel: lag * _step(own)}), most)
-        return tuple(data)
+        for number, own in shifts.items():
+            data[number] = _exclude_ends(shift_channels(data[number], own), margins[number])
+        return replace(self.problem, datasets=tuple(data))
 
 
 def _half_width(data: Dataset) -> int:
@@ -306,12 +353,8 @@ def _half_width(data: Dataset) -> int:
 
 
 def _exclude_ends(data: Dataset, margin: int) -> Dataset:
-    """Exclude the ends of the pieces of a dataset from scoring, at most half of each piece."""
-    inside = np.zeros(data.samples, dtype=bool)
-    for piece in data.pieces:
-        excluded = min(margin, (piece.stop - piece.start) // 4)
-        inside[piece.start + excluded : piece.stop - excluded] = True
-    return replace(data, scored=inside if data.scored is None else inside & data.scored)
+    """Exclude the ends of the pieces of a dataset from scoring."""
+    return replace(data, scored=data.counting & inside_pieces(data, margin, 0, data.samples))
 
 
 def _with_lag(lags: Sequence[float], which: int, lag: float) -> list[float]:

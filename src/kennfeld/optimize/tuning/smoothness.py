@@ -16,6 +16,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.fit import CHOICE
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
@@ -166,7 +167,8 @@ class SmoothnessSelection:
         self.problem = self.compiled.problem
         self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, self.settings.max_iterations))
         self.restraints: Mapping[str, Restraint] = {}
-        self.samples = count_scored(self.compiled)  # the same for all rounds, so that these are comparable
+        self.scored = count_scored(self.compiled)
+        self.samples = self.scored  # the same for all rounds, so that these are comparable
         self.holdout: HoldoutBlocks | None = None
         self.objective = LeastSquaresObjective(self.compiled)
         blocks = list(_blocks(self.compiled))
@@ -196,7 +198,7 @@ class SmoothnessSelection:
 
     def _set_samples(self, samples: float) -> None:
         """Set the number of independent samples; hold out blocks if the samples are correlated."""
-        if count_scored(self.compiled) >= MIN_CORRELATION * samples:
+        if self.scored >= MIN_CORRELATION * samples:
             self.holdout = HoldoutBlocks.of(self.compiled)
         self.samples = samples
 
@@ -276,7 +278,7 @@ class SmoothnessSelection:
         that decay exponentially with a correlation time of tau samples it is sqrt((tau + 1/tau)/n). Heavier tails are
         ignored: the errors in them are about the same in all fits that are compared.
         """
-        count = count_scored(self.compiled)
+        count = self.scored
         tau = max(count / self.samples, 1.0)
         allowed = best.value + self.samples * np.log1p(((tau + 1 / tau) / count) ** 0.5)
         smoothest, stride = best, MAX_STRIDE
@@ -299,7 +301,7 @@ class SmoothnessSelection:
         """Fit with some factors, and evaluate and linearise the criterion there."""
         self._use(logarithms)
         self.rounds += 1
-        report = partial(self.report, f"smoothness {self.rounds}")
+        report = partial(self.report, f"{CHOICE} {self.rounds}")
         fit = levenberg_marquardt(self.objective, start, self.limits, self.settings, report)
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations
@@ -363,5 +365,9 @@ def _blocks(compiled: CompiledProblem) -> Iterator[_Block]:
 
 def count_scored(compiled: CompiledProblem) -> float:
     """Count the scored samples of all criteria."""
+    return float(sum(compiled.each(_count_weighted)))
+
+
+def _count_weighted(compiled: CompiledProblem) -> float:
     samples = compiled.samples
     return float(sum(samples.scored(piece) @ (piece.scores > 0) for piece in samples.pieces))
