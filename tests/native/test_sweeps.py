@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kennfeld.native.forward_sweep import scratch_size
+from kennfeld.native.forward_sweep import BATCH, scratch_size
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape_layout import MANY, TapeLayout
 from kennfeld.native.workspace import BatchMemory
@@ -74,11 +74,11 @@ def test_sums_without_states(m, columns):
     close(matrix, tape.sums[1])
 
 
-@pytest.mark.parametrize("runs", [1, 2, 3, 7, 100])
+@pytest.mark.parametrize("runs", [1, 2, 3, 7, 200])
 @pytest.mark.parametrize("sparse", [False, True])
 @pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 1), (1, 2), (2, 3), (1, 4), (3, 8)])
 def test_backward_and_forward_give_the_direct_sum(m, n, sparse, runs):
-    tape, width = Tape(m, n, columns=32, sparse=sparse, runs=runs), 32
+    tape, width = Tape(m, n, columns=32, length=BATCH + 50, sparse=sparse, runs=runs), 32
     native = sweeps(tape.pattern)
     q, lam = np.zeros((n, n)), np.zeros(n)
     q_next, l_next = np.zeros((tape.length, n, n)), np.zeros((tape.length, n))
