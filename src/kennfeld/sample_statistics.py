@@ -98,7 +98,13 @@ class Ranks:
     @classmethod
     def of(cls, values: Float) -> "Ranks":
         """Return the counts of numbers, Float[samples]."""
-        return cls(np.bincount(_keys(values[~np.isnan(values)]), minlength=_KEYS))
+        return cls(np.bincount(_codes(_known(values)), minlength=_KEYS)[_RISING])
+
+    @property
+    def sizes(self) -> "Ranks":
+        """The counts of the absolute numbers."""
+        negative, positive = np.split(self.counts, 2)
+        return Ranks(np.concatenate([np.zeros_like(negative), positive + negative[::-1]]))
 
     def merge(self, later: "Ranks") -> None:
         """Take in the counts of other numbers."""
@@ -133,8 +139,9 @@ class QuantileSearch:
 
     def part(self, values: Float) -> "QuantileSearch":
         """Return the same search over some of the numbers."""
-        known = values[~np.isnan(values)]
-        return QuantileSearch(self.count, self.before, self.wanted, [known[self.wanted[_keys(known)]]])
+        known, wanted = _known(values), np.empty_like(self.wanted)
+        wanted[_RISING] = self.wanted
+        return QuantileSearch(self.count, self.before, self.wanted, [known[wanted.take(_codes(known))]])
 
     def merge(self, later: "QuantileSearch") -> None:
         """Take in the same search over other numbers."""
@@ -144,16 +151,13 @@ class QuantileSearch:
         """Return a quantile that was asked for, as `numpy.quantile` does; NaN without numbers."""
         if not self.count:
             return float("nan")
-        if len(self._near) > 1 or not self._near:
-            self._near = [np.sort(np.concatenate([*self._near, np.empty(0)]))]
-        elif np.any(self._near[0][1:] < self._near[0][:-1]):
-            self._near = [np.sort(self._near[0])]
-        near = self._near[0]
         low, high, fraction = _position(share, self.count)
         keys = np.flatnonzero(self.wanted)
         held = np.diff(np.append(self.before, self.count))[keys]
         firsts = np.cumsum(held) - held  # of the numbers of each key among those near
-        a, b = (float(near[firsts[i] + rank - self.before[keys[i]]]) for rank, i in self._places((low, high), keys))
+        places = [firsts[i] + rank - self.before[keys[i]] for rank, i in self._places((low, high), keys)]
+        self._near = [np.partition(np.concatenate([*self._near, np.empty(0)]), places)]
+        a, b = self._near[0][places].tolist()
         with np.errstate(invalid="ignore"):
             step = np.float64(b) - a
             return float(b - step * (1 - fraction) if fraction >= 0.5 else a + step * fraction)
@@ -170,8 +174,18 @@ def _position(share: float, count: int) -> tuple[int, int, float]:
     return low, min(low + 1, count - 1), at - low
 
 
-def _keys(values: Float) -> Int:
-    """Return keys in the order of the numbers, 0 to `_KEYS` - 1."""
-    bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
-    ordered = np.where(bits < 0, ~bits, bits | np.int64(-(2**63)))
-    return (ordered.view(np.uint64) >> np.uint64(50)).astype(np.int64)
+def _known(values: Float) -> Float:
+    """Return the numbers that are not NaN."""
+    missing = np.isnan(values)
+    return values[~missing] if missing.any() else values
+
+
+def _codes(values: Float) -> Int:
+    """Return for each number its first bits, 0 to `_KEYS` - 1: sign, exponent and two bits of the mantissa."""
+    codes = np.ascontiguousarray(values, dtype=np.float64).view(np.int64) >> 50
+    codes &= _KEYS - 1
+    return codes
+
+
+# the codes in the order of the numbers: those of negative ones fall
+_RISING = np.concatenate([np.arange(_KEYS - 1, _KEYS // 2 - 1, -1), np.arange(_KEYS // 2)])

@@ -1,8 +1,9 @@
 """EvaluatedCriteria of all criteria part by part, before and after a calibration."""
 
-from functools import cached_property
+from dataclasses import dataclass
 
-from kennfeld.analysis.evaluation import CriterionSeries, EvaluatedCriteria, Evaluator
+from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
+from kennfeld.arrays import Float
 from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
 from kennfeld.optimize.problem import Problem
@@ -11,31 +12,16 @@ from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 
 
+@dataclass(frozen=True, eq=False)
 class EvaluatedPart:
-    """The criteria over a part of a dataset, and the lookups after the calibration; each computed when first used."""
+    """The criteria over a part of a dataset before and after the calibration.
 
-    def __init__(self, part: BoundPart, evaluator: "PartEvaluator") -> None:
-        self.bound, self._evaluator = part.bound, evaluator
+    Threads evaluate parts, so that nothing here is a cached property: until Python 3.12, its lock is that of all parts.
+    """
 
-    @cached_property
-    def before(self) -> tuple[CriterionSeries, ...]:
-        """The criteria before the calibration."""
-        start, end = self._evaluator.sets
-        return self.after if start is end else self._evaluator.criteria.over(self.bound, start).series
-
-    @property
-    def after(self) -> tuple[CriterionSeries, ...]:
-        """The criteria after the calibration."""
-        return self._evaluation.series
-
-    @cached_property
-    def located(self) -> list[Lookup]:
-        """The lookups after the calibration."""
-        return self._evaluator.lookups.over(self.bound, self._evaluation.extra)
-
-    @cached_property
-    def _evaluation(self) -> EvaluatedCriteria:
-        return self._evaluator.criteria.over(self.bound, self._evaluator.sets[1])
+    before: tuple[CriterionSeries, ...]
+    after: tuple[CriterionSeries, ...]
+    coordinates: Float  # of lookups, after the calibration
 
 
 class PartEvaluator:
@@ -56,5 +42,17 @@ class PartEvaluator:
     def over(self, part: BoundPart) -> EvaluatedPart:
         """Return the criteria over a part."""
         if part.last - part.first < part.whole.count or part.whole.count > SAMPLES_PER_BLOCK:
-            return EvaluatedPart(part, self)
-        return self._kept.setdefault(id(part.whole), EvaluatedPart(part, self))
+            return self._evaluate(part)
+        if id(part.whole) not in self._kept:
+            self._kept[id(part.whole)] = self._evaluate(part)
+        return self._kept[id(part.whole)]
+
+    def locate(self, part: BoundPart, evaluated: EvaluatedPart) -> list[Lookup]:
+        """Return the lookups over a part after the calibration."""
+        return self.lookups.over(part.bound, evaluated.coordinates)
+
+    def _evaluate(self, part: BoundPart) -> EvaluatedPart:
+        start, end = self.sets
+        after = self.criteria.over(part.bound, end)
+        before = after.series if start is end else self.criteria.over(part.bound, start).series
+        return EvaluatedPart(before, after.series, after.extra)

@@ -11,7 +11,7 @@ from kennfeld.analysis.autocorrelation import Autocorrelation, count_lags, of_pr
 from kennfeld.analysis.cell_errors import CellErrors, CellSums
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.analysis.leverage import LookupWeights
-from kennfeld.analysis.part_evaluation import EvaluatedPart, PartEvaluator
+from kennfeld.analysis.part_evaluation import PartEvaluator
 from kennfeld.analysis.residual_statistics import (
     MIDDLE,
     MOST,
@@ -125,7 +125,7 @@ def residuals(
     Args:
         problem: function, data and criteria.
         parameters: the values to analyse.
-        trust: the trust of a result; its `leverage` by table is used if it has one.
+        trust: the trust of a result; its `leverage` and `samples` by table are used if it has them.
         worst: number of the largest errors to list.
 
     Returns:
@@ -157,7 +157,7 @@ class Analysis:
 
     residuals: tuple[Residuals, ...]
     fits: tuple[Fit, ...]  # dataset by dataset
-    touching: Mapping[str, Int]  # training samples by grid point, see `Tally`
+    touching: Mapping[str, Int]  # training samples by grid point, of tables of which the trust does not tell them
 
 
 def analyse(
@@ -190,11 +190,12 @@ class _ResidualScan:
     def __init__(self, problem: Problem, evaluator: PartEvaluator, trust: Any, worst: int) -> None:
         self._problem, self._evaluator, self._worst = problem, evaluator, worst
         self._leverage: Mapping[str, Float] = getattr(trust, "leverage", None) or {}
+        self._counted = frozenset(getattr(trust, "samples", None) or {})
         self._bounds = [problem.bind(data) for data in problem.datasets]
         self._weights = LookupWeights()
 
     def analysis(self, *, keep: bool) -> Analysis:
-        cells = CellSums(self._evaluator.lookups)
+        cells = CellSums(self._evaluator.lookups, self._counted)
         counts = []
         for bound in self._bounds:
             first = self._gather(self._count, bound)
@@ -232,16 +233,12 @@ class _ResidualScan:
 
     def _count(self, part: BoundPart) -> "_FirstPass":
         evaluated = self._evaluator.over(part)
-        lookups, located = self._evaluator.lookups, evaluated.located
+        lookups, located = self._evaluator.lookups, self._evaluator.locate(part, evaluated)
         return _FirstPass(
             _Rows([ErrorCounts.of(*pair) for pair in zip(evaluated.before, evaluated.after, strict=True)]),
-            CellSums.of(lookups, located, evaluated.after),
+            CellSums.of(lookups, located, evaluated.after, self._counted),
             LookupWeights.of(self._problem, lookups, located, evaluated.after, self._leverage),
         )
-
-    def _leverages(self, evaluated: EvaluatedPart, series: CriterionSeries) -> Float:
-        lookups = self._evaluator.lookups
-        return self._weights.leverage(self._problem, lookups, evaluated.located, series, self._leverage)
 
     def _detail(
         self,
@@ -252,10 +249,11 @@ class _ResidualScan:
         *,
         keep: bool,
     ) -> "_Rows[ErrorDetails]":
-        evaluated, rows = self._evaluator.over(part), []
+        evaluated, lookups, rows = self._evaluator.over(part), self._evaluator.lookups, []
+        located = self._evaluator.locate(part, evaluated) if self._leverage else []
         series = zip(evaluated.before, evaluated.after, strict=True)
         for (before, after), count, search, large in zip(series, counts, searches, rare, strict=True):
-            leverage = self._leverages(evaluated, after)
+            leverage = self._weights.leverage(self._problem, lookups, located, after, self._leverage)
             lags = 0 if after.time is None else count_lags(part.whole.starts, part.whole.count)
             products = None
             if lags:
