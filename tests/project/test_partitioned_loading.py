@@ -239,12 +239,6 @@ def test_the_excerpt_has_the_extremes_of_every_channel(tmp_path, monkeypatch):
         assert np.nanmin(data[name].values) == np.nanmin(whole[name].values)
 
 
-def test_unsupported_settings_are_reported_with_a_remedy(tmp_path):
-    path = write_steady(tmp_path, text=STEADY + '\n[[limit]]\nnode = "TorqueModel"\nmax = 1000\n')
-    (error,) = (finding for finding in in_partitions(path, 600).check() if finding.severity == "error")
-    assert "limits of outputs cannot be evaluated in partitions" in str(error)
-
-
 def test_a_condition_that_no_sample_of_one_file_meets_is_no_error(tmp_path):
     path = write_steady(
         tmp_path, text=STEADY.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nwhere = "n > 3000"')

@@ -78,16 +78,17 @@ class Samples:
         """Number of visited samples."""
         return self.wanted.count if self.order is None else self.order.size
 
+    def numbers(self, visits: Int) -> Int | Order:
+        """Return the numbers of the samples at some visits."""
+        return visits if self.order is None else self.order[visits]
+
     def targets_of(self, visits: Int) -> Float:
         """Return the targets at some visits, shape (outputs, visits)."""
-        return self.wanted.take(self._samples(visits))
+        return self.wanted.take(self.numbers(visits))
 
     def inputs_of(self, visits: Int) -> Float:
         """Return the inputs at some visits, shape (inputs, visits)."""
-        return self.inputs.take(self._samples(visits))
-
-    def _samples(self, visits: Int) -> Int | Order:
-        return visits if self.order is None else self.order[visits]
+        return self.inputs.take(self.numbers(visits))
 
     def scored(self, piece: Piece) -> Int:
         """Count the scored samples of a piece, shape (outputs,)."""
@@ -110,7 +111,7 @@ class Samples:
             picked.append(np.linspace(piece.first, piece.last - 1, count).astype(np.int64))
             pieces.append(Piece(at, at + count, piece.scores * (length / count)))
             at += count
-        samples = self._samples(np.concatenate(picked))
+        samples = self.numbers(np.concatenate(picked))
         return Samples(self.inputs.take(samples), self.wanted.take(samples), pieces)
 
     def in_fewer_pieces(self, share: float, least: int) -> "Samples":

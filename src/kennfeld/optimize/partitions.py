@@ -194,6 +194,18 @@ class Partitions:
             opened.setdefault(self._name_of(part), []).append(data)
         return {name: concatenate(name, own) for name, own in opened.items()}
 
+    @property
+    def places(self) -> Iterator[list[tuple[str, int]]]:
+        """For each training partition, the dataset of each part by name, and the number of its first sample there."""
+        ends: dict[int, int] = {}
+        for partition in self.training:
+            places = []
+            for part in partition.parts:
+                first = ends.get(part.dataset, 0)
+                ends[part.dataset] = first + part.last - part.first
+                places.append((self._name_of(part), first))
+            yield places
+
     def share(self, content: Any) -> bytes:
         """Return what all calls of a task share, for `map`; the task reads it by `shared_content`."""
         return pickle_content((self.recordings, content))
