@@ -27,7 +27,15 @@ from kennfeld.native.samples import Piece, Samples, chain_samples, join_samples
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.kept_columns import ColumnStorage, RecentColumns, StoredColumns
 from kennfeld.optimize.partitioned_sums import PartitionedSums
-from kennfeld.optimize.partitions import Part, Partition, Recordings, StoredDatasets, shared_content
+from kennfeld.optimize.partitions import (
+    Part,
+    Partition,
+    Partitions,
+    Recordings,
+    StoredDatasets,
+    shared_content,
+)
+from kennfeld.optimize.picked_recordings import count_recordings, pick_recordings
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
@@ -140,6 +148,8 @@ class CompiledProblem:
         self._smooth_like = smooth_like
         self._selections: tuple[Selection, ...] = ()
         self._storage: ColumnStorage = RecentColumns()
+        if smooth_like is not None and self.kernel.line.states and problem.partitions is not None:
+            self.problem = replace(problem, partitions=smooth_like.search_partitions)
         self.values = self.kernel.values
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
@@ -232,13 +242,15 @@ class CompiledProblem:
         """Return the samples of one part, which are laid out when it is first used: one at a time is in memory."""
         path = self._part_path(recordings, part)
         scores = np.array([c.weight * recordings.recipes[part.dataset].entry.weight for c in self.problem.criteria])
+        scores *= part.factors or 1.0
         stored = read_samples(path, len(self.kernel.layout.inputs), scores)
         if stored is None:
             other = copy(self)
             other.problem = self.problem.over(StoredDatasets(recordings, [part]))
-            stored = in_visiting_order(other._gathered())
-            if recordings.files.keep(path, sample_columns(stored), {}):
-                stored = read_samples(path, len(self.kernel.layout.inputs), scores) or stored
+            laid_out = in_visiting_order(other._gathered())
+            kept = recordings.files.keep(path, sample_columns(laid_out), {})
+            stored = read_samples(path, len(self.kernel.layout.inputs), scores) if kept else None
+            stored = stored or laid_out.weighted(part.factors)
         touch(path)
         return stored
 
@@ -367,19 +379,37 @@ class CompiledProblem:
     def thinned(self) -> "CompiledProblem":
         """Return the same over a fixed part of the samples if these are many, else itself.
 
-        For models with memory these are whole pieces; with partitions, such models are evaluated over all samples.
+        For models with memory these are whole pieces, over partitions whole recordings.
         """
-        other = copy(self)
-        if self.problem.partitions is None:
+        other, partitions = copy(self), self.problem.partitions
+        if partitions is None:
             other.samples = self._thin(self.samples)
             if other.samples is self.samples:
                 return self
-        elif self.kernel.line.states or self._search_share(self.sample_count) >= 1:
+        elif self.kernel.line.states:
+            if self.search_partitions is partitions:
+                return self
+            other.problem = replace(self.problem, partitions=self.search_partitions)
+            other.sums = other._sums_over_partitions(other.each)
+            return other
+        elif self._search_share(self.sample_count) >= 1:
             return self
         else:
             other.samples, other.problem = self._thinned_partitions, replace(self.problem, partitions=None)
         other.sums = self.sums_over(other.samples)
         return other
+
+    @cached_property
+    def search_partitions(self) -> Partitions | None:
+        """The partitions with which searches of models with memory are compared: some recordings if these are many.
+
+        Recordings are picked as pieces are without partitions. They follow from the files alone.
+        """
+        partitions = self.problem.partitions
+        if partitions is None or partitions.samples < 2 * SEARCH_PIECE_SAMPLES:
+            return partitions
+        share = SEARCH_PIECE_SAMPLES / partitions.samples
+        return pick_recordings(partitions, self.each(count_recordings), share, SEARCH_PIECES)
 
     def _thin(self, samples: Samples) -> Samples:
         """Return the samples with which searches are compared."""
@@ -401,8 +431,9 @@ class CompiledProblem:
 
     def with_start(self, problem: Problem) -> "CompiledProblem":
         """Return the same for other values of the free parameters; the fixed ones must be unchanged."""
-        other = copy(self)
-        other.problem, other.start = problem, self.values.pack(problem.parameters)
+        other, own = copy(self), self.problem.partitions  # those with which searches are compared, or all
+        other.problem = problem if problem.partitions is own else replace(problem, partitions=own)
+        other.start = self.values.pack(problem.parameters)
         return other
 
     def over(self, problem: Problem) -> "CompiledProblem":
@@ -413,9 +444,9 @@ class CompiledProblem:
         if problem.partitions is not None:
             _ = self._shared_form  # kept for all copies, so that no process compiles again
         other = self.with_start(problem)
-        other.weighting = form.weighting
+        other.problem, other.weighting = problem, form.weighting
         if problem.partitions is not None:
-            for name in ("samples", "sums", "_thinned_partitions"):
+            for name in ("samples", "sums", "_thinned_partitions", "search_partitions"):
                 other.__dict__.pop(name, None)
             return other
         other.samples = other._gathered()

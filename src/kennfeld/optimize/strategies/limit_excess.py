@@ -261,10 +261,8 @@ def _multipliers(compiled: CompiledProblem, rounds: Sequence[LimitRound]) -> lis
     key = _key(earlier, last.values)
     columns = compiled.recall(key)
     if columns is None:
-        update_multipliers(compiled, earlier, last.values)
-        columns = compiled.recall(key)
-    if columns is None:  # the disk is full
         columns = [column for each in _updated(compiled, earlier, last.values)[1] for column in each]
+        compiled.keep(key, columns)
     return [_Sparse(*pair) for pair in zip(columns[::2], (m / last.growth for m in columns[1::2]), strict=True)]
 
 
