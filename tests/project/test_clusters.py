@@ -140,7 +140,7 @@ def test_a_scheduler_that_dies_while_smoothness_is_chosen_ends_with_the_best_val
 
 def test_limits_of_outputs_give_the_same_bits(tmp_path, cluster):
     limit = '\n[[limit]]\nnode = "Lagged"\nmax = 2.0\nwhere = "u > 0.1"\n'
-    path = write_timed(tmp_path, text=TIMED + limit + SHORT)
+    path = write_timed(tmp_path, text=TIMED + limit + SHORT + "tolerance = 1e-3\n")
     serial = calibrate(in_partitions(path, 400))
     assert any(line.stage.startswith("limits") for line in serial.trace)
     several = calibrate(in_partitions(path, 400, scheduler=cluster.address, folder=str(tmp_path / "several")))
