@@ -223,6 +223,11 @@ class Problem:
         counts = bound.scored & ~np.isinf(values)
         return values if counts.all() else np.where(counts, values, np.nan)
 
+    @property
+    def target_sources(self) -> tuple[Any, ...]:
+        """All that targets depend on besides the data, the channels and the criteria; it must have a digest."""
+        return ()
+
     def factors(self, name: str) -> tuple[float, ...]:
         """Return the smoothness of each axis of a parameter; 0 if it is automatic and not chosen yet."""
         return tuple(0.0 if factor == "auto" else float(factor) for factor in self._smoothness(name))

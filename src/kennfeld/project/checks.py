@@ -242,11 +242,9 @@ def check_method(file: ProjectFile, problem: Problem) -> list[Finding]:
 
 
 def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
-    """Report settings that need all samples in one process, and how many the report shows."""
+    """Report how many of the samples the report shows."""
     assert problem.partitions is not None
-    remedy = "Remove partition and scheduler from [cluster], or this setting."
-    reasons = [(entry.location, "limits of outputs") for entry in file.limits]
-    findings = [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
+    findings: list[Finding] = []
     count, whole = sum(data.samples for data in problem.fitted_datasets), problem.partitions.samples
     if count < whole:
         message = f"{len(problem.partitions.training)} partitions of {whole} training samples"
