@@ -15,17 +15,17 @@ def write_esdl_formula(
     class_name: str = "",
     methods: Iterable[str] = (),
     *,
-    task: str = "",
+    task: str | Iterable[str] = "",
     folders: Iterable[str | Path] = (),
 ) -> tuple[Path, ...]:
-    """Write a class or a task of an ASCET project as formula text that gives the same results.
+    """Write a class or tasks of an ASCET project as formula text that gives the same results.
 
     Args:
         source: the `.esdl` or `.app` file.
         target: the `.kf` file; parameter values go to a `.json` of the same name.
         class_name: name of the class.
         methods: methods that a step calls.
-        task: name of the task.
+        task: name of the task, or several, or `*` for all periodic ones.
         folders: folders with further projects.
 
     Returns:

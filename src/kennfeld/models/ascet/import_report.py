@@ -17,6 +17,16 @@ class StateSummary:
 
 
 @dataclass(frozen=True)
+class TaskSummary:
+    """A task that runs at a period of its own: its period and first run in s, and its methods in their order."""
+
+    name: str
+    period: float
+    delay: float
+    methods: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class EsdlReport:
     """Result of an ESDL import.
 
@@ -24,6 +34,7 @@ class EsdlReport:
         classes: labels of the imported classes.
         methods: the methods of a step in their order, as labels; `startup` those that run once before.
         step: time step in s, None for that of the data.
+        tasks: the tasks, if there are several, in the order in which they run.
         inputs: inputs of the function; likewise `outputs`.
         parameters: what can be calibrated.
         states: variables that keep their values.
@@ -35,6 +46,7 @@ class EsdlReport:
     methods: tuple[str, ...] = ()
     startup: tuple[str, ...] = ()
     step: float | None = None
+    tasks: tuple[TaskSummary, ...] = ()
     inputs: tuple[Quantity, ...] = ()
     outputs: tuple[Quantity, ...] = ()
     parameters: tuple[CalibratableParameter, ...] = ()
