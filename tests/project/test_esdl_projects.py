@@ -76,6 +76,24 @@ def test_keys_choose_class_methods_and_task(folder):
         assert missing or inputs == {"U", "T"}
 
 
+def test_an_application_cannot_be_written_as_one_class(folder):
+    text = TOML.replace('file = "Battery/Cell/Accu.esdl"', 'file = "Battery/Battery.app"')
+    text = text.replace('files = "bench.csv"', 'files = "cycle.csv"').replace('node = "charge"', 'node = "estimate"')
+    (folder / "cycle.csv").write_text("time,current,ambient,wanted\n0,1,20,50\n0.01,2,21,51\n0.02,3,22,52\n")
+    (folder / "kennfeld.toml").write_text(text.replace('free = ["shift"]', 'free = ["accu.shift"]'))
+    findings = [str(finding) for finding in Project.read(folder / "kennfeld.toml").check()]
+    assert any("esdl requires one ESDL class" in text for text in findings)
+
+
+def test_a_list_of_tasks_is_a_key(folder):
+    text = TOML.replace(
+        'file = "Battery/Cell/Accu.esdl"', 'file = "Battery/Battery.app"\ntask = ["Task_10ms", "Other"]'
+    )
+    (folder / "kennfeld.toml").write_text(text)
+    with pytest.raises(InputError, match="unknown task Other"):
+        Project.read(folder / "kennfeld.toml").problem()
+
+
 @pytest.mark.parametrize(
     ("keys", "message"),
     [

@@ -1,6 +1,7 @@
 """Report of an ESDL import: what is calculated and calibrated, and what is not supported."""
 
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import Finding
@@ -40,6 +41,8 @@ class EsdlReport:
         states: variables that keep their values.
         findings: what is not supported, with file and line; the import has a model if there are none.
         remarks: findings on anything else of note.
+        missing: packages that are imported and have no files.
+        sources: files of the classes and data interfaces that take part.
     """
 
     classes: tuple[str, ...]
@@ -53,6 +56,8 @@ class EsdlReport:
     states: tuple[StateSummary, ...] = ()
     findings: tuple[Finding, ...] = ()
     remarks: tuple[Finding, ...] = ()
+    missing: tuple[str, ...] = ()
+    sources: tuple[Path, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -62,6 +67,7 @@ class EsdlReport:
     def as_dict(self) -> dict[str, Any]:
         """Return the report as JSON-compatible containers."""
         texts = {"findings": [*map(str, self.findings)], "remarks": [*map(str, self.remarks)]}
+        texts["sources"] = [*map(str, self.sources)]
         return asdict(self) | texts | {"whole": self.whole}
 
 

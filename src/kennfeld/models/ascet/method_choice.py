@@ -11,7 +11,7 @@ from kennfeld.ascet.schedule import Schedule, Task, parse_schedule
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import join_names, nearest
-from kennfeld.models.ascet.declarations import Declared, SourceTree, root_of
+from kennfeld.models.ascet.declarations import Declared, SourceTree, package_of, root_of
 from kennfeld.models.ascet.instances import ClassInstance, Program
 from kennfeld.models.ascet.method_selection import MethodSelection, Process, ScheduledTask
 from kennfeld.models.ascet.task_choice import ALL_TASKS, TaskChoice, step_of_tasks
@@ -149,7 +149,7 @@ class MethodChooser:
             return []
         for path in paths:
             try:
-                result.append(_read_schedule(path))
+                result.append(read_schedule(path))
             except InputError:
                 continue
         return result
@@ -186,14 +186,14 @@ class MethodChooser:
 
     def of_application(self) -> MethodSelection:
         """Return the methods of a task of an application."""
-        schedule = _read_schedule(self.path)
+        schedule = read_schedule(self.path)
         tree = SourceTree(self.path.parent, tuple(self.folders))
         tasks = [task for task in schedule.tasks if task.processes]
         if self.tasks.is_several:
             chosen = self.tasks.tasks(tasks, Location(self.path.name), [task.name for task in schedule.tasks])
         else:
             chosen = [self._task({task.name: task for task in tasks})]
-        tree.root = self._root_for(chosen[0].processes[0], tree)
+        tree.root = root_of_package(self.path.parent, chosen[0].processes[0])
         startup = [self._process(tree, label) for label in schedule.startup]
         processes = [(task, [self._process(tree, label) for label in task.processes]) for task in chosen]
         if self.tasks.is_several:
@@ -213,14 +213,6 @@ class MethodChooser:
             raise InputError.of(location, message, _several(list(tasks)) if tasks else "")
         return next(iter(tasks.values()))
 
-    def _root_for(self, label: str, tree: SourceTree) -> Path:
-        """Return the folder around the application that contains the package of a class."""
-        first = label.split(".", 1)[0]
-        for folder in (self.path.parent, *islice(self.path.parent.parents, 5)):
-            if (folder / first).is_dir():
-                return folder
-        return tree.root
-
     def _process(self, tree: SourceTree, label: str) -> Process:
         owner, _, name = label.rpartition(".")
         declared = tree.find(owner)
@@ -235,7 +227,8 @@ class MethodChooser:
         return Process(instance, method)
 
 
-def _read_schedule(path: Path) -> Schedule:
+def read_schedule(path: Path) -> Schedule:
+    """Read an application file; raises `InputError` if it cannot be read."""
     with convert_errors(path, "cannot be read"), path.open("rb") as stream:
         text = stream.read(MAX_CHARACTERS).decode("utf-8-sig", errors="replace")
     return parse_schedule(text, path.name)
@@ -248,3 +241,23 @@ def _owner(process: str) -> str:
 
 def _several(names: list[str]) -> str:
     return f'Name one or several of {join_names(names, 8)}, or "{ALL_TASKS}" for all periodic ones.'
+
+
+def root_of_package(folder: Path, label: str) -> Path:
+    """Return the folder that contains the package of a class: this one, or one around it; this one if none does."""
+    first = label.split(".", 1)[0]
+    return next((each for each in (folder, *islice(folder.parents, 5)) if (each / first).is_dir()), folder)
+
+
+def source_root(path: Path) -> Path:
+    """Return the folder that contains the packages of a class file or an application.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if path.suffix.lower() != APPLICATION:
+        return root_of(path, package_of(path))
+    schedule = read_schedule(path)
+    processes = [*schedule.startup, *(process for task in schedule.tasks for process in task.processes)]
+    label = next(iter([*processes, *schedule.classes]), "")
+    return root_of_package(path.parent, label) if label else path.parent

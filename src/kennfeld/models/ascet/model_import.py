@@ -96,10 +96,9 @@ class EsdlModelImport:
         return result
 
     def _add_unsupported(self) -> None:
-        """Add what the translated methods do not support, and the elements whose types are not supported."""
-        self.findings += self.code.findings
+        """Add the elements whose types are not supported, and what the translated methods do not support."""
         if self.code.findings:
-            self.findings += self.program.findings
+            self.findings += [*self.program.findings, *self.code.findings]
 
     def _report(self) -> EsdlReport:
         selection = self.selection
@@ -110,6 +109,8 @@ class EsdlModelImport:
             tuple(process.label for process in selection.startup),
             selection.step,
             tasks=_task_summaries(selection),
+            missing=tuple(sorted({name for p in selection.processes for name in p.instance.scope.tree.missing})),
+            sources=self.program.sources(),
             findings=tuple(dict.fromkeys(self.findings)),
             remarks=self._remarks(),
         )
