@@ -109,6 +109,11 @@ def test_messages_of_tasks_that_are_left_out_are_inputs(application):
     assert any("none interrupts another: Slow_30ms, Late" in str(remark) for remark in report.remarks)
 
 
+def test_tasks_without_a_period_are_left_out_with_a_remark(application):
+    remarks = [str(remark) for remark in import_esdl(application, task="*").report.remarks]
+    assert "the task Key has no period and is left out" in remarks
+
+
 def test_one_task_of_a_list_is_that_task(application):
     assert esdl(application, task=["Fast_10ms"]).graph == esdl(application, task="Fast_10ms").graph
 

@@ -14,7 +14,7 @@ from kennfeld.formatting import join_names, nearest
 from kennfeld.models.ascet.declarations import Declared, SourceTree, package_of, root_of
 from kennfeld.models.ascet.instances import ClassInstance, Program
 from kennfeld.models.ascet.method_selection import MethodSelection, Process, ScheduledTask
-from kennfeld.models.ascet.task_choice import ALL_TASKS, TaskChoice, step_of_tasks
+from kennfeld.models.ascet.task_choice import ALL_TASKS, TaskChoice, skipped_tasks, step_of_tasks
 from kennfeld.models.sample_times import SampleTime
 
 _MAX_APPLICATIONS: Final = 50
@@ -49,34 +49,41 @@ class MethodChooser:
         schedules = [] if methods and startup is not None and self.step is not None else self._schedules(tree.root)
         first = self._startup(instance, startup, schedules)
         if self.tasks.is_several and not methods:
-            return self._scheduled(self._tasks_of(instance, schedules), first)
+            tasks, skipped = self._tasks_of(instance, schedules)
+            return self._scheduled(tasks, first, skipped)
         own = self._own_task(schedules, declared.label) if not methods else None
         processes = self._named(instance, methods) if methods else self._default(instance, own)
         step = self.step if self.step is not None else self._period(processes, schedules)
         return MethodSelection((ScheduledTask("", tuple(processes)),), tuple(first), step)
 
-    def _tasks_of(self, instance: ClassInstance, schedules: list[Schedule]) -> list[tuple[Task, list[Process]]]:
-        """Return the chosen tasks of the application that calls methods of a class, with these methods."""
+    def _tasks_of(
+        self, instance: ClassInstance, schedules: list[Schedule]
+    ) -> tuple[list[tuple[Task, list[Process]]], list[str]]:
+        """Return the chosen tasks of the application that calls methods of a class, with these, and those left out."""
         label, location = instance.declared.label, Location(self.path.name)
         for schedule in schedules:
             tasks = [task for task in schedule.tasks if any(_owner(process) == label for process in task.processes)]
             if tasks:
                 chosen = self.tasks.tasks(tasks, location, [task.name for task in schedule.tasks])
-                return [(task, self._default(instance, task)) for task in chosen]
+                return [(task, self._default(instance, task)) for task in chosen], skipped_tasks(self.tasks, tasks)
         raise InputError.of(location, f"no task calls methods of {label}", "Name the methods of a step.")
 
-    def _scheduled(self, tasks: list[tuple[Task, list[Process]]], startup: list[Process]) -> MethodSelection:
+    def _scheduled(
+        self, tasks: list[tuple[Task, list[Process]]], startup: list[Process], skipped: list[str]
+    ) -> MethodSelection:
         """Return the methods of several tasks, each at its own period; of a single one in every step."""
         step = step_of_tasks([task for task, _ in tasks], self.step, Location(self.path.name))
+        remarks = [f"the task {name} has no period and is left out" for name in skipped]
         if len(tasks) == 1:
-            return MethodSelection((ScheduledTask(tasks[0][0].name, tuple(tasks[0][1])),), tuple(startup), step)
+            alone = (ScheduledTask(tasks[0][0].name, tuple(tasks[0][1])),)
+            return MethodSelection(alone, tuple(startup), step, _remarks(remarks))
         scheduled = tuple(
             ScheduledTask(task.name, tuple(processes), SampleTime(task.period or step, task.delay))
             for task, processes in tasks
         )
         order = join_names([task.name for task, _ in tasks], 8)
-        text = f"tasks that are due at the same time run one after the other, and none interrupts another: {order}"
-        return MethodSelection(scheduled, tuple(startup), step, (Finding(Location(), text, severity="remark"),))
+        remarks.append(f"tasks due at the same time run one after the other, and none interrupts another: {order}")
+        return MethodSelection(scheduled, tuple(startup), step, _remarks(remarks))
 
     def _class(self, file: e.EsdlFile, name: str, declared: list[Declared]) -> Declared:
         classes = [item for item in declared if isinstance(item.declaration, e.ClassDeclaration)]
@@ -197,7 +204,7 @@ class MethodChooser:
         startup = [self._process(tree, label) for label in schedule.startup]
         processes = [(task, [self._process(tree, label) for label in task.processes]) for task in chosen]
         if self.tasks.is_several:
-            return self._scheduled(processes, startup)
+            return self._scheduled(processes, startup, skipped_tasks(self.tasks, tasks))
         step = self.step if self.step is not None else chosen[0].period
         return MethodSelection((ScheduledTask(chosen[0].name, tuple(processes[0][1])),), tuple(startup), step)
 
@@ -237,6 +244,10 @@ def read_schedule(path: Path) -> Schedule:
 def _owner(process: str) -> str:
     """Return the class of a process."""
     return process.rpartition(".")[0]
+
+
+def _remarks(sentences: list[str]) -> tuple[Finding, ...]:
+    return tuple(Finding(Location(), text, severity="remark") for text in sentences)
 
 
 def _several(names: list[str]) -> str:

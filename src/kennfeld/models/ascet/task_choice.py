@@ -60,6 +60,11 @@ class TaskChoice:
         return sorted(chosen, key=lambda task: task.priority)
 
 
+def skipped_tasks(choice: TaskChoice, tasks: Sequence[Task]) -> list[str]:
+    """Return the tasks that the choice of all leaves out, because they have no period."""
+    return [task.name for task in tasks if task.period is None] if ALL_TASKS in choice.names else []
+
+
 def _unknown(name: str, known: Sequence[str], location: Location) -> Finding:
     if name in known:
         return Finding(location, f"the task {name} has no processes here", "Leave it out.")

@@ -14,11 +14,12 @@ const FEW = 8; // problems that are listed at once
 export function ProgramState() {
   const own = program.value;
   if (own === null) return <p class="pad q">Reading the model</p>;
+  const few = own.missing?.length ? 0 : FEW;
   return (
     <div class="import">
       <Missing packages={own.missing ?? []} />
-      {own.problems.slice(0, FEW).map((problem) => <Problem problem={problem} />)}
-      {own.problems.length > FEW && <details class="more"><summary>{own.problems.length - FEW} more</summary>{own.problems.slice(FEW).map((problem) => <Problem problem={problem} />)}</details>}
+      {own.problems.slice(0, few).map((problem) => <Problem problem={problem} />)}
+      {own.problems.length > few && <details class="more"><summary>{own.problems.length - few} {few ? "more" : own.problems.length === 1 ? "problem" : "problems, most of them for this reason"}</summary>{own.problems.slice(few).map((problem) => <Problem problem={problem} />)}</details>}
       {own.whole && <p class="pad q"><Icon name="done" kind="good" /> Nothing stops it.</p>}
       <Classes own={own} />
       <Methods own={own} />

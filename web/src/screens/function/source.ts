@@ -107,6 +107,7 @@ export async function takeFiles(dropped: File[]): Promise<void> {
 
 /** Store files of an ASCET project by their packages; without an ASCET model so far, one of them becomes the function. */
 export async function addSources(added: File[]): Promise<boolean> {
+  if (state.value.project === null && (await request("new", { name: added[0]!.name, free: true })) === null) return false;
   const names = await upload(added);
   if (names.length === 0 || (await request("add-files", { files: names })) === null) return false;
   message.value = `Added ${added.length === 1 ? added[0]!.name : `${added.length} files`}`;
