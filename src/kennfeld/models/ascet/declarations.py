@@ -177,7 +177,11 @@ def root_of(path: Path, package: str) -> Path:
 
 
 def _files_in(folder: Path) -> Iterable[Path]:
-    return sorted(islice((path for path in folder.iterdir() if path.suffix.lower() == SUFFIX), _MAX_FILES))
+    """Return the ESDL files of a folder; none of one that cannot be read, or was removed meanwhile."""
+    try:
+        return sorted(islice((path for path in folder.iterdir() if path.suffix.lower() == SUFFIX), _MAX_FILES))
+    except OSError:
+        return ()
 
 
 def _subfolders(folder: Path) -> Iterable[Path]:
