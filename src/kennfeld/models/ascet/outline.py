@@ -1,4 +1,4 @@
-"""What can be chosen of an ESDL file or an application, without importing it."""
+"""Choices that an ESDL file or an application offers, without importing it."""
 
 from dataclasses import dataclass
 from pathlib import Path
