@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kennfeld.app.session.simulink_source import texts
+from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import is_esdl_file
 
@@ -62,7 +63,6 @@ class EsdlSource:
     @property
     def root(self) -> Path:
         """The folder that contains the packages; that of the project if the file cannot be read."""
-        from kennfeld.errors import InputError
         from kennfeld.models.ascet.method_choice import source_root
 
         try:
