@@ -143,6 +143,21 @@ def test_a_project_begins_with_the_files_of_an_ascet_application(tmp_path: Path)
     assert (tmp_path / "Battery/Cell/Accu.esdl").is_file()
 
 
+def test_a_project_begins_with_the_folders_of_an_ascet_project(tmp_path: Path) -> None:
+    folder = write_project(tmp_path / "ascet", BATTERY)
+    (folder / "Battery/Cell/Plant.bd").write_text("a diagram, which is left out")
+    with started(None, tmp_path) as (address, _), browser_page(address) as page:
+        devtools = page.context.new_cdp_session(page)
+        box = page.locator("#drop").bounding_box()
+        data = {"items": [], "files": [str(folder / "Battery"), str(folder / "Lib")], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            place = {"x": box["x"] + 20, "y": box["y"] + 20}
+            devtools.send("Input.dispatchDragEvent", {"type": kind, "data": data, **place})
+        page.wait_for_selector(".ascet .tag.g")
+    assert (tmp_path / "Battery/Lib/Dynamics/Integrator.esdl").is_file()
+    assert not list((tmp_path / "Battery").rglob("*.bd"))
+
+
 def test_a_class_shows_its_values_at_the_cursor_and_its_errors_at_the_line(tmp_path: Path) -> None:
     folder = write_project(tmp_path, BATTERY)
     (folder / "bench.csv").write_text("T,U,wanted\n0,1.3,5\n30,1.34,9\n60,1.38,14\n")
