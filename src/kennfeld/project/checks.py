@@ -294,6 +294,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_beyond(file, problem),
         *_idle(file, problem),
         *_names(file, problem),
+        *_unread_class(file),
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
@@ -409,6 +410,14 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         reached = dependents(graph, lambda node, name=name: node.op == "lookup" and node.payload == name)  # type: ignore[misc]
         if reached.isdisjoint(ends):
             yield file.location("calibration", "free"), f"{name} affects no criterion and keeps its initial value", ""
+
+
+def _unread_class(file: ProjectFile) -> Iterator[_Warning]:
+    """Yield the output as ESDL if no class was read that the values can be written into."""
+    read = (file.model.file, *file.calibration.files)
+    if ".esdl" in file.calibration.output and not any(name.lower().endswith(".esdl") for name in read):
+        message = "esdl requires one ESDL class as the function or among the initial files"
+        yield file.location("calibration", "output"), message, "Write another format."
 
 
 def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
