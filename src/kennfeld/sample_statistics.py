@@ -3,7 +3,7 @@
 Parts may therefore be processed by several threads or machines, and none has to be kept.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from typing import Protocol, Self, TypeVar
@@ -14,6 +14,8 @@ from kennfeld.arrays import Float, Int
 from kennfeld.threads import map_in_order
 
 _KEYS = 1 << 14  # numbers with the same sign, exponent and first two bits of the mantissa share a key
+_INNER_KEYS = 1 << 14  # numbers of one key with the same next 14 bits of the mantissa share an inner key
+MOST_NEAR = 1 << 20  # numbers that a search keeps
 
 _Part = TypeVar("_Part")  # Python 3.11
 _Statistic = TypeVar("_Statistic", bound="Mergeable")
@@ -28,12 +30,21 @@ class Mergeable(Protocol):
 
 def gather(work: Callable[[_Part], _Statistic], parts: Sequence[_Part]) -> _Statistic:
     """Return the merged statistics of all parts, computed by threads; there must be a part."""
+    result = merge_all(map_in_order(work, parts))
+    assert result is not None
+    return result
+
+
+def merge_all(statistics: Iterable[_Statistic]) -> _Statistic | None:
+    """Return the merged statistics of parts, in their order; None without parts."""
 
     def merge(statistic: _Statistic, later: _Statistic) -> _Statistic:
         statistic.merge(later)
         return statistic
 
-    return reduce(merge, map_in_order(work, parts))
+    remaining = iter(statistics)
+    first = next(remaining, None)
+    return None if first is None else reduce(merge, remaining, first)
 
 
 @dataclass
@@ -112,12 +123,41 @@ class Ranks:
         for share in shares if count else ():
             low, high, _ = _position(share, count)
             wanted[np.searchsorted(ends, [low, high], side="right")] = True
-        return QuantileSearch(count, ends - self.counts, wanted)
+        counted = int(self.counts[wanted].sum()) > MOST_NEAR
+        return QuantileSearch(count, ends - self.counts, wanted, _InnerCounts.of(wanted) if counted else None)
+
+
+@dataclass
+class _InnerCounts:
+    """Numbers counted by their inner key, in place of themselves if they are too many."""
+
+    keys: Int  # the wanted keys
+    counts: Int  # Int[wanted keys, inner keys]
+
+    @classmethod
+    def of(cls, wanted: "np.ndarray[tuple[int], np.dtype[np.bool_]]", values: Float | None = None) -> "_InnerCounts":
+        keys = np.flatnonzero(wanted)
+        counts = np.zeros((keys.size, _INNER_KEYS), dtype=np.int64)
+        if values is not None:
+            bits = _ordered_bits(values)
+            rows = np.searchsorted(keys, (bits >> np.uint64(50)).astype(np.int64))
+            inner = (bits >> np.uint64(36)).astype(np.int64) & (_INNER_KEYS - 1)
+            counts = np.bincount(rows * _INNER_KEYS + inner, minlength=counts.size).reshape(counts.shape)
+        return cls(keys, counts)
+
+    def number(self, row: int, rank: int) -> float:
+        """Return the number of a rank among those of a wanted key, with the bits of the mantissa that are known."""
+        inner = int(np.searchsorted(np.cumsum(self.counts[row]), rank, side="right"))
+        bits = (int(self.keys[row]) << 50) | (inner << 36)
+        plain = bits ^ (1 << 63) if bits >> 63 else ~bits & -(1 << 36) & ((1 << 64) - 1)
+        return float(np.uint64(plain).view(np.float64))
 
 
 @dataclass
 class QuantileSearch:
     """Collects the numbers near some quantiles; see `Ranks`.
+
+    If they are more than `MOST_NEAR`, they are counted instead, and a quantile is exact to 1.6e-5 of its size.
 
     >>> numbers = np.arange(101.0)
     >>> search = Ranks.of(numbers).search([0.5, 0.95])
@@ -129,34 +169,49 @@ class QuantileSearch:
     count: int
     before: Int  # Int[keys]: how many numbers have a smaller key
     wanted: "np.ndarray[tuple[int], np.dtype[np.bool_]]"  # by key
+    _inner: _InnerCounts | None = None
     _near: list[Float] = field(default_factory=list)
 
     def part(self, values: Float) -> "QuantileSearch":
         """Return the same search over some of the numbers."""
         known = values[~np.isnan(values)]
-        return QuantileSearch(self.count, self.before, self.wanted, [known[self.wanted[_keys(known)]]])
+        near = known[self.wanted[_keys(known)]]
+        if self._inner is not None:
+            return QuantileSearch(self.count, self.before, self.wanted, _InnerCounts.of(self.wanted, near))
+        return QuantileSearch(self.count, self.before, self.wanted, None, [near])
 
     def merge(self, later: "QuantileSearch") -> None:
         """Take in the same search over other numbers."""
         self._near += later._near
+        if self._inner is not None and later._inner is not None:
+            self._inner.counts += later._inner.counts
 
     def quantile(self, share: float) -> float:
         """Return a quantile that was asked for, as `numpy.quantile` does; NaN without numbers."""
         if not self.count:
             return float("nan")
+        low, high, fraction = _position(share, self.count)
+        a, b = self._numbers((low, high))
+        with np.errstate(invalid="ignore"):
+            step = np.float64(b) - a
+            return float(b - step * (1 - fraction) if fraction >= 0.5 else a + step * fraction)
+
+    def _numbers(self, ranks: Iterable[int]) -> Iterator[float]:
+        """Yield the numbers of some ranks."""
+        keys = np.flatnonzero(self.wanted)
+        if self._inner is not None:
+            yield from (
+                self._inner.number(i, int(rank - self.before[keys[i]])) for rank, i in self._places(ranks, keys)
+            )
+            return
         if len(self._near) > 1 or not self._near:
             self._near = [np.sort(np.concatenate([*self._near, np.empty(0)]))]
         elif np.any(self._near[0][1:] < self._near[0][:-1]):
             self._near = [np.sort(self._near[0])]
-        near = self._near[0]
-        low, high, fraction = _position(share, self.count)
-        keys = np.flatnonzero(self.wanted)
         held = np.diff(np.append(self.before, self.count))[keys]
         firsts = np.cumsum(held) - held  # of the numbers of each key among those near
-        a, b = (float(near[firsts[i] + rank - self.before[keys[i]]]) for rank, i in self._places((low, high), keys))
-        with np.errstate(invalid="ignore"):
-            step = np.float64(b) - a
-            return float(b - step * (1 - fraction) if fraction >= 0.5 else a + step * fraction)
+        for rank, i in self._places(ranks, keys):
+            yield float(self._near[0][firsts[i] + rank - self.before[keys[i]]])
 
     def _places(self, ranks: Iterable[int], keys: Int) -> list[tuple[int, int]]:
         """Return each rank with the index of its key."""
@@ -172,6 +227,10 @@ def _position(share: float, count: int) -> tuple[int, int, float]:
 
 def _keys(values: Float) -> Int:
     """Return keys in the order of the numbers, 0 to `_KEYS` - 1."""
+    return (_ordered_bits(values) >> np.uint64(50)).astype(np.int64)
+
+
+def _ordered_bits(values: Float) -> "np.ndarray[tuple[int], np.dtype[np.uint64]]":
+    """Return the bits of numbers, changed so that they are in the order of the numbers."""
     bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
-    ordered = np.where(bits < 0, ~bits, bits | np.int64(-(2**63)))
-    return (ordered.view(np.uint64) >> np.uint64(50)).astype(np.int64)
+    return np.where(bits < 0, ~bits, bits | np.int64(-(2**63))).view(np.uint64)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
 from pyarrow import parquet
+from report_projects import Page
 
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.cli import run
@@ -21,6 +22,7 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
+from kennfeld.report import document
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
 
@@ -145,6 +147,15 @@ def test_a_simulation_on_workers_gives_the_same_table(tmp_path, cluster):
         project.close()
         tables.append(parquet.read_table(file))
     assert tables[0].to_pydict() == tables[1].to_pydict()
+
+
+def test_a_report_on_workers_has_the_same_figures(tmp_path, cluster):
+    path, figures = write_short_drives(tmp_path), []
+    result = calibrate(in_partitions(path, 400))
+    for project in (in_partitions(path, 400), in_partitions(path, 400, scheduler=cluster.address)):
+        figures.append(Page(document(project, result)).data["figures"])
+        project.close()
+    assert figures[1] == figures[0]
 
 
 def test_processes_of_this_machine_give_the_same_bits(tmp_path):

@@ -43,24 +43,23 @@ def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Criterion
     by_dataset: dict[tuple[str, Use], list[CriterionSeries]] = {}
     for entry in series:
         by_dataset.setdefault((entry.bound.dataset.name, entry.bound.dataset.use), []).append(entry)
-    sums = CellSums(lookups)
+    sums = CellSums()
     for same in by_dataset.values():
         sums.merge(CellSums.of(lookups, lookups.blocks(same[0].bound), same))
-    return sums.tally(parameters)
+    return sums.tally(lookups, parameters)
 
 
 @dataclass
 class CellSums:
     """Sums by cell and counts by grid point, which can be merged with those of other samples."""
 
-    lookups: Lookups
     errors: dict[tuple[str, int, Use], Float] = field(default_factory=dict)  # Float[3, cells]
     touching: dict[str, Int] = field(default_factory=dict)  # Int[values]
 
     @classmethod
     def of(cls, lookups: Lookups, located: Iterable[Lookup], series: Sequence[CriterionSeries]) -> "CellSums":
         """Return the sums over a dataset or a part of one, given its lookups and all criteria that it scores."""
-        sums, bound = cls(lookups), series[0].bound
+        sums, bound = cls(), series[0].bound
         counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in series])
         use, fits = bound.dataset.use, bound.dataset.is_fitted
         for lookup in located:
@@ -83,9 +82,9 @@ class CellSums:
         for name, count in later.touching.items():
             self.touching[name] = self.touching[name] + count if name in self.touching else count
 
-    def tally(self, parameters: ParameterSet) -> Tally:
+    def tally(self, lookups: Lookups, parameters: ParameterSet) -> Tally:
         """Return the errors by cell and the counts in the shapes of the tables."""
-        touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in self.lookups.reached}
+        touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
         return Tally(
             tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in self.errors.items()),
             {name: count.reshape(parameters[name].values.shape) for name, count in (touching | self.touching).items()},

@@ -55,7 +55,6 @@ class ErrorCounts:
     size: Ranks
     relative: Ranks
     steps: tuple[float, float, float]  # time steps in s: the median of the first part, the shortest, the longest
-    scored: list[int]  # samples of each part
     unit: str
 
     @classmethod
@@ -71,7 +70,6 @@ class ErrorCounts:
             size=Ranks.of(np.abs(finite)),
             relative=Ranks.of(np.abs(_finite(relative_errors(after)))),
             steps=_steps(after),
-            scored=[int(np.count_nonzero(after.scored))],
             unit=after.unit,
         )
 
@@ -81,7 +79,6 @@ class ErrorCounts:
             getattr(self, name).merge(getattr(later, name))
         first, low, high = self.steps
         self.steps = first, float(np.fmin(low, later.steps[1])), float(np.fmax(high, later.steps[2]))
-        self.scored += later.scored
 
     @property
     def step(self) -> float | None:

@@ -242,17 +242,11 @@ def check_method(file: ProjectFile, problem: Problem) -> list[Finding]:
 
 
 def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
-    """Report settings that need all samples in one process, and how many the report shows."""
+    """Report settings that need all samples in one process."""
     assert problem.partitions is not None
     remedy = "Remove partition and scheduler from [cluster], or this setting."
     reasons = [(entry.location, "limits of outputs") for entry in file.limits]
-    findings = [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
-    count, whole = sum(data.samples for data in problem.fitted_datasets), problem.partitions.samples
-    if count < whole:
-        message = f"{len(problem.partitions.training)} partitions of {whole} training samples"
-        scope = f"the figures of the report show an excerpt of {count} samples"
-        findings.append(Finding(file.location("cluster"), f"{message}; {scope}", severity="remark"))
-    return findings
+    return [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
 
 
 def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
