@@ -12,8 +12,8 @@ import numpy as np
 from kennfeld.analysis.evaluation import CriterionSeries, EvaluatedCriteria, Evaluator
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
-from kennfeld.optimize.partitions import StoredDatasets, join_files, shared_content
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.partitions import StoredDatasets, shared_content
+from kennfeld.optimize.problem import Problem, partitions_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.bound_parts import BoundPart
@@ -211,9 +211,7 @@ class PartPasses:
     ) -> _Statistic | None:
         partitions = self.problem.partitions
         assert partitions is not None
-        own = [p for p in (*partitions.training, *partitions.test) if p.parts[0].dataset == dataset]
-        if self.problem.datasets[dataset].time is not None and not self.problem.model.graph.is_timed:
-            own = join_files(own)
+        own = partitions_of(self.problem, dataset)
         remaining = iter(places or ())
         counts = self._counts.get(dataset, [0] * len(own))
         items = [

@@ -58,9 +58,25 @@ def find_sources(folder: Path, pattern: str) -> list[RecordingSource]:
         raise InputError.of(Location(pattern), f"cannot be listed ({error or type(error).__name__})") from error
 
 
+def find_addresses(folder: Path, pattern: str) -> list[str]:
+    """Return the paths or addresses that a pattern matches; errors as for `find_sources`."""
+    if is_remote(pattern):
+        return [source.address for source in find_sources(folder, pattern)]
+    return find_recordings(folder, pattern)
+
+
+def size_in_store(address: str) -> int:
+    """Return the size of a file of an object store in bytes, 0 if the store does not tell."""
+    try:
+        system, path = _open_store(_without_sheet(address))
+        return int(system.size(path) or 0)
+    except Exception:  # of many kinds, one for each store
+        return 0
+
+
 def state_of(address: str) -> str:
     """Return the state of a file; an empty one if it cannot be found."""
-    whole = address.rpartition("#")[0] if "#" in address.rpartition("/")[2] else address
+    whole = _without_sheet(address)
     if is_remote(address):
         system, path = _open_store(whole)
         return str(system.ukey(path))
@@ -69,6 +85,10 @@ def state_of(address: str) -> str:
             status = file.stat()
             return f"{status.st_size}-{status.st_mtime_ns}"
     return ""
+
+
+def _without_sheet(address: str) -> str:
+    return address.rpartition("#")[0] if "#" in address.rpartition("/")[2] else address
 
 
 @contextmanager
