@@ -100,12 +100,12 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch, capsys):
     path = write_steady(tmp_path, text=STEADY.replace("bench_*", "s3://fleet/bench_*") + PARTITIONS)
     assert run(["check", str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("s3://fleet/bench_*.csv: cannot be read: ")
+    assert line.startswith("s3://fleet/bench_*.csv: cannot be read (")
     assert "Install s3fs where Kennfeld runs, also on the workers." in line
 
 
 def test_an_unknown_protocol_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"orbit://fleet/a\.csv: cannot be read: .*orbit.*Check the protocol"):
+    with pytest.raises(InputError, match=r"orbit://fleet/a\.csv: cannot be read \(.*orbit.*Check the protocol"):
         find_sources(tmp_path, "orbit://fleet/a.csv")
 
 

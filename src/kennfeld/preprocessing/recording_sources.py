@@ -180,4 +180,4 @@ def _open_store(address: str) -> tuple[Any, str]:
         package = _PACKAGES.get(protocol, "fsspec" if isinstance(error, ImportError) else "")
         install = f"Install {package} where Kennfeld runs, also on the workers."
         remedy = install if package else "Check the protocol; fsspec lists those that it knows."
-        raise InputError.of(Location(address), f"cannot be read: {error}", remedy) from error
+        raise InputError.of(Location(address), f"cannot be read ({error})", remedy) from error
