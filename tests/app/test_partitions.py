@@ -11,7 +11,7 @@ import pytest
 from partitioned_projects import STEADY, in_partitions, write_steady
 from report_projects import Page
 
-from kennfeld.app.questions import exports, overview, runs
+from kennfeld.app.questions import exports, overview, recordings, runs
 from kennfeld.app.session import partitioned_data
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetValues
@@ -185,6 +185,32 @@ def test_partitions_can_be_switched_off_and_on(tmp_path: Path) -> None:
     assert session.require_view().model.problem.partitions is None
     session.undo()
     assert overview.overview(session)["excerpt"] is not None
+
+
+def test_few_files_of_many_are_read_to_describe_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recordings, "MAX_DESCRIBED", 2)
+    monkeypatch.setattr(recordings, "MAX_FILES", 1)
+    session = Session(write_project(tmp_path))
+    described, *_ = recordings.files(session, {}).head["datasets"]
+    rows = [(file["name"], file.get("note"), len(file["channels"])) for file in described["files"]]
+    note = "read in partitions"
+    assert rows == [
+        ("bench_0.csv", None, 4),
+        ("bench_1.csv", None, 4),
+        ("bench_2.csv", note, 0),
+        ("1 more file", note, 0),
+    ]
+    assert recordings.recorded_channels(session, 0) == {}
+    assert recordings.channel_names(session) == ["n", "rl", "zw", "torque"]
+
+
+def test_files_of_a_store_are_listed_by_their_address(tmp_path: Path) -> None:
+    path = write_project(tmp_path)
+    path.write_text(path.read_text().replace('files = ["', f'files = ["file://{tmp_path}/'))
+    session = Session(path)
+    assert overview.overview(session)["excerpt"][1] == SAMPLES
+    _, road = recordings.files(session, {}).head["datasets"]
+    assert road["files"] == [{"name": f"file://{tmp_path}/road.csv", "note": "read in partitions", "channels": []}]
 
 
 def test_further_channels_of_recordings_are_refused_with_a_reason(tmp_path: Path) -> None:

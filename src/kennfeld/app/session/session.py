@@ -488,6 +488,14 @@ class Session:
             runner.close()
 
     @property
+    def reads_partitions(self) -> bool:
+        """True if the project file asks for partitions, also if it has errors."""
+        cluster = self.settings.get("cluster")
+        if not isinstance(cluster, dict):
+            return False
+        return bool(cluster.get("partition", cluster.get("scheduler")))
+
+    @property
     def excerpt(self) -> tuple[int, int] | None:
         """Number of samples that the session holds, and that of all partitions; None if it holds all."""
         problem = None if self.view is None else self.view.model.problem
