@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
+from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
 from report_projects import Page
 
 from kennfeld.analysis.residuals import residuals
@@ -48,6 +48,11 @@ def write_paused_drives(folder):
         (folder / f"pause_{number}.csv").write_text("\n".join(["time [s],x,m", *rows]))
     (folder / "kennfeld.toml").write_text(PAUSED + SHORT)
     return folder / "kennfeld.toml"
+
+
+def write_shifted_drives(folder):
+    """Recordings of a function without memory with a shift to be estimated; cut parts lack no sample at their cuts."""
+    return write_shifted(folder, "none", text=SHIFTED + SHORT)
 
 
 WRITERS = [write_steady_points, write_drives, write_paused_drives]
@@ -107,6 +112,14 @@ def test_strips_and_dots_are_bounded(tmp_path, write, monkeypatch):
             assert len(strip["x"]) == len(strip["measured"]) <= 102
     for kind in ("strip", "scatter", "histograms"):
         assert same(texts[1].figures(kind), texts[0].figures(kind)), kind
+
+
+@pytest.mark.parametrize("size", [300, 1000])
+def test_estimated_shifts_are_those_of_the_result(tmp_path, size, monkeypatch):
+    plain, parted = pages(write_shifted_drives(tmp_path), size, monkeypatch)
+    for kind in ("strip", "scatter", "histograms", "autocorrelation", "cells"):
+        assert plain.figures(kind)
+        assert same(parted.figures(kind), plain.figures(kind)), kind
 
 
 def test_a_changed_result_is_noticed(tmp_path):
