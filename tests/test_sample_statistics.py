@@ -31,6 +31,29 @@ def test_quantiles_of_few_different_numbers_are_exact(values, cuts):
     np.testing.assert_array_equal(quantiles(np.split(np.array(values), cuts)), expected)
 
 
+@given(NUMBERS, CUTS)
+def test_quantiles_of_too_many_numbers_are_counted(values, cuts):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("kennfeld.sample_statistics.MOST_NEAR", 0)
+        ranks = np.sort(values)[np.round(np.array(SHARES) * (values.size - 1)).astype(int)]
+        counted = np.array(quantiles(np.split(values, cuts)))
+        np.testing.assert_allclose(
+            counted, np.quantile(values, SHARES), rtol=2e-5, atol=2e-5 * np.abs(values).max() + 1e-300
+        )
+        assert (counted[0], counted[-1]) == pytest.approx((ranks[0], ranks[-1]), rel=2e-5, abs=1e-300)
+        search = Ranks.of(values).search(SHARES)
+        search.merge(search.part(values))
+        assert not any(part.size for part in search._near)
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 3.0, -0.75, np.inf, -np.inf])
+def test_round_numbers_are_exact_even_if_counted(value, monkeypatch):
+    monkeypatch.setattr("kennfeld.sample_statistics.MOST_NEAR", 0)
+    search = Ranks.of(np.full(9, value)).search([0.5])
+    search.merge(search.part(np.full(9, value)))
+    assert next(iter(search._numbers([4]))) == value
+
+
 def test_unknown_numbers_have_no_rank():
     known = np.random.default_rng(0).normal(size=100)
     values = np.concatenate([known, np.full(7, np.nan)])

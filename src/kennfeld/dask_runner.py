@@ -6,6 +6,7 @@ worker that had them before, by their number, so that each finds what it has kep
 
 import itertools
 import logging
+import ssl
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -15,7 +16,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
-from kennfeld.errors import InputError, KennfeldError, Location
+from kennfeld.errors import Finding, InputError, KennfeldError, Location
 from kennfeld.task_runner import Receiver, RunnerLostError, Task, as_worker, connected
 
 AHEAD = 4  # tasks for each worker that are handed out beforehand
@@ -27,6 +28,7 @@ CONNECT_TIMEOUT = 20.0  # s
 POLL_INTERVAL = 0.5  # s
 LOSS_CHECKS = 10  # in this interval
 NO_WORKER_TIMEOUT = 60.0  # s
+TLS_KEYS = ("tls_authority", "tls_certificate", "tls_key")
 REMEDY = "Install it: pip install kennfeld[cluster]"
 
 
@@ -131,10 +133,11 @@ class DaskRunner:
             distributed = import_module("distributed")
         except ImportError as error:
             raise InputError.of(Location("[cluster]"), f"dask.distributed is missing ({error})", REMEDY) from error
+        _require_files(address)
         cluster = None
         try:
             if address.scheduler:
-                client = distributed.Client(timeout=CONNECT_TIMEOUT, **_connection(address))
+                client = _connect(distributed, timeout=CONNECT_TIMEOUT, **_connection(address))
             else:
                 # each process evaluates one partition at a time, which keeps its memory at one partition
                 cluster = distributed.LocalCluster(
@@ -145,11 +148,10 @@ class DaskRunner:
                     memory_limit=0,
                     dashboard_address=":0",
                 )
-                client = distributed.Client(cluster)
-        except (OSError, ValueError, TypeError) as error:
+                client = _connect(distributed, address=cluster)
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
             place = Location(f"scheduler {address.scheduler}")
-            message = f"does not answer ({error or type(error).__name__})"
-            raise InputError.of(place, message, "Check the address, and that the versions of Dask agree.") from error
+            raise InputError.of(place, *_explain(error)) from error
         runner = cls(client, client.scheduler.address, cluster, report)
         report(f"cluster: {runner.workers} workers at {runner.address}; dashboard {client.dashboard_link}")
         return runner
@@ -308,6 +310,43 @@ def _bundle_size(seconds: float, items: int, workers: int) -> int:
 
 def _preference(worker: str) -> dict[str, Any]:
     return {"workers": [worker], "allow_other_workers": True} if worker else {}
+
+
+def _connect(distributed: Any, **connection: Any) -> Any:
+    """Return a client; one that fails is closed, which would block the next one if garbage collection did it."""
+    client = distributed.Client.__new__(distributed.Client)
+    try:
+        client.__init__(**connection)
+    except BaseException:
+        with suppress(Exception):
+            client.close()
+        raise
+    return client
+
+
+def _require_files(address: ClusterAddress) -> None:
+    """Raise `InputError` with all certificate files that do not exist."""
+    named = [(key, name) for key, name in zip(TLS_KEYS, address.certificates, strict=True) if name]
+    findings = [
+        Finding(Location("[cluster]", path=key), f"file {name} not found", "Name an existing file.")
+        for key, name in named
+        if not Path(name).is_file()
+    ]
+    if findings:
+        raise InputError(findings)
+
+
+def _explain(error: Exception) -> tuple[str, str]:
+    """Return why a scheduler cannot be joined, and the remedy."""
+    text = str(error) or type(error).__name__
+    if "ssl_context" in text:
+        return "requires certificates", f"Write {', '.join(TLS_KEYS)} in [cluster]."
+    if "encryption required" in text:
+        return "has no TLS, but certificates are named", f'Write scheduler = "tls://...", or remove {TLS_KEYS[0]}.'
+    if isinstance(error, ssl.SSLError) or "SSL" in text or "TLS" in text:
+        remedy = "Check that all certificates are signed by the authority, and that the key belongs to the certificate."
+        return f"TLS certificates do not match ({text})", remedy
+    return f"does not answer ({text})", "Check the address, tls:// if it uses TLS, and that the versions of Dask agree."
 
 
 def _connection(address: ClusterAddress) -> dict[str, Any]:

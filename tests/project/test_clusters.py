@@ -2,16 +2,16 @@
 
 import os
 import signal
-import socket
-import subprocess
 import sys
 import threading
 import time
 
 import numpy as np
 import pytest
+from cluster_processes import SHORT, Cluster, calibrate, free_port, values_of, write_short, write_short_drives
 from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
 from pyarrow import parquet
+from report_projects import Page
 
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.cli import run
@@ -21,54 +21,9 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
+from kennfeld.report import document
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
-
-SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 12\n'
-COMMAND = [sys.executable, "-m", "distributed.cli.{}"]
-
-
-def write_short(folder):
-    return write_steady(folder, files=3, samples=500, text=STEADY + SHORT)
-
-
-def write_short_drives(folder):
-    return write_timed(folder, text=TIMED + SHORT)
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-class Cluster:
-    """A scheduler and workers, each a process of its own that a test may kill."""
-
-    def __init__(self, folder, workers):
-        self.folder, self.address = folder, f"tcp://127.0.0.1:{free_port()}"
-        host, port = self.address.removeprefix("tcp://").split(":")
-        self.scheduler = self._start("dask_scheduler", "--host", host, "--port", port, "--no-dashboard")
-        self.workers = [self.add_worker(f"worker-{number}") for number in range(workers)]
-
-    def add_worker(self, name):
-        options = ("--nthreads", "1", "--no-nanny", "--name", name, "--no-dashboard", "--memory-limit", "0")
-        return self._start("dask_worker", self.address, *options)
-
-    def _start(self, module, *arguments):
-        command = [part.format(module) for part in COMMAND]
-        log = (self.folder / f"{module}-{time.monotonic_ns()}.log").open("wb")
-        with log:
-            return subprocess.Popen([*command, *arguments], stdout=log, stderr=log, cwd=self.folder)
-
-    def kill_worker(self, number):
-        self.workers[number].kill()
-        self.workers[number].wait()
-
-    def close(self):
-        for process in (*self.workers, self.scheduler):
-            process.kill()
-            process.wait()
 
 
 @pytest.fixture
@@ -76,19 +31,6 @@ def cluster(tmp_path):
     made = Cluster(tmp_path, 2)
     yield made
     made.close()
-
-
-def values_of(result):
-    return np.concatenate([np.ravel(result.parameters[name].values) for name in result.parameters])
-
-
-def calibrate(project, progress=None):
-    try:
-        result = project.calibrate(progress)
-        assert result.trust  # computed while the cluster is there
-        return result
-    finally:
-        project.close()
 
 
 @pytest.mark.parametrize("write", [write_short, write_short_drives])
@@ -169,6 +111,15 @@ def test_a_simulation_on_workers_gives_the_same_table(tmp_path, cluster):
         project.close()
         tables.append(parquet.read_table(file))
     assert tables[0].to_pydict() == tables[1].to_pydict()
+
+
+def test_a_report_on_workers_has_the_same_figures(tmp_path, cluster):
+    path, figures = write_short_drives(tmp_path), []
+    result = calibrate(in_partitions(path, 400))
+    for project in (in_partitions(path, 400), in_partitions(path, 400, scheduler=cluster.address)):
+        figures.append(Page(document(project, result)).data["figures"])
+        project.close()
+    assert figures[1] == figures[0]
 
 
 def test_processes_of_this_machine_give_the_same_bits(tmp_path):

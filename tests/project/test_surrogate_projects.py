@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from kennfeld import cli
-from kennfeld.project import Project
+from kennfeld.analysis.extrapolation import find_extrapolation
+from kennfeld.project import Project, partitioned_loading
 from kennfeld.rbf import Expansion
 from kennfeld.report import document, from_folder
 from kennfeld.surrogate import StaticSurrogate, Validity, write_surrogate
@@ -46,6 +47,17 @@ SENTENCE = (
 
 def result_of(shop):
     return json.loads((shop.folder / "results" / "result.json").read_text(encoding="utf-8"))
+
+
+def test_data_in_partitions_leave_the_data_of_a_surrogate_at_the_same_samples(outside, monkeypatch):
+    whole = Project.read(outside.path)
+    rows = find_extrapolation(whole.problem(), whole.problem().parameters)
+    monkeypatch.setattr(partitioned_loading, "EXCERPT", 1)
+    monkeypatch.setattr(partitioned_loading, "LEAST_EXCERPT", 1)
+    parted = Project.read(outside.add("[cluster]\npartition = 3").path).problem()
+    assert sum(data.samples for data in parted.datasets) < sum(row.samples for row in rows)
+    assert len(parted.partitions.training) > 1
+    assert find_extrapolation(parted, parted.parameters) == rows
 
 
 def test_a_calibration_says_where_it_leaves_the_data_of_a_surrogate(outside, capsys):

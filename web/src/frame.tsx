@@ -123,11 +123,21 @@ function StepButton({ step }: { step: Step }) {
   );
 }
 
+/** What share of the samples the screens show, if the data are in partitions. */
+function Excerpt() {
+  const { excerpt } = state.value;
+  if (!excerpt) return null;
+  const [shown, all] = excerpt;
+  const share = `${((100 * shown) / all).toPrecision(2)} % of the samples`;
+  return <span id="excerpt" class="warn" title={`The data are in partitions. The screens show and evaluate ${count(shown)} of ${count(all)}. A run evaluates all of them; so do its table of errors, its uncertainties and the report.`}>Excerpt: {share}. Runs and reports use all.</span>;
+}
+
 export function Footer({ children }: { children?: ComponentChildren }) {
   const text = !connected.value ? "Kennfeld does not answer; waiting for it to come back." : failure.value || message.value;
   return (
     <footer>
       <span class={failure.value || !connected.value ? "bad" : "ink"} role="status" title={text}>{text}</span>
+      <Excerpt />
       {state.value.seconds > 0 && <span>recomputed in {(state.value.seconds * 1000).toFixed(state.value.seconds < 0.01 ? 1 : 0)} ms</span>}
       <span class="keys">{children}</span>
     </footer>

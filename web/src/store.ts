@@ -72,6 +72,8 @@ export interface AppState {
   seconds: number;
   changedOnDisk: boolean;
   recoverable: boolean;
+  /** Of data in partitions: samples that the screens show, and all samples; null if all are shown. */
+  excerpt?: [number, number] | null;
 }
 
 export interface Axis {

@@ -43,10 +43,10 @@ def tally(lookups: Lookups, parameters: ParameterSet, series: Sequence[Criterion
     by_dataset: dict[tuple[str, Use], list[CriterionSeries]] = {}
     for entry in series:
         by_dataset.setdefault((entry.bound.dataset.name, entry.bound.dataset.use), []).append(entry)
-    sums = CellSums(lookups)
+    sums = CellSums()
     for same in by_dataset.values():
         sums.merge(CellSums.of(lookups, lookups.blocks(same[0].bound), same))
-    return sums.tally(parameters)
+    return sums.tally(lookups, parameters)
 
 
 @dataclass
@@ -56,7 +56,6 @@ class CellSums:
     The samples at the grid points of the tables `counted` are known already.
     """
 
-    lookups: Lookups
     counted: Collection[str] = ()
     errors: dict[tuple[str, int, Use], Float] = field(default_factory=dict)  # Float[3, cells]
     touching: dict[str, Int] = field(default_factory=dict)  # Int[values]
@@ -77,7 +76,7 @@ class CellSums:
             series: all criteria that it scores.
             counted: see the class.
         """
-        sums, bound = cls(lookups, counted), series[0].bound
+        sums, bound = cls(counted), series[0].bound
         if bound.dataset.is_fitted:
             counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in series])
         for lookup in located:
@@ -99,9 +98,9 @@ class CellSums:
         for name, count in later.touching.items():
             self.touching[name] = self.touching[name] + count if name in self.touching else count
 
-    def tally(self, parameters: ParameterSet) -> Tally:
+    def tally(self, lookups: Lookups, parameters: ParameterSet) -> Tally:
         """Return the errors by cell and the counts in the shapes of the tables."""
-        names = [name for name in self.lookups.reached if name not in self.counted]
+        names = [name for name in lookups.reached if name not in self.counted]
         touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in names}
         return Tally(
             tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in self.errors.items()),

@@ -1,20 +1,24 @@
 """Use of data-driven models outside the range of their training data."""
 
+import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.dataset import SAMPLES_PER_BLOCK, Use
+from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset, Use
 from kennfeld.formatting import count_noun
 from kennfeld.graph.traversal import with_names
-from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.partitions import StoredDatasets, shared_content
+from kennfeld.optimize.problem import Problem, partitions_of
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.result import finite_or_none
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.sample_statistics import merge_all
 
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
@@ -111,11 +115,67 @@ def find_extrapolation(problem: Problem, parameters: ParameterSet) -> tuple[Extr
     Returns:
         A row per surrogate and dataset; a sample with several calls counts once.
     """
-    return tuple(row for surrogate in problem.model.surrogates for row in _Calls(problem, parameters, surrogate).rows())
+    return tuple(
+        _row(data, surrogate, uses)
+        for number, surrogate in enumerate(problem.model.surrogates)
+        for data, uses in zip(problem.datasets, _search(problem, parameters, number), strict=True)
+    )
+
+
+def _row(data: Dataset, surrogate: "Surrogate", uses: "_Uses") -> Extrapolation:
+    several = data.time is not None and uses.pieces > 1
+    outside = None if surrogate.validity is None else uses.outside
+    return Extrapolation(surrogate.name, data.name, data.use, uses.samples, outside, uses.worst, several)
+
+
+def _search(problem: Problem, parameters: ParameterSet, number: int) -> "Iterator[_Uses]":
+    """Yield the uses of one surrogate, by number, over each dataset."""
+    if problem.partitions is None:
+        calls = _Calls(problem, parameters, problem.model.surrogates[number])
+        yield from (calls.over(problem.bind(data)) for data in problem.datasets)
+        return
+    shared = problem.partitions.share((problem.skeleton, parameters))
+    for dataset in range(len(problem.datasets)):
+        recordings = partitions_of(problem, dataset)
+        yield merge_all(problem.partitions.map(search_partition, shared, recordings, number)) or _Uses()
+
+
+def search_partition(shared: bytes, item: bytes, arguments: bytes) -> "_Uses":
+    """Return the uses of a surrogate over one partition."""
+    recordings, (skeleton, parameters) = shared_content(shared)
+    (number,) = pickle.loads(arguments)
+    surrogate = skeleton.model.surrogates[number]
+    calls = skeleton.once(f"calls of {surrogate.name}", lambda problem: _Calls(problem, parameters, surrogate))
+    problem = skeleton.over(StoredDatasets(recordings, pickle.loads(item).parts))
+    uses: _Uses | None = merge_all(calls.over(problem.bind(data)) for data in problem.datasets)
+    assert uses is not None
+    return uses
+
+
+@dataclass
+class _Uses:
+    """The uses of a surrogate over some samples; `size` counts also those that are not kept."""
+
+    samples: int = 0
+    size: int = 0
+    pieces: int = 0
+    outside: int = 0
+    score: tuple[float, float] = (0.0, 0.0)  # of the farthest
+    worst: Farthest | None = None
+
+    def merge(self, later: "_Uses") -> None:
+        """Take in the uses over the following samples."""
+        if later.worst is not None and (self.worst is None or later.score > self.score):
+            number, piece = self.size + later.worst.sample, self.pieces + later.worst.piece
+            self.worst, self.score = replace(later.worst, sample=number, piece=piece), later.score
+        self.samples += later.samples
+        self.size += later.size
+        self.pieces += later.pieces
+        self.outside += later.outside
 
 
 class _Calls:
-    """The calls of one surrogate over the datasets of a problem."""
+    """The calls of one surrogate."""
 
     def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: "Surrogate") -> None:
         nodes = problem.graph.nodes
@@ -125,34 +185,36 @@ class _Calls:
         self.inputs = {at: str(nodes[at].payload) for at in places if nodes[at].op == "input"}
         self.computed = {at: f"\0at {at}" for at in places if at not in self.inputs}
 
-    def rows(self) -> Iterator[Extrapolation]:
-        name, validity, nodes = self.surrogate.name, self.surrogate.validity, None
-        if validity is not None and self.computed:
-            grown = with_names(self.problem.graph, self.computed)
-            nodes = NodeSimulator(grown, self.parameters, list(self.computed.values()))
-        for data in self.problem.datasets:
-            bound = self.problem.bind(data)
-            row = Extrapolation(name, data.name, data.use, bound.shown.count, None)
-            if validity is not None:
-                search = _FarthestPoint(validity)
-                for at, points in self._points(bound, nodes):
-                    search.add(at, points)
-                several = bound.shown.starts.size > 1
-                row = replace(row, outside=search.outside, worst=self._farthest(bound, search), several=several)
-            yield row
+    @cached_property
+    def _nodes(self) -> NodeSimulator | None:
+        if not self.computed:
+            return None
+        grown = with_names(self.problem.graph, self.computed)
+        return NodeSimulator(grown, self.parameters, list(self.computed.values()))
 
-    def _points(self, bound: BoundDataset, nodes: NodeSimulator | None) -> Iterator[tuple[Int, Sequence[Float]]]:
+    def over(self, bound: BoundDataset) -> "_Uses":
+        """Return the uses of the surrogate over a dataset or a part of it."""
+        uses = _Uses(bound.shown.count, bound.dataset.samples, bound.shown.starts.size)
+        if self.surrogate.validity is None:
+            return uses
+        search = _FarthestPoint(self.surrogate.validity)
+        for at, points in self._points(bound):
+            search.add(at, points)
+        uses.outside, uses.score, uses.worst = search.outside, search.score, self._farthest(bound, search)
+        return uses
+
+    def _points(self, bound: BoundDataset) -> Iterator[tuple[Int, Sequence[Float]]]:
         """Yield numbers of kept samples, and the points Float[samples, inputs] of each call, block by block."""
-        for here, values in self._blocks(bound, nodes):
+        for here, values in self._blocks(bound):
             coordinates: dict[int, Float] = dict(zip(self.computed, values, strict=True))
             coordinates |= {at: bound.columns[name][here] for at, name in self.inputs.items()}
             at = np.arange(here.start, here.stop)
             counted = slice(None) if bound.hold is None else (at + 1) % bound.hold.samples == 0
             yield at[counted], [np.column_stack([coordinates[a] for a in args])[counted] for args in self.calls]
 
-    def _blocks(self, bound: BoundDataset, nodes: NodeSimulator | None) -> Iterator[tuple[slice, Float]]:
-        if nodes is not None:
-            yield from nodes.blocks(bound, self.parameters)
+    def _blocks(self, bound: BoundDataset) -> Iterator[tuple[slice, Float]]:
+        if self._nodes is not None:
+            yield from self._nodes.blocks(bound, self.parameters)
             return
         for first in range(0, bound.count, SAMPLES_PER_BLOCK):
             here = slice(first, min(first + SAMPLES_PER_BLOCK, bound.count))
@@ -180,7 +242,7 @@ class _FarthestPoint:
 
     def __init__(self, validity: "Validity") -> None:
         self.validity, self.outside = validity, 0
-        self.at, self.point, self._worst = 0, np.empty(0), (0.0, 0.0)
+        self.at, self.point, self.score = 0, np.empty(0), (0.0, 0.0)
 
     def add(self, at: Int, calls: Sequence[Float]) -> None:
         """Add samples by number, and the points Float[samples, inputs] of each call."""
@@ -197,8 +259,8 @@ class _FarthestPoint:
         excess = _beyond(self.validity, points).max(axis=-1)
         i = int(np.lexsort((-at, distance, excess))[-1])
         score = float(excess[i]), float(distance[i])
-        if score > self._worst:
-            self.at, self.point, self._worst = int(at[i]), points[i], score
+        if score > self.score:
+            self.at, self.point, self.score = int(at[i]), points[i], score
 
 
 def _beyond(validity: "Validity", points: Float) -> Float:

@@ -55,7 +55,6 @@ class ErrorCounts:
     after: ErrorRange
     relative: Ranks
     steps: tuple[float, float, float]  # time steps in s: the median of the first part, the shortest, the longest
-    scored: list[int]  # samples of each part
     unit: str
 
     @classmethod
@@ -68,7 +67,6 @@ class ErrorCounts:
             after=ErrorRange.of(after.error),
             relative=Ranks.of(np.abs(_finite(relative_errors(after)))),
             steps=_steps(after),
-            scored=[int(np.count_nonzero(after.scored))],
             unit=after.unit,
         )
 
@@ -78,7 +76,6 @@ class ErrorCounts:
             getattr(self, name).merge(getattr(later, name))
         first, low, high = self.steps
         self.steps = first, float(np.fmin(low, later.steps[1])), float(np.fmax(high, later.steps[2]))
-        self.scored += later.scored
 
     @property
     def step(self) -> float | None:

@@ -1,8 +1,7 @@
 """Residuals of a parameter set: absolute, relative and studentized, with summaries and the worst samples."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -11,7 +10,14 @@ from kennfeld.analysis.autocorrelation import Autocorrelation, count_lags, of_pr
 from kennfeld.analysis.cell_errors import CellErrors, CellSums
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.analysis.leverage import LookupWeights
-from kennfeld.analysis.part_evaluation import PartEvaluator
+from kennfeld.analysis.part_evaluation import (
+    DatasetExtent,
+    EvaluatedPart,
+    PartEvaluator,
+    PartExtent,
+    PartPasses,
+    PartPlace,
+)
 from kennfeld.analysis.residual_statistics import (
     MIDDLE,
     MOST,
@@ -30,12 +36,9 @@ from kennfeld.dataset import Use
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.trust.persistence import LaggedProducts
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import BoundDataset
-from kennfeld.preprocessing.bound_parts import BoundPart
-from kennfeld.sample_statistics import Mergeable, gather
+from kennfeld.sample_statistics import Mergeable
 
-_Statistic = TypeVar("_Statistic", bound=Mergeable)  # Python 3.11
-_Row = TypeVar("_Row", bound=Mergeable)
+_Row = TypeVar("_Row", bound=Mergeable)  # Python 3.11
 
 Scaling = Literal["studentized", "standardised"]
 
@@ -129,11 +132,12 @@ def residuals(
         worst: number of the largest errors to list.
 
     Returns:
-        The residuals of each criterion that has a scored sample.
+        The residuals of each criterion that has a scored sample; of data in partitions without `errors`.
 
     Source of the studentized residual: R. D. Cook, S. Weisberg: Residuals and Influence in Regression, 1982, ch. 2.
     """
-    return analyse(problem, parameters, parameters, trust=trust, worst=worst, keep=True).residuals
+    keep = problem.partitions is None
+    return analyse(problem, parameters, parameters, trust=trust, worst=worst, keep=keep).residuals
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +145,7 @@ class Fit:
     """The errors of one criterion on one dataset before and after a calibration; `number` is that of the criterion."""
 
     number: int
-    bound: BoundDataset
+    data: DatasetExtent
     counts: ErrorCounts
     details: ErrorDetails
 
@@ -168,7 +172,7 @@ def analyse(
     trust: Any = None,
     worst: int = 20,
     keep: bool = False,
-    evaluator: PartEvaluator | None = None,
+    passes: PartPasses | None = None,
 ) -> Analysis:
     """Analyse the errors before and after a calibration part by part; their samples are forgotten unless kept.
 
@@ -179,119 +183,56 @@ def analyse(
         trust: see `residuals`.
         worst: number of the largest errors to list.
         keep: keep the errors of all samples in the result.
-        evaluator: evaluates the criteria at these values.
+        passes: over the criteria at these values.
     """
-    return _ResidualScan(problem, evaluator or PartEvaluator(problem, before, after), trust, worst).analysis(keep=keep)
+    return _ResidualScan(passes or PartPasses(problem, before, after), trust, worst).analysis(keep=keep)
 
 
 class _ResidualScan:
     """The passes of an analysis; the first result of each is by criterion."""
 
-    def __init__(self, problem: Problem, evaluator: PartEvaluator, trust: Any, worst: int) -> None:
-        self._problem, self._evaluator, self._worst = problem, evaluator, worst
+    def __init__(self, passes: PartPasses, trust: Any, worst: int) -> None:
+        self._passes, self._worst = passes, worst
+        self._problem = passes.problem
         self._leverage: Mapping[str, Float] = getattr(trust, "leverage", None) or {}
         self._counted = frozenset(getattr(trust, "samples", None) or {})
-        self._bounds = [problem.bind(data) for data in problem.datasets]
         self._weights = LookupWeights()
 
     def analysis(self, *, keep: bool) -> Analysis:
-        cells = CellSums(self._evaluator.lookups, self._counted)
-        counts = []
-        for bound in self._bounds:
-            first = self._gather(self._count, bound)
-            counts.append(first.counts.rows)
+        cells = CellSums(self._counted)
+        counts: list[tuple[DatasetExtent, list[ErrorCounts]]] = []
+        for number in range(len(self._problem.datasets)):
+            first = self._passes.first(number, _count, self._leverage, self._counted)
+            if first is None:
+                continue
+            counts.append((self._passes.extent(number, first.extents), first.counts.rows))
             self._weights.merge(first.weights)
             if any(count.target.count for count in first.counts.rows):
                 cells.merge(first.cells)
         fits = []
         rare = [RareErrors(bounds) for bounds in self._deviation_bounds(counts)]
-        for bound, own in zip(self._bounds, counts, strict=True):
+        for extent, own in counts:
             scored = [number for number, count in enumerate(own) if count.target.count]
-            searches = [count.searches() for count in own]
-            work = partial(self._detail, counts=own, searches=searches, rare=rare, keep=keep)
-            details = self._gather(work, bound).rows if scored else []
-            fits += [Fit(number, bound, own[number], details[number]) for number in scored]
-        tallied = cells.tally(self._evaluator.parameters)
+            plan = _DetailPlan.of(own, extent, rare, self._worst, keep=keep)
+            leverages = self._weights, self._leverage
+            details = self._passes.over(extent, _detail, plan, *leverages).rows if scored else []
+            fits += [Fit(number, extent, own[number], details[number]) for number in scored]
+        tallied = cells.tally(self._passes.evaluator.lookups, self._passes.evaluator.parameters)
         return Analysis(tuple(self._of_criteria(fits, tallied.cells, keep=keep)), tuple(fits), tallied.touching)
 
-    def _deviation_bounds(self, counts: Sequence[Sequence[ErrorCounts]]) -> list[tuple[float, float]]:
+    def _deviation_bounds(self, counts: Sequence[tuple[DatasetExtent, list[ErrorCounts]]]) -> list[tuple[float, float]]:
         """Return bounds of `_deviation` for each criterion, given its counts on each dataset.
 
         The leverages of all samples are at most those of all grid points.
         """
         determined = sum(float(np.nansum(table)) for table in self._leverage.values())
         bounds = []
-        for own in zip(*counts, strict=True):
-            rows = [(bound.dataset.is_fitted, count) for bound, count in zip(self._bounds, own, strict=True)]
-            used = [count for fitted, count in rows if fitted and count.target.count] or list(own)
+        for own in zip(*(rows for _, rows in counts), strict=True):
+            pairs = [(extent.dataset.is_fitted, count) for (extent, _), count in zip(counts, own, strict=True)]
+            used = [count for fitted, count in pairs if fitted and count.target.count] or list(own)
             total, samples = sum(c.after.sums.squares for c in used), sum(c.target.count for c in used)
             bounds.append((_root_of_share(total, samples), _root_of_share(total, samples - determined)))
         return bounds
-
-    def _gather(self, work: Callable[[BoundPart], _Statistic], bound: BoundDataset) -> _Statistic:
-        return gather(work, self._evaluator.parts(bound))
-
-    def _count(self, part: BoundPart) -> "_FirstPass":
-        evaluated = self._evaluator.over(part)
-        lookups, located = self._evaluator.lookups, self._evaluator.locate(part, evaluated)
-        return _FirstPass(
-            _Rows([ErrorCounts.of(*pair) for pair in zip(evaluated.before, evaluated.after, strict=True)]),
-            CellSums.of(lookups, located, evaluated.after, self._counted),
-            LookupWeights.of(self._problem, lookups, located, evaluated.after, self._leverage),
-        )
-
-    def _detail(
-        self,
-        part: BoundPart,
-        counts: Sequence[ErrorCounts],
-        searches: Sequence[ErrorSearches],
-        rare: Sequence[RareErrors],
-        *,
-        keep: bool,
-    ) -> "_Rows[ErrorDetails]":
-        evaluated, lookups, rows = self._evaluator.over(part), self._evaluator.lookups, []
-        located = self._evaluator.locate(part, evaluated) if self._leverage else []
-        series = zip(evaluated.before, evaluated.after, strict=True)
-        for (before, after), count, search, large in zip(series, counts, searches, rare, strict=True):
-            leverage = self._weights.leverage(self._problem, lookups, located, after, self._leverage)
-            lags = 0 if after.time is None else count_lags(part.whole.starts, part.whole.count)
-            products = None
-            if lags:
-                products = LaggedProducts.of(after.error, after.bound.starts, count.finite.mean, lags)
-            rows.append(
-                ErrorDetails(
-                    search.part(before, after),
-                    products,
-                    self._largest(part, after, leverage),
-                    large.part(after.error, leverage),
-                    float(np.sum(1.0 - leverage[after.scored])),
-                    [(after.error, relative_errors(after), leverage)] if keep else [],
-                )
-            )
-        return _Rows(rows)
-
-    def _largest(self, part: BoundPart, series: CriterionSeries, leverage: Float) -> LargeErrors:
-        places, size = largest_places(series, self._worst)
-        kept, pieces, relative = series.bound.kept, series.piece, relative_errors(series)
-        names = self._problem.model.graph.inputs
-        errors = [
-            LargeError(
-                size=float(size[at]),
-                sample=part.begin + int(kept[at]),
-                piece=part.piece + int(pieces[at]),
-                time=None if series.time is None else float(series.time[at]),
-                measured=float(series.measured[at]),
-                model=float(series.model[at]),
-                error=float(series.model[at] - series.measured[at]),
-                relative=float(relative[at]),
-                leverage=float(leverage[at]),
-                inputs={name: float(series.bound.inputs[name][kept[at]]) for name in names},
-            )
-            for at in places.tolist()
-        ]
-        largest = LargeErrors(self._worst)
-        largest.merge(LargeErrors(self._worst, errors))
-        return largest
 
     def _of_criteria(self, fits: Sequence[Fit], cells: Sequence[CellErrors], *, keep: bool) -> Iterator[Residuals]:
         deviations = {n: _deviation([fit for fit in fits if fit.number == n]) for n in sorted({f.number for f in fits})}
@@ -324,18 +265,107 @@ class _Rows(Generic[_Row]):
 
 @dataclass
 class _FirstPass:
+    extents: list[PartExtent]
     counts: _Rows[ErrorCounts]
     cells: CellSums
     weights: LookupWeights
 
     def merge(self, later: "_FirstPass") -> None:
-        for name, statistic in vars(later).items():
-            getattr(self, name).merge(statistic)
+        self.extents += later.extents
+        for name in ("counts", "cells", "weights"):
+            getattr(self, name).merge(getattr(later, name))
+
+
+def _count(
+    evaluator: PartEvaluator,
+    evaluated: EvaluatedPart,
+    place: PartPlace,
+    leverage: Mapping[str, Float],
+    counted: Collection[str],
+) -> _FirstPass:
+    lookups, located = evaluator.lookups, evaluator.locate(evaluated)
+    return _FirstPass(
+        [evaluated.extent],
+        _Rows([ErrorCounts.of(*pair) for pair in zip(evaluated.before, evaluated.after, strict=True)]),
+        CellSums.of(lookups, located, evaluated.after, counted),
+        LookupWeights.of(evaluator.problem, lookups, located, evaluated.after, leverage),
+    )
+
+
+@dataclass(frozen=True)
+class _DetailPlan:
+    """The second pass over a dataset; `means`, `searches` and `rare` are by criterion."""
+
+    means: Sequence[float]
+    searches: Sequence[ErrorSearches]
+    rare: Sequence[RareErrors]
+    lags: int  # of autocorrelations; 0 for none
+    worst: int
+    keep: bool
+
+    @classmethod
+    def of(
+        cls, counts: Sequence[ErrorCounts], extent: DatasetExtent, rare: Sequence[RareErrors], worst: int, *, keep: bool
+    ) -> "_DetailPlan":
+        lags = count_lags([0], extent.longest) if extent.is_timed else 0
+        means, searches = [count.finite.mean for count in counts], [count.searches() for count in counts]
+        return cls(means, searches, rare, lags, worst, keep)
+
+
+def _detail(
+    evaluator: PartEvaluator,
+    evaluated: EvaluatedPart,
+    place: PartPlace,
+    plan: _DetailPlan,
+    weights: LookupWeights,
+    table_leverage: Mapping[str, Float],
+) -> _Rows[ErrorDetails]:
+    rows = []
+    located = evaluator.locate(evaluated) if table_leverage else []
+    series = zip(evaluated.before, evaluated.after, strict=True)
+    for (before, after), mean, search, large in zip(series, plan.means, plan.searches, plan.rare, strict=True):
+        leverage = weights.leverage(evaluator.problem, evaluator.lookups, located, after, table_leverage)
+        products = LaggedProducts.of(after.error, after.bound.starts, mean, plan.lags) if plan.lags else None
+        rows.append(
+            ErrorDetails(
+                search.part(before, after),
+                products,
+                _largest(evaluator.problem, place, after, leverage, plan.worst),
+                large.part(after.error, leverage),
+                float(np.sum(1.0 - leverage[after.scored])),
+                [(after.error, relative_errors(after), leverage)] if plan.keep else [],
+            )
+        )
+    return _Rows(rows)
+
+
+def _largest(problem: Problem, place: PartPlace, series: CriterionSeries, leverage: Float, worst: int) -> LargeErrors:
+    places, size = largest_places(series, worst)
+    kept, pieces, relative = series.bound.kept, series.piece, relative_errors(series)
+    names = problem.model.graph.inputs
+    errors = [
+        LargeError(
+            size=float(size[at]),
+            sample=place.begin + int(kept[at]),
+            piece=place.piece + int(pieces[at]),
+            time=None if series.time is None else float(series.time[at]),
+            measured=float(series.measured[at]),
+            model=float(series.model[at]),
+            error=float(series.model[at] - series.measured[at]),
+            relative=float(relative[at]),
+            leverage=float(leverage[at]),
+            inputs={name: float(series.bound.inputs[name][kept[at]]) for name in names},
+        )
+        for at in places.tolist()
+    ]
+    largest = LargeErrors(worst)
+    largest.merge(LargeErrors(worst, errors))
+    return largest
 
 
 def _deviation(fits: Sequence[Fit]) -> float:
     """Return the root of sum r^2 / (n - sum h) over the training samples, or over all if there are none."""
-    used = [fit for fit in fits if fit.bound.dataset.is_fitted] or fits
+    used = [fit for fit in fits if fit.data.dataset.is_fitted] or fits
     total = sum(fit.counts.after.sums.squares for fit in used)
     free = sum(fit.details.freedom for fit in used)
     return _root_of_share(total, free) if free > 0 else float("nan")
@@ -350,7 +380,7 @@ def _root_of_share(total: float, count: float) -> float:
 def _errors(fit: Fit, deviation: float) -> Errors:
     error, relative, leverage = (np.concatenate(parts) for parts in zip(*fit.details.samples, strict=True))
     scaled = scaled_errors(error, deviation, leverage)
-    return Errors(fit.bound.dataset.name, fit.bound.dataset.use, error, relative, scaled)
+    return Errors(fit.data.dataset.name, fit.data.dataset.use, error, relative, scaled)
 
 
 def _summary(fit: Fit, deviation: float) -> Summary:
@@ -363,8 +393,8 @@ def _summary(fit: Fit, deviation: float) -> Summary:
     if fit.details.products is not None:
         memory = of_products(fit.details.products, finite.count, counts.step)
     return Summary(
-        dataset=fit.bound.dataset.name,
-        use=fit.bound.dataset.use,
+        dataset=fit.data.dataset.name,
+        use=fit.data.dataset.use,
         samples=fit.samples,
         mean=finite.mean,
         deviation=finite.deviation,
@@ -391,8 +421,8 @@ def _worst(fits: Sequence[Fit], deviation: float, count: int) -> tuple[WorstSamp
 
 def _worst_sample(fit: Fit, error: LargeError, deviation: float) -> WorstSample:
     return WorstSample(
-        dataset=fit.bound.dataset.name,
-        use=fit.bound.dataset.use,
+        dataset=fit.data.dataset.name,
+        use=fit.data.dataset.use,
         sample=error.sample,
         piece=error.piece,
         time=error.time,

@@ -38,7 +38,7 @@ def _describe_overlap(problem: Problem, test: Dataset) -> str:
     for data in problem.fitted_datasets:
         names = _shared_names(problem, test, data)
         distinct, counts[names] = np.unique(_keys(test, names), return_counts=True)
-        shared = np.isin(distinct, _keys(data, names))
+        shared = _contained(distinct, _keys(data, names))
         if shared.sum() > 1 and shared.sum() > _CHANCE * distinct.size:
             names_by_channels.setdefault(names, []).append(data.name)
             seen[names] = seen.get(names, False) | shared
@@ -49,6 +49,15 @@ def _describe_overlap(problem: Problem, test: Dataset) -> str:
     count = f"all {total}" if shared == total else f"{shared} of {total}"
     training = ", ".join(names_by_channels[most])
     return f"{count} test samples have the same inputs and targets as samples of {training}"
+
+
+def _contained(distinct: Keys, keys: Keys) -> Bool:
+    """Mark the keys that are among others, as `numpy.isin`, which takes twenty times as long for millions."""
+    ordered = np.sort(keys)
+    at = np.searchsorted(ordered, distinct)
+    contained = at < ordered.size
+    contained[contained] = ordered[at[contained]] == distinct[contained]
+    return contained
 
 
 def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[str, ...]:

@@ -328,6 +328,28 @@ def _cuts(starts: Sequence[int], length: int, size: int) -> list[tuple[int, int]
     return list(pairwise([*cuts, length]))
 
 
+def join_files(partitions: Iterable[Partition]) -> list[Partition]:
+    """Return partitions in which no file is cut.
+
+    >>> file = RecordingSource("a", "")
+    >>> [p.samples for p in join_files(split_files(0, [file, file], [[], []], [12, 3], 8))]
+    [12, 3]
+    """
+    groups: list[list[Part]] = []
+    for partition in partitions:
+        begins = True
+        for part in partition.parts:
+            last = groups[-1][-1] if groups else None
+            if last is not None and (last.source, last.last) == (part.source, part.first):
+                groups[-1][-1] = replace(last, last=part.last)
+                continue
+            if begins:
+                groups.append([])
+            groups[-1].append(part)
+            begins = False
+    return [Partition(tuple(group)) for group in groups]
+
+
 def without_values(data: Dataset) -> Dataset:
     """Return a dataset with the same channels and settings, but no sample."""
     return replace(cut(data, 0, 0), findings=())

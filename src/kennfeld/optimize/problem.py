@@ -16,7 +16,15 @@ from kennfeld.dataset import Dataset
 from kennfeld.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.models import Model
-from kennfeld.optimize.partitions import Partitions, StoredDatasets, shared_content, without_values
+from kennfeld.optimize.limit_nodes import keeps_pieces
+from kennfeld.optimize.partitions import (
+    Partition,
+    Partitions,
+    StoredDatasets,
+    join_files,
+    shared_content,
+    without_values,
+)
 from kennfeld.optimize.table_penalties import Restraint
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
@@ -252,6 +260,18 @@ def run_on_problem(shared: bytes, item: bytes, arguments: bytes) -> Any:
     recordings, skeleton = shared_content(shared)
     task, *rest = pickle.loads(arguments)
     return task(skeleton.over(StoredDatasets(recordings, pickle.loads(item).parts)), *rest)
+
+
+def partitions_of(problem: Problem, dataset: int) -> list[Partition]:
+    """Return the partitions of one dataset, by number, for what needs its pieces as a whole.
+
+    A recording of a function and limits without memory, whose partitions are cut anywhere, is one partition.
+    """
+    assert problem.partitions is not None
+    both = (*problem.partitions.training, *problem.partitions.test)
+    own = [partition for partition in both if partition.parts[0].dataset == dataset]
+    cut_anywhere = problem.datasets[dataset].time is not None and not keeps_pieces(problem.model, problem.limits)
+    return join_files(own) if cut_anywhere else own
 
 
 def difference(criterion: int) -> str:

@@ -4,9 +4,10 @@ A file is known by its address and its state: size and time of its last change, 
 that has changed is another one.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,6 +16,21 @@ from kennfeld.errors import InputError, Location
 from kennfeld.preprocessing.recordings import find_recordings
 
 _MARK = "://"
+_TAGS = ("ETag", "etag", "generation", "md5Hash", "content_md5")  # of the content, in the words of different stores
+_TIMES = ("mtime", "LastModified", "last_modified", "updated", "modify", "created")
+_PACKAGES = {
+    "s3": "s3fs",
+    "s3a": "s3fs",
+    "gs": "gcsfs",
+    "gcs": "gcsfs",
+    "abfs": "adlfs",
+    "abfss": "adlfs",
+    "az": "adlfs",
+    "http": "aiohttp",
+    "https": "aiohttp",
+    "sftp": "paramiko",
+}
+CREDENTIALS = "Check the address, and the credentials of this machine for the store."
 
 
 @dataclass(frozen=True)
@@ -48,27 +64,77 @@ def find_sources(folder: Path, pattern: str) -> list[RecordingSource]:
     whole, _, sheet = pattern.partition("#")
     system, path = _open_store(whole)
     try:
-        names = sorted(system.glob(path)) if any(mark in path for mark in "*?[") else [path]
-        protocol = whole.partition(_MARK)[0]
-        addresses = [name if _MARK in name else f"{protocol}{_MARK}{name}" for name in names]
-        return [RecordingSource(f"{a}#{sheet}" if sheet else a, state_of(a)) for a in addresses]
+        system.invalidate_cache()  # of an earlier listing
+        several = any(mark in path for mark in "*?[")
+        files = system.glob(path, detail=True) if several else {path: system.info(path)}
+        return [
+            RecordingSource(_address(whole, name, sheet), _state(system, name, facts))
+            for name, facts in sorted(files.items())
+            if facts.get("type") != "directory"
+        ]
     except FileNotFoundError:
         return []
     except Exception as error:  # of many kinds, one for each store
-        raise InputError.of(Location(pattern), f"cannot be listed ({error or type(error).__name__})") from error
+        raise InputError.of(Location(pattern), f"cannot be listed ({_reason(error)})", CREDENTIALS) from error
+
+
+def _address(pattern: str, name: str, sheet: str) -> str:
+    """Return the address of a file that a store lists by name."""
+    whole = name if _MARK in name else f"{pattern.partition(_MARK)[0]}{_MARK}{name}"
+    return f"{whole}#{sheet}" if sheet else whole
+
+
+def _state(system: Any, name: str, facts: Mapping[str, Any]) -> str:
+    """Return the state of a file in a store, by what all ways to ask for it tell alike."""
+    tags = [str(facts[key]).strip('"') for key in _TAGS if facts.get(key)]
+    times = [_time_text(facts[key]) for key in _TIMES if facts.get(key)]
+    known = tags[:1] or times[:1]
+    return f"{facts.get('size')}-{known[0]}" if known else str(system.ukey(name))
+
+
+def _time_text(time: Any) -> str:
+    """Return a time as text; the same store may say a number or a date."""
+    return str(time.timestamp() if isinstance(time, datetime) else time)
+
+
+def _reason(error: Exception) -> str:
+    return str(error) or type(error).__name__
+
+
+def find_addresses(folder: Path, pattern: str) -> list[str]:
+    """Return the paths or addresses that a pattern matches; errors as for `find_sources`."""
+    if is_remote(pattern):
+        return [source.address for source in find_sources(folder, pattern)]
+    return find_recordings(folder, pattern)
+
+
+def size_in_store(address: str) -> int:
+    """Return the size of a file of an object store in bytes, 0 if the store does not tell."""
+    try:
+        system, path = _open_store(_without_sheet(address))
+        return int(system.size(path) or 0)
+    except Exception:  # of many kinds, one for each store
+        return 0
 
 
 def state_of(address: str) -> str:
     """Return the state of a file; an empty one if it cannot be found."""
-    whole = address.rpartition("#")[0] if "#" in address.rpartition("/")[2] else address
+    whole = _without_sheet(address)
     if is_remote(address):
         system, path = _open_store(whole)
-        return str(system.ukey(path))
+        try:
+            return _state(system, path, system.info(path))
+        except FileNotFoundError:
+            return ""
     for file in (Path(address), Path(whole)):
         if file.is_file():
             status = file.stat()
             return f"{status.st_size}-{status.st_mtime_ns}"
     return ""
+
+
+def _without_sheet(address: str) -> str:
+    return address.rpartition("#")[0] if "#" in address.rpartition("/")[2] else address
 
 
 @contextmanager
@@ -83,7 +149,7 @@ def local_file(source: RecordingSource) -> Iterator[str]:
     except InputError:
         raise
     except Exception as error:
-        raise InputError.of(Location(source.address), f"cannot be read ({error or type(error).__name__})") from error
+        raise InputError.of(Location(source.address), f"cannot be read ({_reason(error)})", CREDENTIALS) from error
     if state != source.state:
         message = "has changed since it was listed" if state else "there is no such file on this machine"
         remedy = "Use paths that all workers see, and keep the files while a calibration runs."
@@ -98,9 +164,7 @@ def local_file(source: RecordingSource) -> Iterator[str]:
         try:
             system.get_file(path, str(copy))
         except Exception as error:
-            raise InputError.of(
-                Location(source.address), f"cannot be read ({error or type(error).__name__})"
-            ) from error
+            raise InputError.of(Location(source.address), f"cannot be read ({_reason(error)})", CREDENTIALS) from error
         yield f"{copy}#{sheet}" if sheet else str(copy)
 
 
@@ -113,10 +177,7 @@ def _open_store(address: str) -> tuple[Any, str]:
         return system, str(path)
     except (ImportError, ValueError) as error:
         protocol = address.partition(_MARK)[0]
-        packages = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "abfs": "adlfs", "az": "adlfs", "http": "aiohttp"}
-        package = packages.get(protocol.removesuffix("s") if protocol == "https" else protocol, "fsspec")
-        raise InputError.of(
-            Location(address),
-            f"cannot be read: {error}",
-            f"Install {package} where Kennfeld runs, also on the workers.",
-        ) from error
+        package = _PACKAGES.get(protocol, "fsspec" if isinstance(error, ImportError) else "")
+        install = f"Install {package} where Kennfeld runs, also on the workers."
+        remedy = install if package else "Check the protocol; fsspec lists those that it knows."
+        raise InputError.of(Location(address), f"cannot be read ({error})", remedy) from error

@@ -253,6 +253,8 @@ def _glob(folder: Path, pattern: str) -> list[Path]:
 
 
 def _similar_file(folder: Path, pattern: str) -> str:
+    if "://" in pattern:
+        return "Object stores are read in partitions: write partition in [cluster]."
     path = folder / pattern.partition("#")[0]
     if not path.parent.is_dir():
         return f"The folder {path.parent} does not exist."

@@ -241,18 +241,6 @@ def check_method(file: ProjectFile, problem: Problem) -> list[Finding]:
     return findings
 
 
-def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
-    """Report how many of the samples the report shows."""
-    assert problem.partitions is not None
-    findings: list[Finding] = []
-    count, whole = sum(data.samples for data in problem.fitted_datasets), problem.partitions.samples
-    if count < whole:
-        message = f"{len(problem.partitions.training)} partitions of {whole} training samples"
-        scope = f"the figures of the report show an excerpt of {count} samples"
-        findings.append(Finding(file.location("cluster"), f"{message}; {scope}", severity="remark"))
-    return findings
-
-
 def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
     """Warn, once, if derivatives do not account for events of the model."""
     if file.optimizer.method == "global":

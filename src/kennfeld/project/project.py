@@ -13,10 +13,12 @@ from kennfeld.project.schema import ProjectFile, read_project
 from kennfeld.search_settings import SearchSettings
 
 if TYPE_CHECKING:
+    from kennfeld.dask_runner import ClusterAddress
     from kennfeld.optimize.options import Options
     from kennfeld.optimize.problem import Problem
     from kennfeld.optimize.result import Result
     from kennfeld.preprocessing.pipeline import Loader
+    from kennfeld.preprocessing.prepared_files import PreparedFiles
     from kennfeld.preprocessing.recordings import ReadingWatch
     from kennfeld.project.checkpoints import Saves
     from kennfeld.project.problem_builder import ProjectProblem
@@ -76,7 +78,11 @@ class Project:
     @property
     def is_partitioned(self) -> bool:
         """True if data are evaluated in partitions; their simulation is not a part of the results."""
-        return bool(self.file.cluster.partition_size) and self.load is None
+        if self.load is not None:
+            from kennfeld.project.partitioned_loading import PartitionedLoading
+
+            return isinstance(self.load, PartitionedLoading)
+        return bool(self.file.cluster.partition_size)
 
     @property
     def seconds_read(self) -> float:
@@ -87,44 +93,66 @@ class Project:
     def _assembly(self) -> "ProjectProblem":
         from kennfeld.project.problem_builder import assemble
 
-        if self.is_partitioned:
-            return self._assembled_in_partitions()
         if self.load is not None:
             return assemble(self.file, self.load)
+        if self.is_partitioned:
+            return self._assembled_in_partitions()
         from kennfeld.preprocessing.pipeline import load_datasets
 
         return assemble(self.file, partial(load_datasets, watch=self.watch))
 
     def _assembled_in_partitions(self) -> "ProjectProblem":
-        from kennfeld.preprocessing.prepared_files import PreparedFiles
         from kennfeld.project.partitioned_loading import PartitionedLoading
         from kennfeld.project.problem_builder import assemble, failed
 
-        cluster = self.file.cluster
-        folder = (self.file.folder / cluster.folder).absolute()
-        files = PreparedFiles(folder, round(1e9 * cluster.folder_size))
+        size = self.file.cluster.partition_size
         try:
-            loading = PartitionedLoading(self.file.path.name, self._runner, files, cluster.partition_size)
+            loading = PartitionedLoading(self.file.path.name, self._runner, self.prepared_files, size)
         except InputError as error:
             return failed(error.findings)
         return assemble(self.file, loading)
 
+    @property
+    def prepared_files(self) -> "PreparedFiles":
+        """The folder of prepared recordings."""
+        from kennfeld.preprocessing.prepared_files import PreparedFiles
+
+        cluster = self.file.cluster
+        return PreparedFiles((self.file.folder / cluster.folder).absolute(), round(1e9 * cluster.folder_size))
+
     @cached_property
     def _runner(self) -> "TaskRunner":
         """The evaluation of partitions: in this process, in processes that are started here, or on a cluster."""
-        from kennfeld.dask_runner import ClusterAddress, DaskRunner
+        from kennfeld.dask_runner import DaskRunner
         from kennfeld.task_runner import SerialRunner
+
+        address = self.cluster_address
+        return SerialRunner() if address is None else DaskRunner.start(address, self.report)
+
+    @property
+    def cluster_address(self) -> "ClusterAddress | None":
+        """The cluster of `[cluster]`; None if partitions are evaluated in this process."""
+        from kennfeld.dask_runner import ClusterAddress
 
         cluster, folder = self.file.cluster, self.file.folder
         if not cluster.scheduler and (cluster.workers or 1) == 1:
-            return SerialRunner()
+            return None
         names = (cluster.tls_authority, cluster.tls_certificate, cluster.tls_key)
         certificates = tuple(str(folder / name) if name else "" for name in names)
         scheduler = cluster.scheduler
         if scheduler and "://" not in scheduler and (folder / scheduler).is_file():
             scheduler = str(folder / scheduler)
-        address = ClusterAddress(scheduler, cluster.workers or 1, certificates)  # type: ignore[arg-type]
-        return DaskRunner.start(address, self.report)
+        return ClusterAddress(scheduler, cluster.workers or 1, certificates)  # type: ignore[arg-type]
+
+    def evaluated_by(self, runner: "TaskRunner") -> Self:
+        """Return the same project with its partitions evaluated by another runner; files are not read again."""
+        assembly = self._assembly
+        if assembly.problem is None or assembly.problem.partitions is None:
+            return self
+        project = replace(self)
+        partitions = replace(assembly.problem.partitions, runner=runner)
+        project.__dict__["_assembly"] = replace(assembly, problem=replace(assembly.problem, partitions=partitions))
+        return project
 
     def on_cluster(
         self,

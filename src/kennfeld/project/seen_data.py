@@ -8,7 +8,7 @@ from kennfeld.errors import Finding, Location
 from kennfeld.optimize.overlap import HOLD_BACK, overlap_findings
 from kennfeld.optimize.problem import Problem
 from kennfeld.preprocessing.recipe import DatasetEntry
-from kennfeld.preprocessing.recordings import find_recordings
+from kennfeld.preprocessing.recording_sources import find_addresses
 from kennfeld.project.schema import ProjectFile
 
 
@@ -43,7 +43,7 @@ def _shared_files(file: ProjectFile) -> Iterator[Finding]:
 
 
 def _paths(file: ProjectFile, entry: DatasetEntry) -> list[str]:
-    return list(dict.fromkeys(path for pattern in entry.files for path in find_recordings(file.folder, pattern)))
+    return list(dict.fromkeys(path for pattern in entry.files for path in find_addresses(file.folder, pattern)))
 
 
 def _sentence(path: str, other: str) -> str:

@@ -5,18 +5,16 @@ Their number is bounded, whatever the number of samples. What is drawn of a part
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.analysis.part_evaluation import PartEvaluator
+from kennfeld.analysis.part_evaluation import EvaluatedPart, PartEvaluator, PartPasses, PartPlace
 from kennfeld.analysis.residual_statistics import TAILS, ErrorRange
 from kennfeld.analysis.residuals import Fit
 from kennfeld.arrays import Float, Int
-from kennfeld.preprocessing.bound_parts import BoundPart
-from kennfeld.sample_statistics import QuantileSearch, gather
+from kennfeld.sample_statistics import QuantileSearch
 
 TOTAL_POINTS = 120_000  # of all time plots and scatter plots together
 TRACE_POINTS = (400, 4000)  # minimum and maximum of one trace
@@ -128,24 +126,23 @@ class DrawingPlan:
     groups: TraceEnvelope
     chosen: Int  # of the scored samples, for the scatter plot
     worst: Sequence[int]  # samples of the dataset that it shows as well
-    scored_before: Mapping[int, int]  # scored samples before a part, by the number of its first sample
+    criterion: int
     ends: Mapping[str, Ends]  # of the histograms before and after
 
     @classmethod
-    def of(cls, fit: Fit, parts: Sequence[BoundPart], worst: Sequence[int], series: int) -> "DrawingPlan":
-        """Return the plan for a fit, one of `series`, whose dataset has these parts."""
+    def of(cls, fit: Fit, worst: Sequence[int], series: int) -> "DrawingPlan":
+        """Return the plan for a fit, one of `series`."""
         most = int(np.clip(TOTAL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
         dots = int(np.clip(TOTAL_POINTS // (6 * max(series, 1)), *SCATTER_POINTS))
         counts, searches = fit.counts, fit.details.searches
-        before = np.cumsum([0, *counts.scored]).tolist()
         return cls(
             unit=counts.unit,
-            timed=fit.bound.dataset.time is not None,
+            timed=fit.data.is_timed,
             samples=fit.samples,
-            groups=TraceEnvelope(fit.bound.count, most),
+            groups=TraceEnvelope(fit.data.count, most),
             chosen=sample_indices(fit.samples, dots),
             worst=worst,
-            scored_before={part.first: before[number] for number, part in enumerate(parts)},
+            criterion=fit.number,
             ends={
                 "before": histogram_ends(counts.before, searches.before),
                 "after": histogram_ends(counts.after, searches.after),
@@ -170,15 +167,15 @@ class Stamps:
     pieces: list[Float] = field(default_factory=list)  # Float[3, pieces]
 
     @classmethod
-    def of(cls, plan: DrawingPlan, part: BoundPart, series: CriterionSeries) -> "Stamps":
+    def of(cls, plan: DrawingPlan, place: PartPlace, series: CriterionSeries) -> "Stamps":
         """Return the stamps of a part."""
         bound, time = series.bound, series.time
-        at = plan.groups.firsts(part.first, part.last) - part.first
+        at = plan.groups.firsts(place.first, place.first + bound.count) - place.first
         stamps = cls(plan.timed, plan.groups.whole)
-        numbers = (part.begin + bound.kept).astype(np.float64) if time is None else time
+        numbers = (place.begin + bound.kept).astype(np.float64) if time is None else time
         stamps.drawn.append(numbers[at])
-        stamps.owners.append(part.piece + np.searchsorted(bound.starts, at, side="right") - 1)
-        edges = [*bound.starts.tolist(), bound.count]
+        stamps.owners.append(place.piece + np.searchsorted(bound.starts, at, side="right") - 1)
+        edges = [*bound.starts[place.continues :].tolist(), bound.count]
         ends = [[numbers[a], numbers[min(a + 1, b - 1)], numbers[b - 1]] for a, b in pairwise(edges)]
         stamps.pieces.append(np.array(ends).reshape(-1, 3).T)
         return stamps
@@ -210,10 +207,9 @@ class Stamps:
 
 
 @dataclass
-class Drawing:
-    """The points of one criterion on one dataset."""
+class DrawnPoints:
+    """The points of one criterion on a dataset or a part of it."""
 
-    plan: DrawingPlan
     stamps: Stamps
     traces: dict[str, Trace]
     scattered: list[Float]  # Float[4, dots]: number, measured, before, after
@@ -221,24 +217,23 @@ class Drawing:
     equal: dict[str, Histogram]
 
     @classmethod
-    def of(cls, plan: DrawingPlan, part: BoundPart, before: CriterionSeries, after: CriterionSeries) -> "Drawing":
+    def of(cls, plan: DrawingPlan, place: PartPlace, before: CriterionSeries, after: CriterionSeries) -> "DrawnPoints":
         """Return the points of a part of the dataset."""
         errors = {"before": before.error, "after": after.error}
         signals = {"measured": after.measured, "before": before.model, "after": after.model}
         signals |= {"errorBefore": errors["before"], "error": errors["after"]}
         traces = {name: Trace() for name in signals}
         for name, trace in traces.items():
-            trace.add(plan.groups, part.first, signals[name])
+            trace.add(plan.groups, place.first, signals[name])
         return cls(
-            plan=plan,
-            stamps=Stamps.of(plan, part, after),
+            stamps=Stamps.of(plan, place, after),
             traces=traces,
-            scattered=[_scatter(plan, part, before, after)],
+            scattered=[_scatter(plan, place, before, after)],
             own={name: Histogram.of(error, plan.ends[name]) for name, error in errors.items()},
             equal={name: Histogram.of(error, plan.shared) for name, error in errors.items()},
         )
 
-    def merge(self, later: "Drawing") -> None:
+    def merge(self, later: "DrawnPoints") -> None:
         """Take in the points of the following part."""
         self.stamps.merge(later.stamps)
         self.scattered += later.scattered
@@ -252,10 +247,18 @@ class Drawing:
         return dict(zip(("number", "measured", "before", "after"), np.concatenate(self.scattered, axis=1), strict=True))
 
 
-def _scatter(plan: DrawingPlan, part: BoundPart, before: CriterionSeries, after: CriterionSeries) -> Float:
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """The points of one criterion on one dataset, and their plan."""
+
+    plan: DrawingPlan
+    points: DrawnPoints
+
+
+def _scatter(plan: DrawingPlan, place: PartPlace, before: CriterionSeries, after: CriterionSeries) -> Float:
     """Return number, measurement and model of the chosen samples and of the worst ones of a part."""
-    scored, first = np.flatnonzero(after.scored), plan.scored_before[part.first]
-    numbers = part.begin + after.bound.kept[scored]
+    scored, first = np.flatnonzero(after.scored), place.scored[plan.criterion]
+    numbers = place.begin + after.bound.kept[scored]
     picked = np.isin(numbers, plan.worst)
     chosen = plan.chosen[slice(*np.searchsorted(plan.chosen, [first, first + scored.size]))] - first
     picked[chosen] = True
@@ -263,36 +266,33 @@ def _scatter(plan: DrawingPlan, part: BoundPart, before: CriterionSeries, after:
     return np.array([numbers[picked], after.measured[at], before.model[at], after.model[at]], dtype=np.float64)
 
 
-def draw(
-    evaluator: PartEvaluator, fits: Sequence[Fit], worst: Mapping[int, Mapping[str, Sequence[int]]]
-) -> list[Drawing]:
+def draw(passes: PartPasses, fits: Sequence[Fit], worst: Mapping[int, Mapping[str, Sequence[int]]]) -> list[Drawing]:
     """Return the drawing of each fit.
 
     Args:
-        evaluator: evaluates the criteria.
+        passes: over the criteria.
         fits: their statistics, dataset by dataset.
         worst: samples that are drawn in any case, by the number of the criterion and the dataset.
     """
     drawings: list[Drawing] = []
-    for bound in {id(fit.bound): fit.bound for fit in fits}.values():
-        own, parts = [fit for fit in fits if fit.bound is bound], evaluator.parts(bound)
-        plans = {
-            fit.number: DrawingPlan.of(fit, parts, worst[fit.number].get(bound.dataset.name, ()), len(fits))
-            for fit in own
-        }
-        drawings += gather(partial(_draw_part, evaluator, plans), parts).drawings
+    for data in {id(fit.data): fit.data for fit in fits}.values():
+        own = [fit for fit in fits if fit.data is data]
+        plans = [DrawingPlan.of(fit, worst[fit.number].get(data.name, ()), len(fits)) for fit in own]
+        drawings += map(Drawing, plans, passes.over(data, _draw_part, plans).points)
     return drawings
 
 
-def _draw_part(evaluator: PartEvaluator, plans: Mapping[int, DrawingPlan], part: BoundPart) -> "_Drawings":
-    evaluated = evaluator.over(part)
-    return _Drawings([Drawing.of(plan, part, evaluated.before[i], evaluated.after[i]) for i, plan in plans.items()])
+def _draw_part(
+    evaluator: PartEvaluator, evaluated: EvaluatedPart, place: PartPlace, plans: Sequence[DrawingPlan]
+) -> "_Points":
+    before, after = evaluated.before, evaluated.after
+    return _Points([DrawnPoints.of(plan, place, before[plan.criterion], after[plan.criterion]) for plan in plans])
 
 
 @dataclass
-class _Drawings:
-    drawings: list[Drawing]
+class _Points:
+    points: list[DrawnPoints]
 
-    def merge(self, later: "_Drawings") -> None:
-        for own, other in zip(self.drawings, later.drawings, strict=True):
+    def merge(self, later: "_Points") -> None:
+        for own, other in zip(self.points, later.points, strict=True):
             own.merge(other)

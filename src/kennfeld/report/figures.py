@@ -15,6 +15,8 @@ from kennfeld.report.drawings import Drawing, Histogram
 from kennfeld.report.markup import Html, element, round_digits
 from kennfeld.report.report_data import ParameterChange, ReportData
 
+MOST_PIECES = 500  # beginnings of recordings that a strip marks
+
 Figure = Mapping[str, Any]
 
 
@@ -34,8 +36,8 @@ class Pictures:
 
 
 def strip(drawing: Drawing) -> Figure:
-    """Return measured and calculated signal and the error over time or sample number."""
-    x, title, unit, pieces = drawing.stamps.along()
+    """Return measured and calculated signal and the error over time or sample number, some pieces marked."""
+    x, title, unit, pieces = drawing.points.stamps.along()
     groups = drawing.plan.groups
     return {
         "kind": "strip",
@@ -45,15 +47,15 @@ def strip(drawing: Drawing) -> Figure:
         "x": round_digits(x, 7),
         "xTitle": title,
         "xUnit": unit,
-        "pieces": round_digits(pieces, 7),
+        "pieces": round_digits(pieces[:: -(-max(pieces.size, 1) // MOST_PIECES)], 7),
         "unit": drawing.plan.unit,
-        **{name: round_digits(trace.points(groups)) for name, trace in drawing.traces.items()},
+        **{name: round_digits(trace.points(groups)) for name, trace in drawing.points.traces.items()},
     }
 
 
 def scatter(drawing: Drawing) -> Figure:
     """Return model over measurement, before and after, at a selection of the samples that includes the worst."""
-    dots = drawing.dots
+    dots = drawing.points.dots
     return {
         "kind": "scatter",
         "samples": drawing.plan.samples,
@@ -70,7 +72,7 @@ def histograms(drawing: Drawing) -> Figure:
         "unit": drawing.plan.unit,
         **{
             axes: {name: _bins(each) for name, each in own.items()}
-            for axes, own in (("own", drawing.own), ("equal", drawing.equal))
+            for axes, own in (("own", drawing.points.own), ("equal", drawing.points.equal))
         },
     }
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.formatting import size_text
-from kennfeld.preprocessing.recordings import find_recordings
+from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, size_in_store
 from kennfeld.project import Project
 from kennfeld.project.value_forms import TargetEntry
 from kennfeld.threads import map_in_order
@@ -90,7 +90,10 @@ def format_setting(value: Any) -> str:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file at the time of the report; `digest` is its SHA-256 in hex, empty if it could not be read."""
+    """A file at the time of the report; `digest` is its SHA-256 in hex.
+
+    It is empty if the file could not be read, or is a recording that workers read: a fleet takes too long.
+    """
 
     role: str
     name: str
@@ -104,7 +107,26 @@ def sources(project: Project) -> list[SourceFile]:
     roles: dict[Path, str] = {}
     for role, path in _named(project):
         roles.setdefault(path, role)
-    return list(map_in_order(partial(_source, folder=project.file.folder), list(roles.items())))
+    addresses: dict[str, str] = {}
+    for role, address in _recordings(project):
+        addresses.setdefault(address, role)
+    for address, role in addresses.items() if not project.is_partitioned else ():
+        roles.setdefault(_file_of(address), role)
+    files = list(map_in_order(partial(_source, folder=project.file.folder), list(roles.items())))
+    return files + [
+        _recording(address, role, project.file.folder) for address, role in addresses.items() if project.is_partitioned
+    ]
+
+
+def _recordings(project: Project) -> Iterator[tuple[str, str]]:
+    for entry in project.file.datasets:
+        for pattern in entry.files:
+            yield from ((f"data, {entry.use}", at) for at in find_addresses(project.file.folder, pattern))
+
+
+def _file_of(address: str) -> Path:
+    """Return the file of an address; `file.xlsx#sheet` is a sheet of a file."""
+    return Path(address if Path(address).is_file() else address.rpartition("#")[0])
 
 
 def _named(project: Project) -> Iterator[tuple[str, Path]]:
@@ -117,18 +139,28 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
     yield from (("surrogate", file.folder / name) for name in file.surrogates.values())
     starts = (*file.calibration.files, *file.calibration.descriptions.values())
     yield from (("start", file.folder / name) for name in starts)
-    for entry in file.datasets:
-        for path in (path for pattern in entry.files for path in find_recordings(file.folder, pattern)):
-            # `file.xlsx#sheet` is a sheet of a file
-            yield f"data, {entry.use}", Path(path if Path(path).is_file() else path.rpartition("#")[0])
 
 
 def _source(file: tuple[Path, str], folder: Path) -> SourceFile:
     path, role = file
-    name = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
     try:
         with path.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        digest = ""
+    return _state(path, role, folder, digest)
+
+
+def _recording(address: str, role: str, folder: Path) -> SourceFile:
+    """Return a recording without its digest."""
+    if is_remote(address):
+        return SourceFile(role, address, size_in_store(address), "", "")
+    return _state(_file_of(address), role, folder, "")
+
+
+def _state(path: Path, role: str, folder: Path, digest: str) -> SourceFile:
+    name = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+    try:
         state = path.stat()
     except OSError:
         return SourceFile(role, name, 0, "", "")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
-from kennfeld.analysis.part_evaluation import PartEvaluator
+from kennfeld.analysis.part_evaluation import PartPasses
 from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
@@ -117,7 +117,7 @@ class ReportData:
         summaries = {(i, r.dataset): r for i, of in self.numbered.items() for r in of.summaries}
         scores = []
         for fit in self.fits:
-            criterion, data, old = self.problem.criteria[fit.number], fit.bound.dataset, fit.counts.before.sums
+            criterion, data, old = self.problem.criteria[fit.number], fit.data.dataset, fit.counts.before.sums
             row, now = self._stored_quality.get((fit.number, data.name)), summaries[fit.number, data.name]
             rmse = (old.rmse, now.rmse) if row is None else (row.rmse_before, row.rmse_after)
             r2, largest = (now.r2, now.largest) if row is None else (row.r2_after, row.max_abs_after)
@@ -159,13 +159,8 @@ class ReportData:
 
     @property
     def stale(self) -> bool:
-        """True if the errors of the result cannot be reproduced, since the project or its data have changed.
-
-        Of data in partitions, only an excerpt is here, which cannot tell.
-        """
-        if self.problem.partitions is not None:
-            return False
-        rmse = {(fit.number, fit.bound.dataset.name): fit.counts.after.sums.rmse for fit in self.fits}
+        """True if the errors of the result cannot be reproduced, since the project or its data have changed."""
+        rmse = {(fit.number, fit.data.dataset.name): fit.counts.after.sums.rmse for fit in self.fits}
         return any(
             key not in rmse or not np.isclose(rmse[key], row.rmse_after, rtol=1e-3, equal_nan=True)
             for key, row in self._stored_quality.items()
@@ -199,8 +194,8 @@ def collect_report_data(
     parameters = start if result is None else result.parameters
     if trust is None:
         trust = TrustSummary() if result is None else summarise_trust(result.trust)
-    evaluator = PartEvaluator(problem, start, parameters)
-    analysis = analyse(problem, start, parameters, trust=trust, evaluator=evaluator)
+    passes = PartPasses(problem, start, parameters)
+    analysis = analyse(problem, start, parameters, trust=trust, passes=passes)
     extrapolation = find_extrapolation(problem, parameters) if extrapolation is None else tuple(extrapolation)
     if result is not None and written is None:
         surrogates = [row.as_json() for row in extrapolation]
@@ -211,7 +206,7 @@ def collect_report_data(
         result=result,
         findings=tuple(findings),
         fits=analysis.fits,
-        drawings=tuple(draw(evaluator, analysis.fits, _worst_samples(analysis))),
+        drawings=tuple(draw(passes, analysis.fits, _worst_samples(analysis))),
         residuals=analysis.residuals,
         changes=_changes(problem, start, parameters, trust, analysis.touching),
         trust=trust,

@@ -18,7 +18,7 @@ def render_fit(report: ReportData, pictures: Pictures) -> Html:
     parts = []
     for i, (fit, drawing) in enumerate(zip(report.fits, report.drawings, strict=True)):
         of = report.numbered[fit.number]
-        data = fit.bound.dataset
+        data = fit.data.dataset
         summary = [element("b", data.name), f" {of.criterion} against {of.target}, {_samples(fit)}, {data.use}"]
         content = _pictures(drawing, of, data.name, pictures)
         parts.append(details(summary, content, open_=i < OPEN_PARTS, class_="part"))
@@ -26,8 +26,8 @@ def render_fit(report: ReportData, pictures: Pictures) -> Html:
 
 
 def _samples(fit: Fit) -> str:
-    scored, kept = fit.samples, fit.bound.count
-    dropped = fit.bound.dataset.samples - kept
+    scored, kept = fit.samples, fit.data.count
+    dropped = fit.data.samples - kept
     counts = count_noun(scored, "sample") + (f" scored of {kept}" if kept != scored else "")
     return counts + (f", {dropped} skipped because an input is missing" if dropped else "")
 

@@ -4,7 +4,8 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -17,25 +18,43 @@ from kennfeld.terminal.output import print_findings, print_lines
 
 
 @click.command
-@argument("path", "FILE", "A measurement, calibration, formula, Simulink, ASCET or project file.")
+@argument("address", "FILE", "A measurement, calibration, formula, Simulink, ASCET or project file.", type=str)
 @command_line.as_json
 @option("--search", "Show only entries whose name or description contains TEXT.", "TEXT", default="")
 @command_line.description_file
 @model_options
-def info(path: Path, as_json: bool, search: str, a2l: Path | None, selection: ModelSelection) -> int:
+def info(address: str, as_json: bool, search: str, a2l: Path | None, selection: ModelSelection) -> int:
     """Show the contents of a file.
 
     --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model or an
-    ASCET project, the output lists what can be calibrated and what prevents it.
+    ASCET project, the output lists what can be calibrated and what prevents it. A file of an object store, such as
+    s3://fleet/drive.mf4, is copied for the time of reading.
     """
     from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
-    contents = describe_file(path, a2l, selection)
+    with _on_this_machine(address) as path:
+        contents = describe_file(path, a2l, selection)
     if search.strip():
         contents = find_entries(contents, search)
     print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
     return DONE
+
+
+@contextmanager
+def _on_this_machine(address: str) -> Iterator[Path]:
+    """Yield the path of a file, or of the copy of one in an object store."""
+    if "://" not in address:
+        yield Path(address)
+        return
+    from kennfeld.preprocessing.recording_sources import find_sources, local_file
+
+    sources = find_sources(Path(), address)
+    if len(sources) != 1:
+        message = f"matches {len(sources)} files" if sources else "file not found"
+        raise InputError.of(Location(address), message, "Name one file.")
+    with local_file(sources[0]) as copy:
+        yield Path(copy)
 
 
 @click.command

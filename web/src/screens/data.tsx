@@ -15,7 +15,7 @@ import { droppedFiles, upload } from "../uploads";
 import { DataSettings } from "./data/settings";
 
 interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
-interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; error?: string; channels: Channel[] }
+interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; error?: string; note?: string; channels: Channel[] }
 interface Entry { number: number; name: string; use: string; files: File[] }
 interface Input { name: string; role: "input" | "target"; number?: number; unit: string; channel: string }
 
@@ -86,7 +86,7 @@ function FileRow({ entry, file, first }: { entry: Entry; file: File; first: bool
       <td>{first && <button class="fold link" title="All settings of the dataset" onClick={() => { panel.data.value = "dataset"; openEntry("dataset", at); }}>{entry.name || own?.name}</button>}</td>
       <td>{first && <Segment label={`Use of ${file.name}`} options={["training", "test"]} chosen={entry.use} choose={(use) => setKeys([[["dataset", at, "use"], use === "training" ? null : use]], `${file.name}: ${use} data`)} />}</td>
       <td class="num">{first && <NumberField path={["dataset", at, "weight"]} label={`Weight of ${file.name}`} width={44} />}</td>
-      {file.error ? <td colSpan={4} class="bad">{file.error}</td> : (
+      {file.error ? <td colSpan={4} class="bad">{file.error}</td> : file.note ? <td colSpan={4} class="q">{file.note}</td> : (
         <>
           <td class="num">{count(file.samples ?? 0)}</td><td class="num">{file.step ? `${significant(1 / file.step, 3)} Hz` : MISSING}</td><td class="num">{file.length ? `${significant(file.length, 4)} s` : MISSING}</td>
           <td>{file.missing ? <span class="tag w">{(file.missing * 100).toFixed(1)} %</span> : <span class="q">none</span>}</td>

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -88,12 +89,19 @@ def export(session: Session, given: Given) -> Answer:
     is the report on the run whose files are in the results folder;
     `simulation` is the extension of a file with all nodes over all datasets.
     """
-    view, project, folder = session.require_view(), session.project, _folder(session)
-    assert project is not None
     known = endings()
     for ending in given.get("formats", ()):
         if ending not in known:
             raise ArgumentError(f"unknown format {ending!r}")
+    with ExitStack() as stack:
+        evaluates = any(given.get(key) for key in ("simulation", "whole", "report", "stored"))
+        project = stack.enter_context(session.evaluated()) if evaluates else session.project
+        return _export(session, project, given)
+
+
+def _export(session: Session, project: Project | None, given: Given) -> Answer:
+    view, folder = session.require_view(), _folder(session)
+    assert project is not None
     folder.mkdir(parents=True, exist_ok=True)
     values, findings, written = view.now.parameters.without(project.surrogates), list[Finding](), list[Path]()
     rounding: list[dict[str, Any]] = []
@@ -104,9 +112,9 @@ def export(session: Session, given: Given) -> Answer:
         rounding += rounded(values, path, a2l)
         written.append(path)
     if given.get("simulation"):
-        written.append(_write_simulation(session, str(given["simulation"])))
+        written.append(_write_simulation(session, project, str(given["simulation"])))
     whole, report = given.get("whole"), given.get("report")
-    result = _result(session) if whole or (report and session.runs) else None
+    result = _result(session, project) if whole or (report and session.runs) else None
     if whole and result is not None:
         from kennfeld.project.results import write, write_text
 
@@ -127,24 +135,23 @@ def export(session: Session, given: Given) -> Answer:
     return Answer({"files": files, "findings": [str(f) for f in findings], "rounded": rounding})
 
 
-def _write_simulation(session: Session, ending: str) -> Path:
+def _write_simulation(session: Session, project: Project, ending: str) -> Path:
     """Write every node over every dataset at the present values, as `kennfeld simulate` does."""
     from kennfeld.project.results import write_simulation
 
     if ending not in SIMULATIONS:
         raise ArgumentError(f"unknown format {ending!r} of a simulation")
-    assert session.project is not None
-    simulation = session.project.simulation(session.require_view().now.parameters)
+    simulation = project.simulation(session.require_view().now.parameters)
     return write_simulation(simulation, session.path.parent / f"simulation{ending}")
 
 
-def _result(session: Session) -> Result:
+def _result(session: Session, project: Project) -> Result:
     """Return the last result with the present values. Raises `InputError` if there was no run."""
     if not session.runs:
         raise InputError.of(Location(session.path.name), "there is no result yet", "Run the calibration first.")
     last, view = session.runs[-1].result, session.require_view()
     start, now = view.start.parameters, view.now.parameters
-    return replace(last, parameters=now, start=start, quality=Scorer(view.model.problem).quality(start, now))
+    return replace(last, parameters=now, start=start, quality=Scorer(project.problem()).quality(start, now))
 
 
 def _write_stored_report(project: Project, folder: Path) -> Path:

@@ -73,6 +73,7 @@ def _of_view(session: Session, view: View) -> dict[str, Any]:
             for i, c in enumerate(problem.criteria)
         ],
         "inputs": [problem.channels.get(name, name) for name in graph.inputs],
+        "excerpt": session.excerpt,
     }
 
 

@@ -1,6 +1,7 @@
 """The recordings of the project: their files, channels, and what the function reads of them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,14 @@ from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.session.proposal import Range, propose
 from kennfeld.app.session.session import Session
 from kennfeld.errors import InputError
+from kennfeld.formatting import count_noun
 from kennfeld.measurement.reader import describe
-from kennfeld.preprocessing.recordings import find_recordings
+from kennfeld.preprocessing.recording_sources import find_addresses, is_remote
 
 MAX_CHANNELS = 2000  # of a file that the files of a project are listed with
 MAX_SIGNALS = 20_000  # of a file that can be searched
+MAX_DESCRIBED = 10  # files of a dataset that are read to describe their channels, if the data are in partitions
+MAX_FILES = 200  # of them that are listed
 
 
 def files(session: Session, given: Given) -> Answer:
@@ -21,13 +25,13 @@ def files(session: Session, given: Given) -> Answer:
 
     The project may be incomplete: what its file says counts.
     """
-    folder, entries = session.path.parent, _entries(session)
+    entries = _entries(session)
     rows = [
         {
             "number": number,
             "name": str(entry.get("name", "")),
             "use": str(entry.get("use", "training")),
-            "files": [_listed(_file(folder, path)) for path in _paths(folder, entry)],
+            "files": [*map(_listed, _described_files(session, entry)), *_other_files(session, entry)],
         }
         for number, entry in enumerate(entries, 1)
     ]
@@ -38,6 +42,27 @@ def _listed(file: dict[str, Any]) -> dict[str, Any]:
     return {**file, "channels": file["channels"][:MAX_CHANNELS]}
 
 
+def _described_files(session: Session, entry: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the files of a dataset with their channels; some of them if the data are in partitions."""
+    folder = session.path.parent
+    paths = _paths(folder, entry)
+    if session.reads_partitions:
+        paths = [path for path in paths[:MAX_DESCRIBED] if not is_remote(path)]
+    return [_file(folder, path) for path in paths]
+
+
+def _other_files(session: Session, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the further files of a dataset in partitions, which are not read here."""
+    if not session.reads_partitions:
+        return
+    paths = _paths(session.path.parent, entry)
+    others = [path for number, path in enumerate(paths) if number >= MAX_DESCRIBED or is_remote(path)]
+    for path in others[:MAX_FILES]:
+        yield {"name": path if is_remote(path) else Path(path).name, "note": "read in partitions", "channels": []}
+    if more := others[MAX_FILES:]:
+        yield {"name": count_noun(len(more), "more file"), "note": "read in partitions", "channels": []}
+
+
 def _entries(session: Session) -> list[Mapping[str, Any]]:
     entries = session.settings.get("dataset", [])
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
@@ -46,7 +71,9 @@ def _entries(session: Session) -> list[Mapping[str, Any]]:
 def _paths(folder: Path, entry: Mapping[str, Any]) -> list[str]:
     patterns = entry.get("files", [])
     patterns = [patterns] if isinstance(patterns, str) else patterns
-    return [path for pattern in patterns for path in find_recordings(folder, str(pattern))]
+    with suppress(InputError):  # a store that does not answer is a finding of the project
+        return [path for pattern in patterns for path in find_addresses(folder, str(pattern))]
+    return []
 
 
 def recording_names(session: Session) -> list[str]:
@@ -57,18 +84,16 @@ def recording_names(session: Session) -> list[str]:
 
 def channel_names(session: Session) -> list[str]:
     """Return the names of the channels of all files, each once."""
-    folder = session.path.parent
-    files = (_file(folder, path) for entry in _entries(session) for path in _paths(folder, entry))
+    files = (file for entry in _entries(session) for file in _described_files(session, entry))
     return list(dict.fromkeys(channel["name"] for file in files for channel in file["channels"]))
 
 
 def channel_ranges(session: Session) -> dict[str, Range]:
     """Return the range of every channel of the training files."""
     ranges: dict[str, Range] = {}
-    folder = session.path.parent
     training = [entry for entry in _entries(session) if entry.get("use", "training") == "training"]
-    for path in (path for entry in training for path in _paths(folder, entry)):
-        for channel in _file(folder, path)["channels"]:
+    for file in (file for entry in training for file in _described_files(session, entry)):
+        for channel in file["channels"]:
             if channel["least"] is not None:
                 known = ranges.get(channel["name"], Range(channel["least"], channel["greatest"]))
                 low, high = min(known.least, channel["least"]), max(known.greatest, channel["greatest"])
@@ -77,10 +102,14 @@ def channel_ranges(session: Session) -> dict[str, Range]:
 
 
 def recorded_channels(session: Session, number: int) -> dict[str, str]:
-    """Return all channels of the files of a dataset, counted from 0, with their units."""
+    """Return all channels of the files of a dataset, counted from 0, with their units; none of data in partitions.
+
+    There, channels that the project does not use cannot be drawn.
+    """
     entries = _entries(session)
-    paths = _paths(session.path.parent, entries[number]) if number < len(entries) else []
-    files = [_file(session.path.parent, path) for path in paths]
+    if number >= len(entries) or session.reads_partitions:
+        return {}
+    files = _described_files(session, entries[number])
     return {channel["name"]: channel["unit"] for file in files for channel in file["channels"]}
 
 

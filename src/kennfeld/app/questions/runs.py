@@ -6,12 +6,13 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from kennfeld.analysis.cross_validation import CrossValidation, Kind
+from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import Evaluation
 from kennfeld.app.session.run_job import Validation
-from kennfeld.app.session.session import Session, View
+from kennfeld.app.session.session import Run, Session, View
 from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
@@ -105,10 +106,6 @@ def outcome(session: Session, given: Given) -> Answer:
 
 
 def _outcome(session: Session, last: Result) -> dict[str, Any]:
-    from kennfeld.analysis.extrapolation import find_extrapolation
-    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
-
-    problem = apply_shifts(session.runs[-1].problem or session.require_view().model.problem, last.shifts)
     return {
         "run": session.runs[-1].number,
         "status": last.status,
@@ -125,7 +122,7 @@ def _outcome(session: Session, last: Result) -> dict[str, Any]:
         "breakpoints": [
             {"axis": name, "before": old.tolist(), "after": new.tolist()} for name, (old, new) in last.moved.items()
         ],
-        "extrapolations": [str(row) for row in find_extrapolation(problem, last.parameters) if row.worst is not None],
+        "extrapolations": [str(row) for row in _extrapolation(session, session.runs[-1]) if row.worst is not None],
         "free": last.free_values,
         "fixed": last.fixed_values,
         "iterations": last.iterations,
@@ -133,6 +130,15 @@ def _outcome(session: Session, last: Result) -> dict[str, Any]:
         "seconds": {name: finite(value) for name, value in vars(last.seconds).items()},
         "resumed": list(last.resumed),
     }
+
+
+def _extrapolation(session: Session, run: Run) -> Sequence[Extrapolation]:
+    if run.extrapolation is not None:
+        return run.extrapolation
+    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+
+    problem = apply_shifts(run.problem or session.require_view().model.problem, run.result.shifts)
+    return find_extrapolation(problem, run.result.parameters)
 
 
 def _folds(validation: CrossValidation) -> dict[str, Any]:

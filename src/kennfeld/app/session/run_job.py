@@ -4,14 +4,17 @@ The worker reports accepted steps, and the values of the best one, a few times p
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from kennfeld.analysis.cross_validation import CrossValidation, Kind
+from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.app.session.run_checkpoints import INTERVAL, RunCheckpoints
 from kennfeld.arrays import Float
-from kennfeld.errors import Finding, InputError
+from kennfeld.dask_runner import ClusterAddress, DaskRunner
+from kennfeld.errors import Finding, InputError, KennfeldError
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Checkpoint, Result, TraceLine
@@ -42,6 +45,7 @@ class RunTask:
         checkpoints: where the run is kept.
         resumed: checkpoints from which it resumes, by the number of the start.
         validation: cross-validate instead of calibrating.
+        cluster: where partitions are evaluated, or starts and folds if there are none; None for this process.
     """
 
     problem: Problem
@@ -49,16 +53,21 @@ class RunTask:
     checkpoints: RunCheckpoints | None = None
     resumed: Mapping[int, Checkpoint] = field(default_factory=dict)
     validation: Validation | None = None
+    cluster: ClusterAddress | None = None
 
 
 @dataclass(frozen=True)
 class Ended:
-    """The end of a run: its result or its cross-validation, or why there is none."""
+    """The end of a run: its result or its cross-validation, or why there is none.
+
+    `extrapolation` is the use of surrogates outside their training data, over all samples.
+    """
 
     result: Result | None
     findings: tuple[Finding, ...] = ()
     reason: str = ""
     validation: CrossValidation | None = None
+    extrapolation: tuple[Extrapolation, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,16 +125,42 @@ class JobWorker:
 
     def run(self) -> None:
         self._parent.listen()
+        self._parent.send(self._end())
+
+    def _end(self) -> Ended:
         validation = self._task.validation
         try:
-            self._parent.send(self._calibrate() if validation is None else self._validate(validation))
+            with self._joined_cluster():
+                return self._calibrate() if validation is None else self._validate(validation)
         except InputError as error:
-            self._parent.send(Ended(None, error.findings))
+            return Ended(None, error.findings)
+        except KennfeldError as error:
+            return Ended(None, reason=f"{error}.")
         except KeyboardInterrupt:
-            self._parent.send(Ended(None, reason="Stopped before the first step."))
+            return Ended(None, reason="Stopped before the first step.")
+
+    @contextmanager
+    def _joined_cluster(self) -> Iterator[None]:
+        """Evaluate partitions on the cluster of the task, which is left at the end."""
+        task = self._task
+        if task.cluster is None:
+            yield
+            return
+        runner = DaskRunner.start(task.cluster)
+        try:
+            if task.problem.partitions is None:
+                self._task = replace(task, options=replace(task.options, cluster=runner))
+            else:
+                partitions = replace(task.problem.partitions, runner=runner)
+                self._task = replace(task, problem=replace(task.problem, partitions=partitions))
+            yield
+        finally:
+            runner.close()
 
     def _calibrate(self) -> Ended:
+        from kennfeld.analysis.extrapolation import find_extrapolation
         from kennfeld.optimize.search.multistart import run
+        from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 
         task = self._task
         if self._saves is not None and not task.resumed:
@@ -133,7 +168,8 @@ class JobWorker:
         options = replace(task.options, save_every=1)
         result = run(task.problem, options, self._step, keep=self._keep, resumed=task.resumed)
         _ = result.trust  # computed here, where nobody waits
-        return Ended(result)
+        problem = apply_shifts(task.problem, result.shifts)
+        return Ended(result, extrapolation=find_extrapolation(problem, result.parameters))
 
     def _validate(self, validation: Validation) -> Ended:
         from kennfeld.analysis.cross_validation import cross_validate

@@ -3,8 +3,8 @@
 import itertools
 import queue
 import time
-from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from kennfeld.analysis.cross_validation import CrossValidation
+from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.app.session.evidence import Evidence
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
+from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
 from kennfeld.app.session.recorded_data import RecordedData
 from kennfeld.app.session.recovery import Recovery
@@ -27,6 +29,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
+from kennfeld.dask_runner import DaskRunner
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.models import Model
 from kennfeld.optimize.problem import Problem
@@ -68,12 +71,14 @@ class Run:
         before: the values at its start.
         result: its result.
         problem: what was calibrated, None if it is the present problem.
+        extrapolation: use of surrogates outside their training data; None if it is not computed yet.
     """
 
     number: int
     before: ParameterSet
     result: Result
     problem: Problem | None = None
+    extrapolation: tuple[Extrapolation, ...] | None = None
 
 
 @dataclass
@@ -157,7 +162,7 @@ class Session:
         self.findings: tuple[Finding, ...] = ()
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
-        self._data = RecordedData()
+        self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last edit
         self.revision = next(_REVISIONS)  # changes with the values and the texts
         self.text_revision = self.revision  # changes with the texts
@@ -240,7 +245,9 @@ class Session:
         problem = replace(view.model.problem, parameters=view.now.parameters)
         options = replace(self.project.options, workers=workers)
         points = self.checkpoints.points().states if resume else {}
-        task = RunTask(problem, options, None if validation else self.checkpoints, points, validation)
+        joins = self.project.is_partitioned or bool(self.project.file.cluster.scheduler)
+        cluster = self.project.cluster_address if joins else None
+        task = RunTask(problem, options, None if validation else self.checkpoints, points, validation, cluster)
         self.job = Job("running", "compiling", time.monotonic(), problem=problem)
         self._running = RunJob(task, self._put)
 
@@ -297,7 +304,7 @@ class Session:
             return
         result, view = end.result, self.require_view()
         job.state, job.message, job.trace = result.status, result.message, list(result.trace)
-        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem)
+        run = Run(len(self.runs) + 1, view.now.parameters, result, job.problem, end.extrapolation)
         self.runs.append(run)
         if result.converged:
             self.checkpoints.remove()
@@ -442,7 +449,7 @@ class Session:
         self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
         try:
-            project = Project.read(self.path, self._unsaved(), self._data)
+            project = self._with_data(Project.read(self.path, self._unsaved()))
             self.project, self.findings = project, tuple(project.check())
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
@@ -450,6 +457,52 @@ class Session:
             return
         if self.state.values:
             self._evaluate()
+
+    def _with_data(self, project: Project) -> Project:
+        """Return a project that reads its recordings again only if they have changed; an excerpt, if in partitions."""
+        size = project.file.cluster.partition_size
+        if not size:
+            if not isinstance(self._data, RecordedData):
+                self._data = RecordedData()
+        elif not isinstance(self._data, PartitionedData) or self._data.settings[1:] != (project.prepared_files, size):
+            self._data = PartitionedData(project.file.path.name, project.prepared_files, size)
+        return replace(project, load=self._data)
+
+    @contextmanager
+    def evaluated(self) -> Iterator[Project]:
+        """Yield the project for an evaluation of all samples, with partitions on the cluster of `[cluster]`.
+
+        Raises:
+            InputError: the project cannot be read, or the cluster cannot be joined.
+        """
+        self.require_view()
+        assert self.project is not None
+        address = self.project.cluster_address
+        if address is None or not self.project.is_partitioned:
+            yield self.project
+            return
+        runner = DaskRunner.start(address)
+        try:
+            yield self.project.evaluated_by(runner)
+        finally:
+            runner.close()
+
+    @property
+    def reads_partitions(self) -> bool:
+        """True if the project file asks for partitions, also if it has errors."""
+        cluster = self.settings.get("cluster")
+        if not isinstance(cluster, dict):
+            return False
+        return bool(cluster.get("partition", cluster.get("scheduler")))
+
+    @property
+    def excerpt(self) -> tuple[int, int] | None:
+        """Number of samples that the session holds, and that of all partitions; None if it holds all."""
+        problem = None if self.view is None else self.view.model.problem
+        if problem is None or problem.partitions is None:
+            return None
+        own, whole = sum(data.samples for data in problem.datasets), count_samples(problem)
+        return (own, whole) if own < whole else None
 
     def _read_channels(self, recording: LiveDataset, names: Collection[str]) -> dict[str, Float]:
         """Return the channels that the recordings have of these, which only plots need, over the drawn samples."""

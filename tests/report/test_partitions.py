@@ -1,0 +1,161 @@
+"""The report of data in partitions shows the strips, the numbers and the samples that it shows of all data at once."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
+from report_projects import Page
+
+from kennfeld.analysis.residuals import residuals
+from kennfeld.optimize.partitions import split_files
+from kennfeld.optimize.problem import partitions_of
+from kennfeld.project import Project, partitioned_loading
+from kennfeld.report import document
+
+SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 4\n'
+PAUSED = """
+[model]
+file = "line.kf"
+[[dataset]]
+name = "drives"
+files = ["pause_*.csv"]
+[parameters.a]
+initial = 1.0
+[[criterion]]
+node = "y"
+target = { channel = "m" }
+"""
+
+
+def write_steady_points(folder):
+    return write_steady(folder, text=STEADY + SHORT)
+
+
+def write_drives(folder):
+    return write_timed(folder, text=TIMED + SHORT)
+
+
+def write_paused_drives(folder):
+    """Recordings with pauses of a function without memory, whose errors are correlated; files are cut anywhere."""
+    random = np.random.default_rng(4)
+    (folder / "line.kf").write_text("y = a * x\n")
+    for number, count in enumerate((900, 1300)):
+        time = 0.1 * np.arange(count) + 60 * (np.arange(count) > 400)
+        x = np.sin(0.05 * time)
+        m = 2 * x + 0.2 * np.sin(0.21 * time + number) + random.normal(0, 0.02, count)
+        x[50:60] = np.nan
+        rows = (f"{t:.1f},{a:.8g},{b:.8g}".replace("nan", "") for t, a, b in zip(time, x, m, strict=True))
+        (folder / f"pause_{number}.csv").write_text("\n".join(["time [s],x,m", *rows]))
+    (folder / "kennfeld.toml").write_text(PAUSED + SHORT)
+    return folder / "kennfeld.toml"
+
+
+def write_shifted_drives(folder):
+    """Recordings of a function without memory with a shift to be estimated; cut parts lack no sample at their cuts."""
+    return write_shifted(folder, "none", text=SHIFTED + SHORT)
+
+
+WRITERS = [write_steady_points, write_drives, write_paused_drives]
+
+
+def same(left, right):
+    """Compare figures; numbers may differ in their last digit, as sums over partitions are added in another order."""
+    if isinstance(left, dict):
+        return left.keys() == right.keys() and all(same(left[key], right[key]) for key in left)
+    if isinstance(left, list):
+        return len(left) == len(right) and all(map(same, left, right))
+    return left == pytest.approx(right, rel=2e-4, abs=1e-9) if isinstance(left, float) else left == right
+
+
+def pages(path, size, monkeypatch):
+    """Return the reports on one result: of all data at once, and of partitions of which the client holds little."""
+    plain = Project.read(path)
+    result = plain.calibrate()
+    monkeypatch.setattr(partitioned_loading, "EXCERPT", 400)
+    parted = in_partitions(path, size)
+    assert sum(data.samples for data in parted.problem().datasets) < sum(d.samples for d in plain.problem().datasets)
+    return [Page(document(project, result)) for project in (plain, parted)]
+
+
+@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize("size", [300, 1000, 10**6])
+def test_figures_are_those_of_all_data(tmp_path, write, size, monkeypatch):
+    plain, parted = pages(write(tmp_path), size, monkeypatch)
+    assert len(parted.data["figures"]) == len(plain.data["figures"])
+    for figure, other in zip(parted.data["figures"], plain.data["figures"], strict=True):
+        for key in other:
+            assert same(figure[key], other[key]), (other["kind"], key)
+    kinds = {figure["kind"] for figure in plain.data["figures"]}
+    assert {"strip", "scatter", "histograms"} <= kinds
+    assert ("cells" in kinds) != (write is write_paused_drives)
+    assert ("autocorrelation" in kinds) == (write is not write_steady_points)
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_tables_are_those_of_all_data(tmp_path, write, monkeypatch):
+    texts = []
+    for page in pages(write(tmp_path), 300, monkeypatch):
+        assert "excerpt" not in page.words_in_a_row
+        below_contents = page.words_in_a_row.partition("Settings and files")[2]
+        texts.append(re.search(r" Result .*? Search Cost", below_contents)[0])
+    assert "The worst samples" in texts[0]
+    assert texts[1] == texts[0]
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_strips_and_dots_are_bounded(tmp_path, write, monkeypatch):
+    monkeypatch.setattr("kennfeld.report.drawings.TRACE_POINTS", (40, 100))
+    monkeypatch.setattr("kennfeld.report.drawings.SCATTER_POINTS", (20, 50))
+    for page in (texts := pages(write(tmp_path), 300, monkeypatch)):
+        for strip in page.figures("strip"):
+            assert not strip["whole"]
+            assert len(strip["x"]) == len(strip["measured"]) <= 102
+    for kind in ("strip", "scatter", "histograms"):
+        assert same(texts[1].figures(kind), texts[0].figures(kind)), kind
+
+
+@pytest.mark.parametrize("size", [300, 1000])
+def test_estimated_shifts_are_those_of_the_result(tmp_path, size, monkeypatch):
+    plain, parted = pages(write_shifted_drives(tmp_path), size, monkeypatch)
+    for kind in ("strip", "scatter", "histograms", "autocorrelation", "cells"):
+        assert plain.figures(kind)
+        assert same(parted.figures(kind), plain.figures(kind)), kind
+
+
+@pytest.mark.parametrize(("node", "sizes"), [("y", [900]), ("PT1(y, 0.5)", [400, 500])])
+def test_a_recording_that_is_cut_at_its_pieces_is_not_joined(tmp_path, node, sizes):
+    path = write_paused_drives(tmp_path)
+    path.write_text(f'{PAUSED}\n[[limit]]\nnode = "{node}"\nmax = 2.0\n')
+    problem = in_partitions(path, 300).problem()
+    cut = split_files(0, [problem.partitions.training[0].parts[0].source], [[0, 400]], [900], 300)
+    problem = replace(problem, partitions=replace(problem.partitions, training=tuple(cut)))
+    assert [partition.samples for partition in partitions_of(problem, 0)] == sizes
+
+
+def test_ranges_of_limited_outputs_are_those_of_all_data(tmp_path, monkeypatch):
+    limits = "".join(f'\n[[limit]]\nnode = "{node}"\nmax = 2.0\n' for node in ("y", "PT1(y, 0.5)"))
+    path = write_paused_drives(tmp_path)
+    path.write_text(PAUSED + limits + SHORT)
+    pattern = r" range before range after beyond before beyond after y .*? PT1\(y, 0.5\) (\S+ ){10}"
+    tables = [re.search(pattern, page.words_in_a_row)[0] for page in pages(path, 300, monkeypatch)]
+    assert tables[1] == tables[0]
+
+
+def test_a_changed_result_is_noticed(tmp_path):
+    path = write_steady_points(tmp_path)
+    result = Project.read(path).calibrate()
+    quality = tuple(replace(row, rmse_after=2 * row.rmse_after) for row in result.quality)
+    text = document(in_partitions(path, 600), replace(result, quality=quality))
+    assert "have changed since this result was written" in text
+
+
+def test_residuals_of_partitions_have_no_errors_of_samples(tmp_path):
+    path = write_steady_points(tmp_path)
+    (whole,), (parted,) = (
+        residuals(p.problem(), p.problem().parameters) for p in (Project.read(path), in_partitions(path, 600))
+    )
+    assert [row.samples for row in parted.summaries] == [row.samples for row in whole.summaries]
+    assert len(whole.errors) == 2
+    assert parted.errors == ()
