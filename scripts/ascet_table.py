@@ -1,18 +1,23 @@
-"""Writes the table of public ASCET projects in docs/ascet.md: files that parse, and classes that become graphs.
+"""Writes the tables of public ASCET projects in docs/ascet.md: files that parse, and classes that become graphs.
 
     python scripts/ascet_table.py FOLDER ... [--docs docs/ascet.md]
 
 A folder is a copy of a repository. Files of the same content count once. Each class is imported with all of its public
-methods, in the order of the file.
+methods, in the order of the file. The second table is that of `ascet_components.py`, on `.axl` and `.amd` files.
 """
 
 import argparse
 import hashlib
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import ascet_components
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.parser import scan_esdl
@@ -99,12 +104,18 @@ def main() -> None:
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--docs", type=Path)
     options = parser.parse_args()
-    text = table(options.folders)
-    print(text)
+    texts = {_MARKS: table([folder for folder in options.folders if _has_classes(folder)])}
+    texts[ascet_components.MARKS] = ascet_components.table(options.folders)
+    print(*texts.values(), sep="\n")
     if options.docs is not None:
         document = options.docs.read_text(encoding="utf-8")
-        changed = _MARKS.sub(lambda match: f"{match[1]}{text}{match[2]}", document)
-        options.docs.write_text(changed, encoding="utf-8")
+        for marks, text in texts.items():
+            document = marks.sub(lambda match, text=text: f"{match[1]}{text}{match[2]}", document)  # type: ignore[misc]
+        options.docs.write_text(document, encoding="utf-8")
+
+
+def _has_classes(folder: Path) -> bool:
+    return next(folder.rglob("*.esdl"), None) is not None
 
 
 if __name__ == "__main__":

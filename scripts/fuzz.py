@@ -167,7 +167,7 @@ def _read(path: Path) -> bool:
     for work in (
         lambda: describe_file(path).lines(),
         *([lambda: _import_model(path)] if path.suffix in (".slx", ".mdl") else []),
-        *([lambda: _import_classes(path)] if path.suffix == ".esdl" else []),
+        *([lambda: _import_classes(path)] if path.suffix in (".esdl", ".axl", ".amd") else []),
         *([lambda: _import_tasks(path)] if path.suffix == ".app" else []),
         *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
@@ -199,10 +199,12 @@ def _import_model(path: Path) -> None:
 
 def _import_classes(path: Path) -> None:
     """Import each class of a file with all of its methods."""
+    from kennfeld.errors import InputError
     from kennfeld.models.ascet.importing import classes_of, import_esdl
 
     for item in classes_of(path):
-        import_esdl(path, item.name, [method.name for method in item.methods], startup=[])
+        with suppress(InputError):  # a class that cannot be chosen by its name alone
+            import_esdl(path, item.name, [method.name for method in item.methods], startup=[])
 
 
 def _import_tasks(path: Path) -> None:

@@ -526,6 +526,23 @@ schedule {
 	task Event priority 2 { process Cell.Plant.init }
 }
 """
+
+
+def _components(seed: int) -> Iterator[Sample]:
+    """Components of ASCET 6: archives, and each file of a component with the others beside it."""
+    from amd_files import archive
+    from component_samples import LOW_PASS, machine_component, plant_component
+
+    plant, machine = plant_component(), machine_component()
+    yield Sample(".axl", "Engine.axl", {"Engine.axl": archive(plant, LOW_PASS)})
+    yield Sample(".axl", "Machine.axl", {"Machine.axl": archive(machine)})
+    for component, others in ((plant, (LOW_PASS,)), (LOW_PASS, ()), (machine, ())):
+        files = {Path(path).name: content for own in (component, *others) for path, content in own.files().items()}
+        for name in files:
+            if name.startswith(f"{component.name}."):
+                yield Sample(".amd", name, files)
+
+
 _STATEMENTS = """	real y = if (x > 0.0 && on) then first.step(x, on) else C.getAt(x) / a;
 	for (n in 0 .. 2) { v[n] = v[n] * 0.5 + real(n % 2); }
 	while (i < 5) { i += 2; }
@@ -543,5 +560,6 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _recordings,
     _models,
     _classes,
+    _components,
     _projects,
 )

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from amd_files import write_archive
+from component_samples import LOW_PASS, plant_component
 from esdl_projects import BATTERY, LIBRARY, write_project
 
 from kennfeld.app.questions import COMMANDS, QUESTIONS
@@ -184,3 +186,18 @@ def test_keys_of_the_import_are_removed_with_the_class(accu: Session) -> None:
     assert accu.settings["model"] == {"file": "Battery/Battery.app", "folders": ["Lib"]}
     COMMANDS["new-function"](accu, {})
     assert accu.settings["model"] == {"file": "function.kf"}
+
+
+def test_a_dropped_archive_of_ascet_6_is_the_function(empty: Session) -> None:
+    write_archive(empty.path.parent, plant_component(), LOW_PASS)
+    COMMANDS["add-files"](empty, {"files": ["Engine.axl"]})
+    assert empty.settings["model"]["file"] == "Engine.axl"
+    own = program(empty)
+    assert own["whole"]
+    assert own["missing"] == []
+    assert {item["name"] for item in own["outputs"]} == {"torque", "high"}
+    assert [item["name"] for item in own["classes"]] == ["Plant", "LowPass"]
+    labels = [item["file"] for item in own["sources"]]
+    assert labels[:2] == ["Engine.axl", "Engine.axl/Engine/Plant.specification.amd"]
+    assert own["sources"][0]["text"] == ""
+    assert "Engine.axl" in QUESTIONS["functions"](empty, {}).head["files"]

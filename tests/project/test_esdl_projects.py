@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from amd_files import Component, Drawing, Method, message, parameter, write_archive
 from esdl_projects import BATTERY, TASKS, run, write_project
 
 from kennfeld import cli
@@ -116,7 +117,7 @@ def test_a_list_of_tasks_is_a_key(folder):
     [
         ('file = "Battery/Cell/Accu.esdl"\nclass = "Akku"', "unknown class Akku"),
         ('file = "Battery/Cell/Accu.esdl"\nfolders = ["Nowhere"]', "folder Nowhere does not exist"),
-        ('file = "model.kf"\nclass = "Accu"', "class, methods and startup require an ESDL file"),
+        ('file = "model.kf"\nclass = "Accu"', "class, methods and startup require a class of ASCET"),
         ('file = "Battery/Cell/Accu.esdl"\nsubsystem = "A"', "require a Simulink model"),
         ('file = "Battery/Cell/None.esdl"', "does not exist"),
     ],
@@ -173,3 +174,19 @@ def test_convert_writes_formula_text_with_the_same_results(folder):
     first = evaluate(model.graph, columns, model.values)
     second = evaluate(again.graph, columns, read(target.with_suffix(".json")))
     np.testing.assert_array_equal(first["voltage"], second["voltage"])
+
+
+def test_a_component_of_ascet_6_is_calibrated_and_written_into_a_copy_of_its_archive(tmp_path):
+    drawing = Drawing()
+    drawing.write("charge", drawing.value_of("shift", "getAt", "oned", x=drawing.element("T")), ("calc", 1))
+    shift = parameter("shift", ([0.0, 60.0], [0.15, 0.16]), scope="exported")
+    sensor = Component("Sensor", [message("T"), message("charge", "exported"), shift], [Method("calc")], drawing)
+    write_archive(tmp_path, sensor)
+    rows = [f"{t},{0.1 + 0.01 * t}" for t in range(0, 61, 5)]
+    (tmp_path / "bench.csv").write_text("\n".join(["T,wanted", *rows, ""]))
+    text = TOML.replace("Battery/Cell/Accu.esdl", "Engine.axl").replace('["esdl", "dcm"]', '["axl", "dcm"]')
+    (tmp_path / "kennfeld.toml").write_text(text.replace("[[dataset]]", 'class = "Sensor"\n[[dataset]]', 1))
+    assert cli.run(["calibrate", str(tmp_path / "kennfeld.toml")]) == 0
+    result = read(tmp_path / "results/parameters.axl")
+    np.testing.assert_allclose(result["shift"].values, [0.1, 0.7], atol=1e-6)
+    assert read(tmp_path / "results/parameters.dcm")["shift"].values == pytest.approx(result["shift"].values)

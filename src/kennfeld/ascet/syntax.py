@@ -8,11 +8,15 @@ from typing import NamedTuple
 
 
 class TextPosition(NamedTuple):
-    """Position in a text: line and column from 1, and the offset of the character from 0."""
+    """Position in a text: line and column from 1, and the offset of the character from 0.
+
+    `file` is empty if the text is that of the declaration around it.
+    """
 
     line: int = 1
     column: int = 1
     offset: int = 0
+    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -135,9 +139,17 @@ class Range(_Node):
     last: "Expression | None"
 
 
+@dataclass(frozen=True)
+class Unsupported(_Node):
+    """A part of a block diagram or of a text that has no meaning here: why, and the remedy."""
+
+    message: str
+    remedy: str = ""
+
+
 Expression = (
     Number | Truth | Text | Name | Member | Index | Call | Unary | Binary | Conditional | Choice | Between | Braces
-    | Range
+    | Range | Unsupported
 )  # fmt: skip
 
 

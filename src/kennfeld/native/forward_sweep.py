@@ -41,7 +41,7 @@ def forward_functions(pattern: TapeLayout) -> list[FunctionWriter]:
     f = FunctionWriter("forward", [*head, *ENTRIES, *SUMS])
     with f.walk("%length") as (k, position):
         end = _end_of_batch(f, k)
-        batch = _Batch(f, pattern, k)
+        batch = _SweepBatch(f, pattern, k)
         batch.transpose(k)
         with f.loop(k, end) as sample:
             following = f.add(sample, 1)
@@ -71,7 +71,7 @@ def _end_of_batch(f: FunctionWriter, k: str) -> str:
     return end.get()
 
 
-class _Batch:
+class _SweepBatch:
     """Samples that touch the same columns; writes the code that adds them.
 
     All of its memory consists of rows over the entries, padded to whole vectors.

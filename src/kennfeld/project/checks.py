@@ -58,7 +58,7 @@ MAX_NAMES = 5  # of parameters in a warning
 MAX_MISSING = 0.1  # share of samples without a value
 MAX_OUTSIDE = 0.05  # share of samples outside an axis
 _WORD = re.compile(r"[^\W\d][\w.]*\Z")  # a name that is valid in every format
-_OF_SETS = (*IMAGE_ENDINGS, ".msq", ".esdl")  # formats that update an existing file
+_OF_SETS = (*IMAGE_ENDINGS, ".msq", ".esdl", ".axl", ".amd")  # formats that update an existing file
 AXIS_TOLERANCE = 1e-9  # of the width of an axis, for rounding in unit conversions
 
 _Warning = tuple[Location, str, str]

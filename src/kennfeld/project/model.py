@@ -29,7 +29,7 @@ _LATER_KINDS = {
     ".onnx": "an ONNX network",
     ".py": "a Python function",
 }
-_KINDS_REMEDY = "Use formula text (.kf), a Simulink model (.slx, .mdl) or an ESDL class (.esdl)."
+_KINDS_REMEDY = "Use formula text (.kf), a Simulink model (.slx, .mdl) or an ASCET class (.esdl, .axl)."
 _PROTECTED_REMEDY = "Obtain the unprotected model, .slx or .mdl."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
 

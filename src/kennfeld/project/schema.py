@@ -43,7 +43,8 @@ from kennfeld.search_settings import SearchSettings
 
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"
-ESDL = (".esdl", ".app")
+COMPONENTS = (".axl", ".amd")
+ESDL = (".esdl", ".app", *COMPONENTS)
 DEFAULT_PARTITION = 1_000_000  # samples, on a cluster
 _INNER = "calculated"
 _REDUCTION = IntegerForm(least=1)
@@ -58,7 +59,7 @@ def is_simulink_file(name: str) -> bool:
 
 
 def is_esdl_file(name: str) -> bool:
-    """Return if a name is that of an ESDL class or an application of ASCET."""
+    """Return if a name is that of an ESDL class, a component or an application of ASCET."""
     return name.lower().endswith(ESDL)
 
 
@@ -68,7 +69,7 @@ class ModelEntry:
 
     file: str = key(
         "the function: a `.kf` file, a [Simulink model](formats.md#simulink), `.slx` or `.mdl`, or a class or an "
-        "application of an [ASCET project](ascet.md), `.esdl` or `.app`",
+        "application of an [ASCET project](ascet.md), `.esdl` or `.app`, `.axl` or `.amd`",
         holds="function file",
         missing='Write file = "....kf", the formula text.',
     )
@@ -100,7 +101,12 @@ class ModelEntry:
         (),
         holds="folder",
     )
-    class_name: str = key("the class of an ESDL file that is the function, if the file has several", "", name="class")
+    class_name: str = key(
+        "the class of an ESDL file, or the class or module of an `.axl` archive, that is the function, if the file has "
+        "several",
+        "",
+        name="class",
+    )
     methods: tuple[str, ...] = key(
         "the methods of the class that a step calls, in their order",
         (),
@@ -121,8 +127,9 @@ class ModelEntry:
             yield "file", f"subsystem, parameters and bind require a Simulink model, got {self.file}", ""
         if self.file and self.folders and not (is_simulink_file(self.file) or is_esdl_file(self.file)):
             yield "file", f"folders requires a Simulink model or an ASCET project, got {self.file}", ""
-        if self.file and (self.class_name or self.methods or self.startup) and not self.file.lower().endswith(".esdl"):
-            yield "file", f"class, methods and startup require an ESDL file (.esdl), got {self.file}", ""
+        has_class = self.file.lower().endswith((".esdl", *COMPONENTS))
+        if self.file and (self.class_name or self.methods or self.startup) and not has_class:
+            yield "file", f"class, methods and startup require a class of ASCET (.esdl, .axl), got {self.file}", ""
         if self.file and self.task and not is_esdl_file(self.file):
             yield "file", f"task requires an ESDL file or an application (.esdl, .app), got {self.file}", ""
 
@@ -149,7 +156,7 @@ class CalibrationEntry:
     )
     output: tuple[str, ...] = key(
         'formats to write: `"dcm"`, `"csv"` (INCA\'s CVX), `"cdfx"`, `"xlsx"`, `"m"` and `"mat"` (MATLAB), `"json"`, '
-        '`"msq"` if `initial` is a tune, `"esdl"` if the function is an ESDL class, or `"hex"` and `"s19"` if '
+        '`"msq"` if `initial` is a tune, `"esdl"` or `"axl"` if the function is such a file, or `"hex"` and `"s19"` if '
         "`initial` has such an image: a copy of it with the fitted values. `parameters.json` is always written. A "
         "parameter whose name a format cannot represent, such as a block path with spaces in DCM, is omitted from that "
         "file, and `kennfeld check` reports it beforehand",

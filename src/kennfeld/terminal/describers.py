@@ -269,7 +269,7 @@ def describe_esdl(path: Path, part: EsdlSelection) -> FileInfo:
     classes = () if is_application else classes_of(path)
     tables = [] if is_application else [esdl.class_table(classes)]
     plural = "" if len(classes) == 1 else "es"
-    kind = "application" if is_application else f"ESDL, {len(classes)} class{plural}"
+    kind = "application" if is_application else f"{_language(path)}, {len(classes)} class{plural}"
     as_json: dict[str, Any] = {"content": "ASCET model", "classes": [item.name for item in classes]}
     notes: list[str] = []
     if classes or is_application:
@@ -284,6 +284,23 @@ def describe_esdl(path: Path, part: EsdlSelection) -> FileInfo:
             notes += esdl.import_notes(report)
             as_json |= {"import": report.as_dict()}
     return FileInfo(f"{path.name}: ASCET {kind}", tables, notes, _plain(as_json))
+
+
+def _language(path: Path) -> str:
+    return "ESDL" if path.suffix.lower() == ".esdl" else "6 components"
+
+
+def describe_components(path: Path, part: EsdlSelection) -> FileInfo:
+    """Describe ASCET 5 or 6 components: their methods, their values, and one of them as a model if it is selected."""
+    is_values = path.name.lower().endswith(".data.amd") and not any(part)
+    if is_values:
+        return describe_calibration(calfiles.describe(path))
+    model = describe_esdl(path, part)
+    if path.suffix.lower() == ".amd" or "import" in model.as_json:
+        return model
+    values = describe_calibration(calfiles.describe(path))
+    remedy = "name one by --class, and its methods by --method, to see it as a model"
+    return FileInfo(values.summary, [*model.tables, *values.tables], [*values.notes, remedy], values.as_json)
 
 
 def describe_dictionary(path: Path) -> FileInfo:

@@ -67,17 +67,17 @@ def _on_this_machine(address: str) -> Iterator[Path]:
 def convert(
     source: Path, target: Path, image: Path | None, a2l: Path | None, selection: ModelSelection, force: bool
 ) -> int:
-    """Convert a calibration file, a Simulink model or an ESDL class.
+    """Convert a calibration file, a Simulink model or an ASCET class.
 
     Calibration files are .dcm, .csv (INCA CVX), .cdfx, .json, .xlsx (one sheet per table), .m and .mat (MATLAB), and
-    .msq and .esdl (only over the file they were read from). A model (.slx, .mdl, .esdl, .app) becomes formula text
-    (.kf), with its parameters in a .json file of the same name.
+    .msq, .esdl, .axl and .amd (only over the file they were read from). A model (.slx, .mdl, .esdl, .app, .axl, .amd)
+    becomes formula text (.kf), with its parameters in a .json file of the same name.
     """
     from kennfeld import calfiles
 
     is_formula = target.suffix.lower() == ".kf"
     is_simulink = source.suffix.lower() in (".slx", ".mdl", ".slxp")
-    is_program = source.suffix.lower() == ".app" or (source.suffix.lower() == ".esdl" and is_formula)
+    is_program = source.suffix.lower() == ".app" or (source.suffix.lower() in (".esdl", ".axl", ".amd") and is_formula)
     companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
     _require_new(force, target, *companion)
     if is_program:

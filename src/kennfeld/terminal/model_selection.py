@@ -59,7 +59,7 @@ _OPTIONS = (
         "BINDING",
         multiple=True,
     ),
-    option("--class class_name", "Class of an ESDL file.", "NAME", default=""),
+    option("--class class_name", "Class of an ESDL file or of an .axl archive.", "NAME", default=""),
     option("--method methods", "Method of the class that a step calls. Repeatable, in order.", "NAME", multiple=True),
     option("--task tasks", 'Task of an ASCET application, "*" for all. Repeatable.', "NAME", multiple=True),
 )

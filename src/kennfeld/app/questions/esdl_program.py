@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.session.esdl_source import EsdlSource
 from kennfeld.app.session.session import Session
+from kennfeld.ascet.amd.files import ARCHIVE
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.parameter_set import ParameterSet
 
@@ -113,7 +114,7 @@ def _sources(source: EsdlSource, files: Sequence[Path]) -> list[dict[str, str]]:
     rows, room = [], MAX_CHARACTERS
     for path, label in source.labels(files).items():
         try:
-            text = read_source(path)
+            text = "" if path.suffix.lower() == ARCHIVE else read_source(path)
         except InputError:
             text = ""
         room -= len(text)

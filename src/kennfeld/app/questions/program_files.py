@@ -8,10 +8,11 @@ from pathlib import Path
 
 from kennfeld.app.folders import plain_name
 from kennfeld.ascet import syntax as e
+from kennfeld.ascet.amd.files import ARCHIVE
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.models.ascet.declarations import read_source
-from kennfeld.project.schema import is_esdl_file
+from kennfeld.project.schema import COMPONENTS, is_esdl_file
 
 APPLICATION = ".app"
 _COPY = re.compile(r"-\d+$")  # behind the name of a file whose name was taken
@@ -33,7 +34,9 @@ class _DroppedFile:
 
     @staticmethod
     def read(folder: Path, name: str) -> "_DroppedFile":
-        """Read a file; one that cannot be read has no package."""
+        """Read a file; one that cannot be read has no package, nor has one of ASCET 6."""
+        if name.lower().endswith(COMPONENTS):
+            return _DroppedFile(name)
         try:
             text = read_source(folder / name)
         except InputError:
@@ -55,7 +58,7 @@ class _DroppedFile:
 
 
 def program_files(folder: Path) -> Iterator[str]:
-    """Yield the applications and the files with classes within a folder; hidden folders are skipped."""
+    """Yield the applications, archives and files with classes within a folder; hidden folders are skipped."""
     seen = 0
     for place, folders, names in os.walk(folder):
         depth = len(Path(place).relative_to(folder).parts)
@@ -65,7 +68,7 @@ def program_files(folder: Path) -> Iterator[str]:
             if seen > _MAX_FILES:
                 return
             path = Path(place) / name
-            if is_esdl_file(name) and (name.lower().endswith(APPLICATION) or _has_class(path)):
+            if is_esdl_file(name) and (name.lower().endswith((APPLICATION, ARCHIVE)) or _has_class(path)):
                 yield path.relative_to(folder).as_posix()
 
 
@@ -116,9 +119,9 @@ def _moved(path: Path, target: Path) -> bool:
 
 
 def main_program(folder: Path, names: Sequence[str]) -> str:
-    """Return which file is the function: an application, else the class that no other file uses; empty if none is."""
+    """Return which file is the function: an application or archive, else the class that no other file uses, or none."""
     files = [_DroppedFile.read(folder, name) for name in names]
-    if applications := [file.name for file in files if file.name.lower().endswith(APPLICATION)]:
+    if applications := [file.name for file in files if file.name.lower().endswith((APPLICATION, ARCHIVE))]:
         return applications[0]
     candidates = [file for file in files if file.classes]
     unused = [

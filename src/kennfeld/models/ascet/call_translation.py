@@ -212,13 +212,13 @@ class CallTranslation(ExpressionTranslation):
         name = argument.value if isinstance(argument, e.Text) else ""
         label = f"{instance.declared.label}.{method.name}"
         rule = EXTERNAL.get(label) or EXTERNAL.get(name)
-        operands = [self.operand(argument) for argument in tree.arguments]
-        if rule is None or rule.count != len(operands):
+        if rule is None or rule.count != len(tree.arguments):
             message = f"{instance.declared.name}.{method.name} is implemented in C, which is not supported"
             raise UnsupportedEsdlError(message, place=tree.place)
         kind = self.program.types.resolve(method.result, instance.scope) if method.result is not None else REAL
         if not isinstance(kind, NumberType):
             raise UnsupportedEsdlError(f"{method.name} returns {describe_type(kind)}", place=tree.place)
+        operands = [self.operand(argument) for argument in tree.arguments]
         return Operand(call_of(rule.name, *(operand.tree for operand in operands)), kind)
 
     # intrinsic methods

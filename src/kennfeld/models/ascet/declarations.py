@@ -75,7 +75,7 @@ class FileScope:
 
     def location(self, place: e.TextPosition, path: str = "") -> Location:
         """Return a location in this file."""
-        return Location(self.path.name, place.line, path, place.column)
+        return Location(place.file or self.path.name, place.line, path, place.column)
 
 
 @dataclass(eq=False)

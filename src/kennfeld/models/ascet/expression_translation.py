@@ -28,7 +28,7 @@ from kennfeld.models.ascet.resolved_types import (
     describe_type,
 )
 from kennfeld.models.ascet.type_resolution import dotted
-from kennfeld.models.ascet.unsupported import UnsupportedEsdlError
+from kennfeld.models.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor", "<<": "shift", ">>": "shift"}
@@ -95,6 +95,8 @@ class ExpressionTranslation:
     def value(self, tree: e.Expression) -> Operand | Place | e.Braces:
         """Translate an expression to a number, a place, or elements in braces."""
         match tree:
+            case e.Unsupported():
+                raise unsupported_error(tree)
             case e.Number(value, is_real):
                 kind = REAL if is_real else NumberType("integer", value, value)
                 return Operand(m.Number(value), kind)
@@ -121,6 +123,8 @@ class ExpressionTranslation:
     def named(self, tree: e.Expression) -> Named:
         """Return what a name, a member or an element refers to."""
         match tree:
+            case e.Unsupported():
+                raise unsupported_error(tree)
             case e.Name():
                 return self.names.name(tree)
             case e.Member(of, _):

@@ -1,16 +1,20 @@
-"""Public entry of the ESDL import."""
+"""Public entry of the import of ASCET: classes in ESDL, tasks of applications, and components of ASCET 5 and 6."""
 
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.ascet import syntax as e
+from kennfeld.ascet.amd.files import DATA, ENDING, component_stem
+from kennfeld.calfiles.amd.reader import AmdReference
 from kennfeld.calfiles.esdl.reader import read_esdl
 from kennfeld.calfiles.format import CalibrationSource
-from kennfeld.errors import ArgumentError, InputError, Location
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.models.ascet.component_choice import ComponentMethodChooser, component_classes
+from kennfeld.models.ascet.component_tree import COMPONENT_FILES, open_components
 from kennfeld.models.ascet.declarations import SourceTree, read_source
 from kennfeld.models.ascet.import_report import EsdlImport
-from kennfeld.models.ascet.method_choice import APPLICATION, MethodChooser
+from kennfeld.models.ascet.method_choice import APPLICATION
 from kennfeld.models.ascet.model_import import EsdlModelImport
 from kennfeld.models.ascet.task_choice import TaskChoice
 from kennfeld.models.ascet.unsupported import UnsupportedEsdlError
@@ -32,10 +36,12 @@ def esdl(
     """Import a class, or tasks of an application, of an ASCET project.
 
     Args:
-        path: the `.esdl` file of the class, or the `.app` file of the application.
-        class_name: name of the class; needed if the file has several.
+        path: the `.esdl` file of the class, the `.app` file of the application, or for ASCET 5 and 6 the `.axl` archive
+            of components or an `.amd` file of one, whose other files are beside it.
+        class_name: name of the class or module; needed if the file has several.
         methods: methods of the class that a step calls, in their order; by default those that the task of an
-            application beside the file calls, or its only public method.
+            application beside the file calls, or its only public method. Those of several components of an archive
+            are named `Component.method`.
         startup: methods that run once before the first step; by default those of the application.
         task: name of the task, or several names, or `*` for all periodic tasks; needed if the application has several
             that call methods. Each of several tasks runs at its own period and with its own time difference; messages
@@ -92,31 +98,46 @@ def _import(
     if step is not None and not 0 < step < float("inf"):
         raise ArgumentError(f"step must be a finite time in s > 0, got {step!r}")
     file = Path(path)
-    chooser = MethodChooser(file, [Path(folder) for folder in folders], TaskChoice.of(task), step)
+    chooser = ComponentMethodChooser(file, [Path(folder) for folder in folders], TaskChoice.of(task), step)
     try:
         if file.suffix.lower() == APPLICATION:
             selection = chooser.of_application()
+        elif file.suffix.lower() in COMPONENT_FILES:
+            selection = chooser.of_component(class_name, list(methods), [] if startup is None else list(startup))
         else:
             selection = chooser.of_class(class_name, list(methods), None if startup is None else list(startup))
         result = EsdlModelImport(chooser.program, selection, file.stem, str(file), parameters).run()
     except UnsupportedEsdlError as error:
-        line = error.place.line if error.place is not None else 0
-        raise InputError.of(Location(file.name, line), error.message, error.remedy) from None
+        line, name = (error.place.line, error.place.file) if error.place is not None else (0, "")
+        raise InputError.of(Location(name or file.name, line), error.message, error.remedy) from None
     except RecursionError:
         raise InputError.of(Location(file.name), "the program is nested too deeply", "Split its expressions.") from None
+    result = _with_remarks(result, tuple(chooser.findings))
     if result.model is None or file.suffix.lower() == APPLICATION:
         return result
-    values = result.model.values.from_origin(_origin(file))
+    values = result.model.values.from_origin(_origin(file, result.report.classes))
     return replace(result, model=replace(result.model, values=values))
 
 
-def _origin(path: Path) -> object | None:
+def _with_remarks(result: EsdlImport, remarks: tuple[Finding, ...]) -> EsdlImport:
+    """Return an import with further remarks."""
+    report = replace(result.report, remarks=(*result.report.remarks, *remarks))
+    model = None if result.model is None else replace(result.model, remarks=(*result.model.remarks, *remarks))
+    return EsdlImport(model, report)
+
+
+def _origin(path: Path, classes: tuple[str, ...]) -> object | None:
     """Return what a calibration format keeps of the file, so that values can be written into a copy of it."""
+    if path.suffix.lower() in COMPONENT_FILES:
+        data = path.with_name(component_stem(path.name) + DATA) if path.suffix.lower() == ENDING else path
+        return AmdReference(data, classes[0] if len(classes) == 1 else "")
     return read_esdl(CalibrationSource(path.name, path.read_bytes(), path)).parameters.origin
 
 
 def classes_of(path: Path) -> tuple[e.ClassDeclaration, ...]:
-    """Return the classes of an ESDL file; raises `InputError` with all syntax errors."""
+    """Return the classes of an ESDL file, or of an `.axl` or `.amd` file; raises `InputError` with all errors."""
+    if path.suffix.lower() in COMPONENT_FILES:
+        return component_classes(open_components(path))
     tree = SourceTree(path.parent)
     scope = tree.scope(path)
     if path in tree.broken:

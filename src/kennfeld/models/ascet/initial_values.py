@@ -19,7 +19,7 @@ from kennfeld.models.ascet.resolved_types import (
     Type,
 )
 from kennfeld.models.ascet.type_resolution import TypeResolver, dotted
-from kennfeld.models.ascet.unsupported import UnsupportedEsdlError
+from kennfeld.models.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 
 Leaves: TypeAlias = dict[Fields, Float]
 Elements: TypeAlias = Callable[[str], Leaves | None]  # the values of another element of the class by its name
@@ -83,6 +83,8 @@ class InitialValues:
     def _parts(self, value: e.Expression | None, count: int) -> list[e.Expression | None]:
         if value is None:
             return [None] * count
+        if isinstance(value, e.Unsupported):
+            raise unsupported_error(value)
         if not isinstance(value, e.Braces):
             raise UnsupportedEsdlError("expected the elements in { }", place=value.place)
         if len(value.elements) > count:
@@ -93,6 +95,8 @@ class InitialValues:
         """Return breakpoints and values of a table; `shared` are the breakpoints of a group table."""
         if value is None:
             raise UnsupportedEsdlError("a table without values", "Write its breakpoints and values.")
+        if isinstance(value, e.Unsupported):
+            raise unsupported_error(value)
         parts = self._numbers(value)
         if shared is not None:
             values = _array_of(parts, value)

@@ -297,12 +297,13 @@ class Program:
         return self._interfaces[declared.label]
 
     def constant(self, declared: Declared) -> Holder:
-        """Return a constant of a package."""
+        """Return a constant of a package, or an element that all components of a project share."""
         if declared.label not in self._constants:
             assert isinstance(declared.declaration, e.Constant)
             element = declared.declaration.element
             kind = self.types.element(element, declared.scope)
-            holder = Holder(declared.label, kind, _STORAGE.get(element.kind, "constant"), element, declared.scope)
+            storage: Storage = "message" if element.has("shared") and not element.kind else "constant"
+            holder = Holder(declared.label, kind, _STORAGE.get(element.kind, storage), element, declared.scope)
             kind = self._store(None, holder, element.value)
             self._constants[declared.label] = Holder(declared.label, kind, holder.storage, element, declared.scope)
         return self._constants[declared.label]

@@ -11,6 +11,7 @@ from kennfeld.ascet.schedule import Schedule, Task, parse_schedule
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import join_names, nearest
+from kennfeld.models.ascet.component_tree import COMPONENT_FILES
 from kennfeld.models.ascet.declarations import Declared, SourceTree, package_of, root_of
 from kennfeld.models.ascet.instances import ClassInstance, Program
 from kennfeld.models.ascet.method_selection import MethodSelection, Process, ScheduledTask
@@ -266,6 +267,8 @@ def source_root(path: Path) -> Path:
     Raises:
         InputError: the file cannot be read.
     """
+    if path.suffix.lower() in COMPONENT_FILES:
+        return path.parent
     if path.suffix.lower() != APPLICATION:
         return root_of(path, package_of(path))
     schedule = read_schedule(path)

@@ -24,7 +24,7 @@ from kennfeld.models.ascet.resolved_types import (
     with_sizes,
 )
 from kennfeld.models.ascet.state_machines import STATE, machine_statements, state_numbers
-from kennfeld.models.ascet.unsupported import UnsupportedEsdlError
+from kennfeld.models.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 
 _MAX_COPIES: Final = 10_000  # elements that an assignment copies one by one
 _MAX_STATEMENTS: Final = 50_000  # of a method, after structs and arrays are split
@@ -66,6 +66,9 @@ class MethodTranslation(CallTranslation):
         return MethodCode(self.name, definition, scope, self._result, outputs, self._is_complete)
 
     def _body(self) -> m.Statements:
+        if not self.method.triggers and self.method.body is None:
+            message = f"{self._path()} is implemented in C, which is not supported"
+            raise UnsupportedEsdlError(message, place=self.method.place)
         if not self.method.triggers:
             return self.statements(self.method.body or (), is_last=True)
         machine = self.instance.machine(self.method.triggers)
@@ -135,6 +138,8 @@ class MethodTranslation(CallTranslation):
                 return self._block(statements, is_last)
 
     def _evaluate(self, expression: e.Expression) -> m.Statements:
+        if isinstance(expression, e.Unsupported):
+            raise unsupported_error(expression)
         if not isinstance(expression, e.Call):
             raise UnsupportedEsdlError("a call is required here", place=expression.place)
         result = self.call(expression)

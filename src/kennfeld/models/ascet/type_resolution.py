@@ -21,7 +21,7 @@ from kennfeld.models.ascet.resolved_types import (
     Type,
     size_of,
 )
-from kennfeld.models.ascet.unsupported import UnsupportedEsdlError
+from kennfeld.models.ascet.unsupported import UnsupportedEsdlError, unsupported_error
 
 _BUILTIN: Final[Mapping[str, NumberType]] = {"real": REAL, "integer": INTEGER, "boolean": BOOLEAN}
 _DATATYPES: Final[Mapping[str, tuple[float, float]]] = {
@@ -202,6 +202,8 @@ class TypeResolver:
                 return _arithmetic(operator, self.constant(left, scope), self.constant(right, scope))
             case e.Name() | e.Member() if name := dotted(tree):
                 return self._named_constant(name, scope)
+            case e.Unsupported():
+                raise unsupported_error(tree)
         raise UnsupportedEsdlError("a constant is required here", place=tree.place)
 
     def _named_constant(self, name: str, scope: FileScope) -> float:

@@ -1,6 +1,6 @@
 """The error for ESDL that a graph cannot express."""
 
-from kennfeld.ascet.syntax import TextPosition
+from kennfeld.ascet.syntax import TextPosition, Unsupported
 
 
 class UnsupportedEsdlError(Exception):
@@ -9,3 +9,8 @@ class UnsupportedEsdlError(Exception):
     def __init__(self, message: str, remedy: str = "", place: TextPosition | None = None) -> None:
         super().__init__(message)
         self.message, self.remedy, self.place = message, remedy, place
+
+
+def unsupported_error(tree: Unsupported) -> UnsupportedEsdlError:
+    """Return the error for a part of a diagram or a text that is not supported."""
+    return UnsupportedEsdlError(tree.message, tree.remedy, tree.place)

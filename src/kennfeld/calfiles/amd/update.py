@@ -1,0 +1,145 @@
+"""Rewrites an `.axl` archive or a `.data.amd` file with other numbers and keeps everything else."""
+
+import re
+import zipfile
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from html import escape
+from io import BytesIO
+from typing import Final
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.ascet.amd.data_sets import DataValue
+from kennfeld.ascet.amd.files import ARCHIVE, ENDING, file_name
+from kennfeld.calfiles.amd.reader import AmdOrigin, AmdReference, AmdValue
+from kennfeld.calfiles.format import FileFindings, Item, WriteResult
+from kennfeld.formatting import count_labels, holds_control_characters, join_names
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Text
+
+_ZIP: Final = b"PK\x03\x04"
+_ATTRIBUTE: Final = rb"\s+[\w:.-]+\s*=\s*(?:\"[^\"]*\"|'[^']*')"
+_VALUE: Final = re.compile(rb"<[\w:.-]+(?:" + _ATTRIBUTE + rb")*?\s+value\s*=\s*(\"[^\"]*\"|'[^']*')")
+_SIGNATURE: Final = re.compile(rb"<(?:\w+:)?SignatureValue\b")
+
+
+def write_amd(parameters: ParameterSet, file: str) -> WriteResult:
+    """Return the file that a set was read from, with the numbers of the set.
+
+    Parameters of other files are left out, with a warning. So is a digital signature that no longer fits, which stays
+    in the file. Raises `InputError` if the set was not read from such a file, or if a table has another size.
+    """
+    findings = FileFindings(file)
+    origin = parameters.origin
+    if isinstance(origin, AmdReference):
+        origin = origin.origin()
+    if not isinstance(origin, AmdOrigin):
+        message = "an .axl or .amd file can only be written over the one it was read from, but this set is from another"
+        remedy = "Name it first under initial, or merge: kennfeld merge Engine.axl new.dcm -o New.axl"
+        findings.error(0, "", message, remedy)
+        findings.finish()
+    assert isinstance(origin, AmdOrigin)
+    own = ARCHIVE if origin.source.raw.startswith(_ZIP) else ENDING
+    if not file.lower().endswith(own):
+        message = f"the values are those of {origin.source.name}, which is not such a file"
+        findings.error(0, "", message, f"Write a file that ends in {own}.")
+    update = _AmdUpdate(origin, findings)
+    for item in (*parameters.chosen, *parameters.others):
+        update.take(item)
+    if update.others:
+        findings.warning(0, "", f"left out, since the file does not have them: {count_labels(update.others)}")
+    changed = update.contents()
+    signed = [file_name(path) for path, raw in changed.items() if _SIGNATURE.search(raw)]
+    if signed:
+        message = f"values changed, so that digital signatures no longer fit: {join_names(signed, 4)}"
+        findings.warning(0, "", message, "ASCET signs components again when it exports them.")
+    return WriteResult(_replaced(origin.source.raw, changed), findings.finish())
+
+
+def _replaced(raw: bytes, changed: Mapping[str, bytes]) -> bytes:
+    """Return a file with changed contents; in an archive, all other members stay as they are."""
+    if not changed:
+        return raw
+    if not raw.startswith(_ZIP):
+        return next(iter(changed.values()))
+    result = BytesIO()
+    with zipfile.ZipFile(BytesIO(raw)) as before, zipfile.ZipFile(result, "w") as after:
+        after.comment = before.comment
+        for member in before.infolist():
+            content = changed.get(member.filename)
+            after.writestr(member, before.read(member) if content is None else content, member.compress_type)
+    return result.getvalue()
+
+
+class _AmdUpdate:
+    def __init__(self, origin: AmdOrigin, findings: FileFindings) -> None:
+        self.origin, self.findings = origin, findings
+        self.changes: dict[str, dict[int, tuple[int, bytes]]] = defaultdict(dict)  # by path and begin: end and text
+        self.others: list[str] = []
+
+    def contents(self) -> dict[str, bytes]:
+        """Return the files that changed."""
+        result = {}
+        for path, changes in self.changes.items():
+            raw, pieces, done = self.origin.contents[path], [], 0
+            for begin, (end, text) in sorted(changes.items()):
+                pieces += [raw[done:begin], text]
+                done = end
+            result[path] = b"".join([*pieces, raw[done:]])
+        return result
+
+    def take(self, item: Item) -> None:
+        """Take the values of a parameter or text."""
+        value = self.origin.value(item.name, item.variant)
+        if value is None:
+            self.others.append(item.name)
+        elif isinstance(item, Text) or isinstance(value.item, Text):
+            self._take_text(item, value)
+        elif item.kind != value.item.kind or item.values.shape != value.item.values.shape:
+            shapes = (f"{p.kind} {' x '.join(map(str, p.values.shape))}".strip() for p in (item, value.item))
+            message = "is a {}, but a {} in the file".format(*shapes)
+            self.findings.error(0, item.name, message, "Keep the size of the table, or write another format.")
+        else:
+            self._replace(item.name, value, value.entry.values, item.values.ravel())
+            for points, axis in zip(value.entry.axes, item.axes, strict=True):
+                self._replace(item.name, value, points, axis.breakpoints)
+
+    def _take_text(self, item: Item, value: AmdValue) -> None:
+        if not isinstance(item, Text) or not isinstance(value.item, Text):
+            self.findings.error(0, item.name, "is a text in one file and a number in the other")
+        elif item.text != value.item.text:
+            if holds_control_characters(item.text):
+                self.findings.error(0, item.name, f"{item.text[:60]!r} is not a valid word")
+            self._put(item.name, value, value.entry.values[0], escape(item.text))
+
+    def _replace(self, name: str, value: AmdValue, before: Sequence[DataValue], now: Float) -> None:
+        """Replace the numbers that changed."""
+        if not np.all(np.isfinite(now)):
+            self.findings.error(0, name, "has values that are not finite, which the file cannot store")
+            return
+        for known, number in zip(before, now.tolist(), strict=True):
+            if number != known.number:
+                if known.kind == "Logic" and number not in (0.0, 1.0):
+                    self.findings.error(0, name, f"{number:g} is not a truth value", "Use 0 or 1.")
+                self._put(name, value, known, _format_like(number, known))
+
+    def _put(self, name: str, value: AmdValue, known: DataValue, text: str) -> None:
+        raw = self.origin.contents[value.path]
+        match = _VALUE.match(raw, known.begin)
+        if match is None:
+            message = "cannot be replaced, since the file is not encoded in UTF-8 or ASCII"
+            self.findings.error(0, name, message, "Save it in UTF-8.")
+            return
+        begin, end = match.span(1)
+        self.changes[value.path][begin + 1] = end - 1, text.encode("utf-8")
+
+
+def _format_like(number: float, known: DataValue) -> str:
+    """Format a number in its shortest exact form; truth values and integers stay such if they can."""
+    if known.kind == "Logic":
+        return "true" if number else "false"
+    if known.text.lstrip("+-").isdecimal() and number == int(number):
+        return str(int(number))
+    return repr(number)
