@@ -2,9 +2,10 @@
 
     python scripts/ascet_code.py APPLICATION.app FOLDER_OF_C_FILES ... [--steps 2000] [--seed 0]
 
-The arguments are pairs of an application and the folder of its generated code. For each task the C files are compiled
-with gcc in a temporary folder, with `float32` as double so that only the semantics differ, and run over random inputs;
-all messages that the task writes are compared. Prints a table.
+The arguments are pairs of an application and the folder of its generated code. For each task, and for all periodic
+tasks of an application together, the C files are compiled with gcc in a temporary folder, with `float32` as double so
+that only the semantics differ, and run over random inputs; all messages that the tasks write are compared. Tasks run
+together as an operating system calls them: each every n-th step with its own time difference. Prints a table.
 """
 
 import argparse
@@ -13,8 +14,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from kennfeld.ascet.schedule import Task, parse_schedule
 from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.ascet.importing import esdl
+from kennfeld.models.ascet.task_choice import ALL_TASKS
 from kennfeld.models.model import Model
 
 Values = Mapping[str, npt.NDArray[np.float64]]
@@ -36,7 +38,7 @@ _DEFINES = ("-DESDL_PLATFORM_INTERNAL_BUILD", "-DOSENV_SINGLE_THREADED", "-D__NO
 
 @dataclass(frozen=True)
 class Comparison:
-    """A task with the largest relative difference of each message, or the reason why it was not compared."""
+    """Tasks with the largest relative difference of each message, or the reason why they were not compared."""
 
     application: str
     task: str
@@ -57,36 +59,63 @@ class Comparison:
 def compare(application: Path, code: Path, steps: int, seed: int) -> Iterator[Comparison]:
     """Yield the comparison of each task of an application."""
     schedule = parse_schedule(application.read_text("utf-8-sig"), application.name)
-    for task in schedule.tasks:
-        if not task.processes:
-            continue
+    tasks = [task for task in schedule.tasks if task.processes]
+    together = sorted((task for task in tasks if task.period), key=lambda task: task.priority)
+    groups = {task.name: ([task], task.name) for task in tasks}
+    if len(together) > 1:
+        groups["all tasks together"] = (together, ALL_TASKS)
+    for title, (group, names) in groups.items():
         try:
-            model = esdl(application, task=task.name)
+            model = esdl(application, task=names)
         except InputError as error:
-            yield Comparison(application.stem, task.name, {}, str(error.findings[0]))
+            yield Comparison(application.stem, title, {}, str(error.findings[0]))
             continue
         with tempfile.TemporaryDirectory() as folder:
-            yield _compare_task(application.stem, task, model, code, Path(folder), steps, seed)
+            yield _compare_tasks(Comparison(application.stem, title, {}), group, model, code, Path(folder), steps, seed)
 
 
-def _compare_task(name: str, task: Task, model: Model, code: Path, folder: Path, steps: int, seed: int) -> Comparison:
+def _compare_tasks(
+    empty: Comparison, tasks: list[Task], model: Model, code: Path, folder: Path, steps: int, seed: int
+) -> Comparison:
     sources = _copy_sources(code, folder)
     text = "\n".join(path.read_text(errors="replace") for path in sources)
     variables = {variable: "uint32" if "_E" in kind else kind for kind, variable in _GLOBAL.findall(text)}
     inputs = {name: _variable(name, variables) for name in model.graph.inputs}
     outputs = {name: _variable(name, variables) for name in model.graph.outputs}
     if missing := [name for name, variable in inputs.items() if not variable]:
-        return Comparison(name, task.name, {}, f"{missing[0]} is not in the code")
-    functions = [_function(process, text) for process in task.processes]
-    if not all(functions):
-        return Comparison(name, task.name, {}, "a process is not in the code")
+        return replace(empty, reason=f"{missing[0]} is not in the code")
+    step = model.step or 0.01
+    calls = [_calls(task, text, step) for task in tasks]
+    if not all(function for each in calls for function in each.functions):
+        return replace(empty, reason="a process is not in the code")
     columns = _random_inputs({name: variables[variable] for name, variable in inputs.items()}, steps, seed)
     known = {name: variable for name, variable in outputs.items() if variable}
-    main = _main(inputs, known, variables, functions, model.step or 0.01)
-    recorded = _run(folder, sources, main, columns, list(known), list(inputs))
-    clock = {"dt": np.full(steps, model.step or 0.01), "t": np.arange(steps) * (model.step or 0.01)}
+    recorded = _run(folder, sources, _main(inputs, known, variables, calls), columns, list(known), list(inputs))
+    clock = {"dt": np.full(steps, step), "t": np.arange(steps) * step}
     simulated = evaluate(model.graph, {**columns, **clock}, model.values)
-    return Comparison(name, task.name, {key: _difference(simulated[key], recorded[key]) for key in known})
+    return replace(empty, differences={key: _difference(simulated[key], recorded[key]) for key in known})
+
+
+@dataclass(frozen=True)
+class Calls:
+    """The functions of a task, the number of steps from one run to the next, the first step, and the period in s."""
+
+    functions: tuple[str, ...]
+    every: int
+    first: int
+    period: float
+
+    @property
+    def line(self) -> str:
+        """A line of C code that calls the functions where the task is due."""
+        due = f"step >= {self.first} && (step - {self.first}) % {self.every} == 0"
+        return f"if ({due}) {{ ASD_DT_SCALED = {self.period!r}; {' '.join(f'{name}();' for name in self.functions)} }}"
+
+
+def _calls(task: Task, text: str, step: float) -> Calls:
+    period = task.period or step
+    functions = tuple(_function(process, text) for process in task.processes)
+    return Calls(functions, round(period / step), round(task.delay / step), period)
 
 
 def _copy_sources(code: Path, folder: Path) -> list[Path]:
@@ -132,16 +161,16 @@ def _random_inputs(kinds: Mapping[str, str], steps: int, seed: int) -> dict[str,
 
 
 def _main(
-    inputs: Mapping[str, str], outputs: Mapping[str, str], kinds: Mapping[str, str], functions: list[str], step: float
+    inputs: Mapping[str, str], outputs: Mapping[str, str], kinds: Mapping[str, str], calls: Sequence[Calls]
 ) -> str:
     used = dict.fromkeys([*inputs.values(), *outputs.values()])
     lines = ["#include <stdio.h>", '#include "esdl_types.h"', *(f"extern {kinds[name]} {name};" for name in used)]
-    lines += [f"extern void {name}(void);" for name in dict.fromkeys(functions)]
-    lines += ["extern float32 ASD_DT_SCALED;", "int main(void) { double x;", "for (;;) {"]
+    lines += [f"extern void {name}(void);" for name in dict.fromkeys(name for each in calls for name in each.functions)]
+    lines += ["extern float32 ASD_DT_SCALED;", "int main(void) { double x; long step;", "for (step = 0;; step++) {"]
     lines += [f'if (scanf("%lf", &x) != 1) return 0; {name} = ({kinds[name]})x;' for name in inputs.values()]
     if not inputs:
         lines.append('if (scanf("%lf", &x) != 1) return 0;')
-    lines += [f"ASD_DT_SCALED = {step!r};", *(f"{name}();" for name in functions)]
+    lines += [each.line for each in calls]
     lines += [f'printf("%.17g ", (double){name});' for name in outputs.values()]
     return "\n".join([*lines, 'printf("\\n"); } }', ""])
 

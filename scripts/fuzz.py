@@ -141,6 +141,7 @@ def put(samples: Sequence[Sample], seed: int, number: int, folder: Path) -> tupl
     same = [sample for sample in samples if sample.kind == kind]
     chosen, other = draw.choice(same), draw.choice(same)
     for name, content in chosen.files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
     target = folder / chosen.name
     target.write_bytes(damaged(chosen.files[chosen.name], other.files[other.name], draw))
@@ -151,7 +152,7 @@ def read(damaged: Path) -> bool:
     """Read a damaged file, and those beside it that may refer to it; whether it holds something."""
     good = _read(damaged)
     for other in sorted(damaged.parent.iterdir()):
-        if other != damaged:
+        if other != damaged and other.is_file():
             _read(other)
     return good
 
@@ -167,6 +168,7 @@ def _read(path: Path) -> bool:
         lambda: describe_file(path).lines(),
         *([lambda: _import_model(path)] if path.suffix in (".slx", ".mdl") else []),
         *([lambda: _import_classes(path)] if path.suffix == ".esdl" else []),
+        *([lambda: _import_tasks(path)] if path.suffix == ".app" else []),
         *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
         lambda: measurement.read(path, raster=0.1),
@@ -201,6 +203,13 @@ def _import_classes(path: Path) -> None:
 
     for item in classes_of(path):
         import_esdl(path, item.name, [method.name for method in item.methods], startup=[])
+
+
+def _import_tasks(path: Path) -> None:
+    """Import all periodic tasks of an application."""
+    from kennfeld.models.ascet.importing import import_esdl
+
+    import_esdl(path, task="*")
 
 
 @dataclass

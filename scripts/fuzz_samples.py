@@ -503,7 +503,7 @@ def _classes(seed: int) -> Iterator[Sample]:
         "Own.esdl": f"package Cell;\n{HEAD}{body}",
         "Machine.esdl": f"package Cell;\n{MACHINE}",
         "Vehicle.esdl": VEHICLE,
-        **{name: flat[name] for name in ("Plant.esdl", "Accu.esdl", "Messages.esdl", "Battery.app")},
+        **{name: flat[name] for name in ("Plant.esdl", "Accu.esdl", "Messages.esdl")},
     }
     beside = {
         name: re.sub(r"^package [\w.]+;", "package Cell;", text).encode()
@@ -511,10 +511,21 @@ def _classes(seed: int) -> Iterator[Sample]:
         if name.endswith(".esdl")
     }
     for name, text in texts.items():
-        kind = "ESDL" if name.endswith(".esdl") else "application"
-        yield Sample(kind, name, {**beside, name: text.encode()} if name == "Plant.esdl" else {name: text.encode()})
+        yield Sample("ESDL", name, {**beside, name: text.encode()} if name == "Plant.esdl" else {name: text.encode()})
+    packages = {name.partition("/")[2]: text.encode() for name, text in {**LIBRARY, **BATTERY}.items()}
+    for name, text in (("Battery.app", flat["Battery.app"]), ("Tasks.app", _TASKS)):
+        yield Sample("application", name, {**packages, name: text.encode()})
 
 
+_TASKS = """application { class Cell.Plant class Cell.Sensor representation Cell.Sensor.Impl }
+schedule {
+	startup { process Cell.Plant.init }
+	shutdown { }
+	task Fast priority 1 scheduling none period 2.5ms delay 0ms { process Cell.Plant.calc }
+	task Slow priority 0 period 10ms delay 5ms { process Cell.Sensor.calc }
+	task Event priority 2 { process Cell.Plant.init }
+}
+"""
 _STATEMENTS = """	real y = if (x > 0.0 && on) then first.step(x, on) else C.getAt(x) / a;
 	for (n in 0 .. 2) { v[n] = v[n] * 0.5 + real(n % 2); }
 	while (i < 5) { i += 2; }

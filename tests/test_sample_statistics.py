@@ -61,6 +61,13 @@ def test_unknown_numbers_have_no_rank():
     assert np.isnan(quantiles([np.full(3, np.nan)])).all()
 
 
+@given(NUMBERS)
+def test_ranks_of_numbers_give_those_of_their_sizes(values):
+    search = Ranks.of(values).sizes.search(SHARES)
+    search.merge(search.part(np.abs(values)))
+    np.testing.assert_array_equal([search.quantile(s) for s in SHARES], np.quantile(np.abs(values), SHARES))
+
+
 def test_only_numbers_near_a_quantile_are_kept():
     values = np.random.default_rng(0).normal(size=100_000)
     search = Ranks.of(values).search([0.5, 0.95])

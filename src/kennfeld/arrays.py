@@ -5,13 +5,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ArrayLike", "Bool", "Float", "Int", "Sparse", "aligned_zeros", "ignore_floating_errors", "readonly"]
+__all__ = [
+    "ArrayLike",
+    "Bool",
+    "Complex",
+    "Float",
+    "Int",
+    "Sparse",
+    "aligned_zeros",
+    "ignore_floating_errors",
+    "readonly",
+]
 
 LINE = 8  # doubles in a cache line
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
+Complex = NDArray[np.complex128]
 Sparse = Any  # scipy.sparse.csr_array of float64; scipy has no type annotations
 
 

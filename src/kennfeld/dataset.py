@@ -292,7 +292,7 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     if len({part.time is None for part in parts}) > 1:
         raise ArgumentError(f"dataset {name} mixes recordings with and without time stamps")
     if len(parts) == 1:
-        return replace(parts[0], name=name)
+        return parts[0] if parts[0].name == name else replace(parts[0], name=name)
     shared = [channel for channel in parts[0].channels if all(channel.name in part for part in parts)]
     channels = tuple(replace(c, values=np.concatenate([part[c.name].values for part in parts])) for c in shared)
     offsets = np.cumsum([0, *(part.samples for part in parts[:-1])])

@@ -3,7 +3,7 @@
 Parts may therefore be processed by several threads or machines, and none has to be kept.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from typing import Protocol, Self, TypeVar
@@ -109,7 +109,13 @@ class Ranks:
     @classmethod
     def of(cls, values: Float) -> "Ranks":
         """Return the counts of numbers, Float[samples]."""
-        return cls(np.bincount(_keys(values[~np.isnan(values)]), minlength=_KEYS))
+        return cls(np.bincount(_codes(_known(values)), minlength=_KEYS)[_RISING])
+
+    @property
+    def sizes(self) -> "Ranks":
+        """The counts of the absolute numbers."""
+        negative, positive = np.split(self.counts, 2)
+        return Ranks(np.concatenate([np.zeros_like(negative), positive + negative[::-1]]))
 
     def merge(self, later: "Ranks") -> None:
         """Take in the counts of other numbers."""
@@ -174,8 +180,9 @@ class QuantileSearch:
 
     def part(self, values: Float) -> "QuantileSearch":
         """Return the same search over some of the numbers."""
-        known = values[~np.isnan(values)]
-        near = known[self.wanted[_keys(known)]]
+        known, wanted = _known(values), np.empty_like(self.wanted)
+        wanted[_RISING] = self.wanted
+        near = known[wanted.take(_codes(known))]
         if self._inner is not None:
             return QuantileSearch(self.count, self.before, self.wanted, _InnerCounts.of(self.wanted, near))
         return QuantileSearch(self.count, self.before, self.wanted, None, [near])
@@ -196,22 +203,17 @@ class QuantileSearch:
             step = np.float64(b) - a
             return float(b - step * (1 - fraction) if fraction >= 0.5 else a + step * fraction)
 
-    def _numbers(self, ranks: Iterable[int]) -> Iterator[float]:
-        """Yield the numbers of some ranks."""
+    def _numbers(self, ranks: Sequence[int]) -> list[float]:
+        """Return the numbers of some ranks."""
         keys = np.flatnonzero(self.wanted)
         if self._inner is not None:
-            yield from (
-                self._inner.number(i, int(rank - self.before[keys[i]])) for rank, i in self._places(ranks, keys)
-            )
-            return
-        if len(self._near) > 1 or not self._near:
-            self._near = [np.sort(np.concatenate([*self._near, np.empty(0)]))]
-        elif np.any(self._near[0][1:] < self._near[0][:-1]):
-            self._near = [np.sort(self._near[0])]
+            return [self._inner.number(i, int(rank - self.before[keys[i]])) for rank, i in self._places(ranks, keys)]
         held = np.diff(np.append(self.before, self.count))[keys]
         firsts = np.cumsum(held) - held  # of the numbers of each key among those near
-        for rank, i in self._places(ranks, keys):
-            yield float(self._near[0][firsts[i] + rank - self.before[keys[i]]])
+        places = [firsts[i] + rank - self.before[keys[i]] for rank, i in self._places(ranks, keys)]
+        self._near = [np.partition(np.concatenate([*self._near, np.empty(0)]), places)]
+        numbers: list[float] = self._near[0][places].tolist()
+        return numbers
 
     def _places(self, ranks: Iterable[int], keys: Int) -> list[tuple[int, int]]:
         """Return each rank with the index of its key."""
@@ -225,12 +227,24 @@ def _position(share: float, count: int) -> tuple[int, int, float]:
     return low, min(low + 1, count - 1), at - low
 
 
-def _keys(values: Float) -> Int:
-    """Return keys in the order of the numbers, 0 to `_KEYS` - 1."""
-    return (_ordered_bits(values) >> np.uint64(50)).astype(np.int64)
+def _known(values: Float) -> Float:
+    """Return the numbers that are not NaN."""
+    missing = np.isnan(values)
+    return values[~missing] if missing.any() else values
 
 
 def _ordered_bits(values: Float) -> "np.ndarray[tuple[int], np.dtype[np.uint64]]":
     """Return the bits of numbers, changed so that they are in the order of the numbers."""
     bits = np.ascontiguousarray(values, dtype=np.float64).view(np.int64)
     return np.where(bits < 0, ~bits, bits | np.int64(-(2**63))).view(np.uint64)
+
+
+def _codes(values: Float) -> Int:
+    """Return for each number its first bits, 0 to `_KEYS` - 1: sign, exponent and two bits of the mantissa."""
+    codes = np.ascontiguousarray(values, dtype=np.float64).view(np.int64) >> 50
+    codes &= _KEYS - 1
+    return codes
+
+
+# the codes in the order of the numbers: those of negative ones fall
+_RISING = np.concatenate([np.arange(_KEYS - 1, _KEYS // 2 - 1, -1), np.arange(_KEYS // 2)])

@@ -1,4 +1,5 @@
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from kennfeld import Criterion, Cube, Curve, Dataset, Map, ParameterSet, Scalar,
 from kennfeld.analysis.cell_errors import tally
 from kennfeld.analysis.evaluation import Evaluator
 from kennfeld.analysis.leverage import sample_leverage
-from kennfeld.analysis.residuals import residuals
+from kennfeld.analysis.residuals import analyse, residuals
 from kennfeld.optimize import Problem
 from kennfeld.optimize.lookup_coverage import Lookups, coordinates
 
@@ -113,6 +114,15 @@ def test_grid_points_count_the_training_samples_that_give_them_a_weight():
         1,
         0,
     ]
+
+
+def test_grid_points_whose_samples_the_trust_tells_are_not_counted_again():
+    data = Dataset.of("d", {"x": [1.0, 2.0], "t": [0.0, 0.0]})
+    tables = [Curve("A", [0, 10], [0.0] * 2), Curve("B", [0, 10], [0.0] * 2)]
+    problem = problem_of("y = A(x) + B(x)", tables, data)
+    trust = SimpleNamespace(samples={"A": np.array([5, 5])})
+    counted = analyse(problem, problem.parameters, problem.parameters, trust=trust).touching
+    assert {name: count.tolist() for name, count in counted.items()} == {"B": [2, 2]}
 
 
 def test_many_samples_are_taken_block_by_block(monkeypatch):

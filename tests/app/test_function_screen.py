@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from browser import READY, browser_page, started
+from esdl_projects import BATTERY, LIBRARY, write_project
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
 
@@ -121,6 +122,78 @@ def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
         page.wait_for_selector("[data-blocking='Sensor/Radiation']")
     assert 'file = "exhaust.mdl"' not in (tmp_path / "exhaust" / "kennfeld.toml").read_text("utf-8")  # not saved yet
     assert (tmp_path / "exhaust" / "exhaust.mdl").is_file()
+
+
+def test_a_project_begins_with_the_files_of_an_ascet_application(tmp_path: Path) -> None:
+    paths = [tmp_path / "ascet" / Path(name).name for name in BATTERY]
+    paths[0].parent.mkdir()
+    for path, text in zip(paths, BATTERY.values(), strict=True):
+        path.write_text(text)
+    libraries = [write_project(tmp_path / "library", {}) / name for name in LIBRARY]
+    with started(None, tmp_path) as (address, _), browser_page(address) as page:
+        page.set_input_files("#drop input", [str(path) for path in paths])
+        page.wait_for_selector("[data-missing]:has-text('Lib.Dynamics, Lib.Math')")
+        page.set_input_files("[data-missing] input[type=file]", [str(path) for path in libraries])
+        page.wait_for_selector(".ascet .tag.g")
+        page.wait_for_selector("[data-missing]", state="detached")
+        assert "process Cell.Plant.calc" in page.inner_text("[aria-label='Source text']")
+        page.click(".ascet tr:has-text('accu.shift') td:last-child button")
+        assert "characteristic CurveOfReal shift[5]" in page.inner_text(".ascet .blocks .lit-line")
+        assert page.locator("[aria-label='Source file'] option:checked").inner_text() == "Cell/Accu.esdl"
+    assert (tmp_path / "Battery/Cell/Accu.esdl").is_file()
+
+
+def test_a_project_begins_with_the_folders_of_an_ascet_project(tmp_path: Path) -> None:
+    folder = write_project(tmp_path / "ascet", BATTERY)
+    (folder / "Battery/Cell/Plant.bd").write_text("a diagram, which is left out")
+    with started(None, tmp_path) as (address, _), browser_page(address) as page:
+        devtools = page.context.new_cdp_session(page)
+        box = page.locator("#drop").bounding_box()
+        data = {"items": [], "files": [str(folder / "Battery"), str(folder / "Lib")], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            place = {"x": box["x"] + 20, "y": box["y"] + 20}
+            devtools.send("Input.dispatchDragEvent", {"type": kind, "data": data, **place})
+        page.wait_for_selector(".ascet .tag.g")
+    assert (tmp_path / "Battery/Lib/Dynamics/Integrator.esdl").is_file()
+    assert not list((tmp_path / "Battery").rglob("*.bd"))
+
+
+def test_a_class_shows_its_values_at_the_cursor_and_its_errors_at_the_line(tmp_path: Path) -> None:
+    folder = write_project(tmp_path, BATTERY)
+    (folder / "bench.csv").write_text("T,U,wanted\n0,1.3,5\n30,1.34,9\n60,1.38,14\n")
+    (folder / "kennfeld.toml").write_text(
+        '[model]\nfile = "Battery/Cell/Accu.esdl"\n[[dataset]]\nfiles = "bench.csv"\n'
+        '[[criterion]]\nnode = "charge"\ntarget = "wanted"\n'
+    )
+    source = folder / "Battery/Cell/Accu.esdl"
+    with function_screen(folder / "kennfeld.toml") as page:
+        value = page.locator(".ascet .blocks .ln:has-text('real charge') .num").last
+        value.wait_for()
+        page.wait_for_function("node => node.textContent !== ''", arg=value.element_handle())
+        assert value.inner_text() == "9.000"
+        source.write_text(source.read_text().replace("return max", "return unheard(U) + max"))
+        page.click(".ascet button:text-is('Read again')")
+        page.click(".ascet .import .note.bad button")
+        assert "unheard(U)" in page.inner_text(".ascet .blocks .lit-line.wrong")
+        assert page.is_disabled("button:text-is('Edit as formula text')")
+
+
+def test_tasks_are_chosen_by_boxes(tmp_path: Path) -> None:
+    folder = write_project(tmp_path, BATTERY)
+    path = folder / "Battery/Battery.app"
+    slow = "task Slow priority 1 period 50ms { process Cell.Sensor.calc }"
+    path.write_text(path.read_text().replace("\t\tprocess Cell.Sensor.calc\n\t}\n", f"\t}}\n\t{slow}\n"))
+    (folder / "kennfeld.toml").write_text('[model]\nfile = "Battery/Battery.app"\n')
+    with function_screen(folder / "kennfeld.toml") as page:
+        page.wait_for_selector(".import .note.bad:has-text('several tasks')")
+        page.click(".ascet button:text-is('All')")
+        page.wait_for_selector(".ascet .tag.g")
+        assert "every 0.05 s" in page.inner_text(".ascet .import")
+        page.click(".ascet .chip:has-text('Task_10ms')")
+        page.wait_for_selector(".ascet .head:has-text('step 0.05 s')")
+        page.click("#save")
+        page.wait_for_selector(READY)
+    assert 'task = "Slow"' in (folder / "kennfeld.toml").read_text()
 
 
 def test_a_data_driven_model_is_trained(torque: Path) -> None:

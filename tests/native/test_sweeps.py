@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from kennfeld.native.forward_sweep import BATCH, scratch_size
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape_layout import MANY, TapeLayout
 from kennfeld.native.workspace import BatchMemory
@@ -73,25 +74,24 @@ def test_sums_without_states(m, columns):
     close(matrix, tape.sums[1])
 
 
-@pytest.mark.parametrize("runs", [1, 2, 3, 7, 100])
+@pytest.mark.parametrize("runs", [1, 2, 3, 7, 200])
 @pytest.mark.parametrize("sparse", [False, True])
 @pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 1), (1, 2), (2, 3), (1, 4), (3, 8)])
 def test_backward_and_forward_give_the_direct_sum(m, n, sparse, runs):
-    tape, width = Tape(m, n, columns=32, sparse=sparse, runs=runs), 32
-    native, batch = sweeps(tape.pattern), tape.pattern.batch
+    tape, width = Tape(m, n, columns=32, length=BATCH + 50, sparse=sparse, runs=runs), 32
+    native = sweeps(tape.pattern)
     q, lam = np.zeros((n, n)), np.zeros(n)
     q_next, l_next = np.zeros((tape.length, n, n)), np.zeros((tape.length, n))
     steps = at(tape.residual, tape.weight, tape.c, tape.a)
     native.backward(tape.length, *steps, *at(q, lam, q_next, l_next))
     matrix, gradient = 0.5 * tape.start.T @ q @ tape.start, tape.start.T @ lam
-    s, reach = np.full(((batch + 1) * n, width), np.nan), np.full(tape.room * batch * n, np.nan)
-    s[:n] = tape.start
-    later = (*at(q_next, l_next, s), width, *at(reach))
+    s, scratch = tape.start.copy(), np.full(scratch_size(tape.pattern, tape.room), np.nan)
+    later = (*at(q_next, l_next, s), width, *at(scratch))
     native.forward(tape.length, *steps, *later, *tape.entries(), *at(matrix), width, *at(gradient))
     native.fold(matrix.ctypes.data, width, width)
     close(gradient, tape.sums[0])
     close(matrix, tape.sums[1])
-    close(s[:n], tape.rows()[1])
+    close(s, tape.rows()[1])
 
 
 @pytest.mark.parametrize("sparse", [False, True])

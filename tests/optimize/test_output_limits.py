@@ -11,7 +11,7 @@ from kennfeld.criteria import Criterion
 from kennfeld.graph.interpolation import cell_weights, position
 from kennfeld.optimize import Options, Problem, run
 from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.optimize.strategies.output_limits import FEASIBLE
+from kennfeld.optimize.strategies.limit_excess import FEASIBLE
 from kennfeld.preprocessing.binding import bind_inputs
 
 GRID = np.linspace(0, 10, 11)

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 from cluster_processes import SHORT, Cluster, calibrate, free_port, values_of, write_short, write_short_drives
-from partitioned_projects import SHIFTED, STEADY, in_partitions, write_shifted, write_steady
+from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
 from pyarrow import parquet
 from report_projects import Page
 
@@ -78,6 +78,30 @@ def test_a_scheduler_that_dies_while_smoothness_is_chosen_ends_with_the_best_val
     assert f"the scheduler at {cluster.address} is gone" in result.message
     assert result.cost_after < result.cost_before
     assert stages[-1] == "smoothness 2"
+
+
+def test_limits_of_outputs_give_the_same_bits(tmp_path, cluster):
+    limit = '\n[[limit]]\nnode = "Lagged"\nmax = 2.0\nwhere = "u > 0.1"\n'
+    path = write_timed(tmp_path, text=TIMED + limit + SHORT + "tolerance = 1e-3\n")
+    serial = calibrate(in_partitions(path, 400))
+    assert any(line.stage.startswith("limits") for line in serial.trace)
+    several = calibrate(in_partitions(path, 400, scheduler=cluster.address, folder=str(tmp_path / "several")))
+    cluster.kill_worker(1)
+    single = calibrate(in_partitions(path, 400, scheduler=cluster.address))
+    for result in (several, single):
+        assert np.array_equal(values_of(result), values_of(serial))
+        assert result.cost_after == serial.cost_after
+        assert result.trust.holdings == serial.trust.holdings
+
+
+def test_a_search_that_begins_with_some_recordings_gives_the_same_bits(tmp_path, cluster, monkeypatch):
+    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 1500)  # read in this process only
+    path = write_timed(tmp_path, files=24, samples=100, text=TIMED)
+    serial = calibrate(in_partitions(path, 2000))
+    assert {line.stage for line in serial.trace} == {"plain", "final"}
+    several = calibrate(in_partitions(path, 2000, scheduler=cluster.address))
+    assert np.array_equal(values_of(several), values_of(serial))
+    assert several.cost_after == serial.cost_after
 
 
 def test_a_simulation_on_workers_gives_the_same_table(tmp_path, cluster):

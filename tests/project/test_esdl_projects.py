@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from esdl_projects import BATTERY, write_project
+from esdl_projects import BATTERY, TASKS, run, write_project
 
 from kennfeld import cli
 from kennfeld.calfiles import read, write
@@ -74,6 +74,41 @@ def test_keys_choose_class_methods_and_task(folder):
         assert not [text for text in findings if "unknown key" in text or "require" in text]
         missing = {name for name in inputs for text in findings if f"{name}" in text}
         assert missing or inputs == {"U", "T"}
+
+
+def test_an_application_cannot_be_written_as_one_class(folder):
+    text = TOML.replace('file = "Battery/Cell/Accu.esdl"', 'file = "Battery/Battery.app"')
+    text = text.replace('files = "bench.csv"', 'files = "cycle.csv"').replace('node = "charge"', 'node = "estimate"')
+    (folder / "cycle.csv").write_text("time,current,ambient,wanted\n0,1,20,50\n0.01,2,21,51\n0.02,3,22,52\n")
+    (folder / "kennfeld.toml").write_text(text.replace('free = ["shift"]', 'free = ["accu.shift"]'))
+    findings = [str(finding) for finding in Project.read(folder / "kennfeld.toml").check()]
+    assert any("esdl requires one ESDL class" in text for text in findings)
+
+
+def test_characteristics_of_tasks_at_several_periods_are_recovered_from_a_recording(tmp_path):
+    application = write_project(tmp_path, TASKS) / "Plant/Plant.app"
+    model = esdl(application, task=["Fast_10ms", "Slow_30ms"])
+    time = 0.01 * np.arange(300)
+    demand = np.sin(3.0 * time) + 0.5
+    recorded = np.column_stack([time + 7.3, demand, run(model, {"demand": demand})["slow"]])
+    np.savetxt(tmp_path / "drive.csv", recorded, delimiter=",", header="time,demand,measured", comments="")
+    (tmp_path / "kennfeld.toml").write_text(
+        '[model]\nfile = "Plant/Plant.app"\ntask = ["Fast_10ms", "Slow_30ms"]\n[[dataset]]\nfiles = "drive.csv"\n'
+        '[[criterion]]\nnode = "slow"\ntarget = "measured"\n[calibration]\nfree = ["gain", "weight"]\n'
+        "[parameters.gain]\ninitial = 2.0\n[parameters.weight]\ninitial = 0.1\n"
+    )
+    result = Project.read(tmp_path / "kennfeld.toml").calibrate()
+    assert result.parameters["gain"].value == pytest.approx(3.0, rel=1e-8)
+    assert result.parameters["weight"].value == pytest.approx(0.25, rel=1e-8)
+
+
+def test_a_list_of_tasks_is_a_key(folder):
+    text = TOML.replace(
+        'file = "Battery/Cell/Accu.esdl"', 'file = "Battery/Battery.app"\ntask = ["Task_10ms", "Other"]'
+    )
+    (folder / "kennfeld.toml").write_text(text)
+    with pytest.raises(InputError, match="unknown task Other"):
+        Project.read(folder / "kennfeld.toml").problem()
 
 
 @pytest.mark.parametrize(

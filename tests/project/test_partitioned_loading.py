@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from partitioned_projects import STEADY, in_partitions, write_steady, write_timed
+from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
@@ -15,7 +15,7 @@ from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
-from kennfeld.preprocessing.prepared_files import ENDING
+from kennfeld.preprocessing.prepared_files import ENDING, PreparedFiles
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.project.results import write_simulation
 from kennfeld.task_runner import SerialRunner
@@ -239,12 +239,6 @@ def test_the_excerpt_has_the_extremes_of_every_channel(tmp_path, monkeypatch):
         assert np.nanmin(data[name].values) == np.nanmin(whole[name].values)
 
 
-def test_unsupported_settings_are_reported_with_a_remedy(tmp_path):
-    path = write_steady(tmp_path, text=STEADY + '\n[[limit]]\nnode = "TorqueModel"\nmax = 1000\n')
-    (error,) = (finding for finding in in_partitions(path, 600).check() if finding.severity == "error")
-    assert "limits of outputs cannot be evaluated in partitions" in str(error)
-
-
 def test_a_condition_that_no_sample_of_one_file_meets_is_no_error(tmp_path):
     path = write_steady(
         tmp_path, text=STEADY.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nwhere = "n > 3000"')
@@ -384,3 +378,77 @@ def test_a_simulation_continues_pieces_that_are_cut(tmp_path, pause):
         pieces.append(parquet.read_table(file)["piece"].to_pylist())
     assert pieces[0] == [1] * pause + [2] * (400 - pause) + [3] * 120
     assert pieces[1] == pieces[0]
+
+
+@pytest.fixture
+def few_recordings(monkeypatch):
+    monkeypatch.setattr(compiled_form, "SEARCH_PIECE_SAMPLES", 1500)
+
+
+def write_many(folder, text=TIMED):
+    return write_timed(folder, files=24, samples=100, text=text)
+
+
+def test_a_search_of_a_model_with_memory_begins_with_the_recordings_of_one_without_partitions(tmp_path, few_recordings):
+    path = write_many(tmp_path)
+    plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 2000)))
+    one, other = plain.thinned(), parted.thinned()
+    assert other.problem.partitions.samples == sum(piece.last - piece.first for piece in one.samples.pieces)
+    assert 2 * other.problem.partitions.samples < parted.problem.partitions.samples
+    values = plain.start * 1.05
+    assert close(other.sums.cost(values), one.sums.cost(values))
+    assert close(other.sums.normal(values).matrix, one.sums.normal(values).matrix)
+    assert other.weights == pytest.approx(parted.weights, rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [400, 5000])
+def test_a_search_that_begins_with_some_recordings_ends_on_all_samples(tmp_path, few_recordings, size):
+    path = write_many(tmp_path)
+    plain, parted = Project.read(path).calibrate(), in_partitions(path, size).calibrate()
+    assert parted.converged
+    assert list(dict.fromkeys(line.stage for line in parted.trace)) == ["plain", "final"]
+    assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-4)
+    for name in plain.parameters:
+        assert parted.parameters[name].values == pytest.approx(plain.parameters[name].values, rel=1e-2, abs=1e-2)
+
+
+def test_smoothed_lookups_of_a_model_with_memory_use_the_same_recordings(tmp_path, few_recordings):
+    path = write_many(tmp_path)
+    (tmp_path / "lag.kf").write_text("input u\nLagged = K(PT1(u, T))\n")
+    plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 2000)))
+    one, other = (Continuation.of(compiled) for compiled in (plain, parted))
+    assert one.thinned
+    assert other.thinned
+    for form in (one._smooth, other._smooth):
+        form.set_width(0.5)
+    assert close(other._smooth.sums.cost(plain.start), one._smooth.sums.cost(plain.start))
+    again = other.with_start(parted.with_start(parted.problem))
+    assert again._smooth.problem.partitions is other._smooth.problem.partitions
+    assert in_partitions(path, 2000).calibrate().converged
+
+
+def test_starts_of_a_search_begin_with_the_same_recordings(tmp_path, few_recordings):
+    path = write_many(tmp_path, TIMED + "\n[optimizer]\nstarts = 2\n")
+    result = in_partitions(path, 2000).calibrate()
+    assert result.converged
+    assert [row.status for row in result.starts] == ["converged", "converged"]
+    assert {(line.start, line.stage) for line in result.trace} == {
+        (1, "plain"),
+        (1, "final"),
+        (2, "plain"),
+        (2, "final"),
+    }
+
+
+def test_recordings_weigh_the_same_if_nothing_is_kept_on_disk(tmp_path, few_recordings, monkeypatch):
+    path = write_many(tmp_path)
+    costs = []
+    for _ in range(2):
+        compiled = CompiledProblem(in_partitions(path, 2000).problem())
+        thinned = compiled.thinned()
+        assert thinned is not compiled
+        costs.append(thinned.sums.cost(thinned.start))
+        monkeypatch.setattr(PreparedFiles, "keep", lambda *_: False)
+        for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
+            entry.unlink()
+    assert costs[1] == costs[0]

@@ -107,6 +107,14 @@ def test_the_trust_has_a_line_for_each_free_value(tmp_path):
     assert told["directions"][0]["parameters"] == ["M"]
 
 
+def test_only_names_and_pieces_of_a_simulation_have_a_dictionary(result, tmp_path):
+    write(result, Line(), tmp_path)
+    group = pyarrow.parquet.ParquetFile(tmp_path / "simulation.parquet").metadata.row_group(0)
+    columns = [group.column(number) for number in range(group.num_columns)]
+    repeated = [c.path_in_schema for c in columns if any("DICTIONARY" in encoding for encoding in c.encodings)]
+    assert repeated == ["dataset", "piece"]
+
+
 def test_what_is_not_known_of_the_trust_stays_empty(tmp_path):
     two = calibrate("y = a + b * x", {"x": [0.0, 1], "t": [1.0, 3]}, {"a": 0.0, "b": 0.0}, target="t")
     write(two, Line(), tmp_path)

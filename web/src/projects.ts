@@ -1,7 +1,7 @@
 // Projects on the start page: recent ones, the demos, and new ones from files that are dropped.
 
 import { computed, effect, signal } from "@preact/signals";
-import { request, screen, state, type Screen } from "./store";
+import { message, request, screen, state, type Screen } from "./store";
 import { upload } from "./uploads";
 
 export interface Picture { dataset: string; timed: boolean; x: (number | null)[]; measured: (number | null)[]; now: (number | null)[]; start: (number | null)[] }
@@ -49,11 +49,15 @@ export async function openProject(question: string, given: Record<string, unknow
 
 /** Make a project from dropped files: recordings, a function, or a calibration. */
 export async function projectFrom(files: File[]): Promise<void> {
-  const first = files[0];
+  const first = files.find((file) => /\.app$/i.test(file.name)) ?? files[0]; // an application names a project of many files
   if (first === undefined || (await request("new", { name: first.name, free: true })) === null) return;
   screen.value = "data";
   const names = await upload(files);
-  if (names.length) await request("add-files", { files: names });
+  if (names.length === 0) return;
+  const reply = await request("add-files", { files: names });
+  if (reply !== null) message.value = `Added ${files.length === 1 ? first.name : `${files.length} files`}`;
+  const kinds = Object.values((reply?.head.kinds ?? {}) as Record<string, string>);
+  if (kinds.includes("program") && !kinds.includes("recording")) screen.value = "function";
 }
 
 /** A date as one says it: today 16:52, yesterday, 14 Nov. */

@@ -1,12 +1,12 @@
 """Errors by table cell, and the number of samples at each grid point."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Use
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, cell_shape
 from kennfeld.parameter_set import ParameterSet
@@ -57,21 +57,33 @@ class CellSums:
     touching: dict[str, Int] = field(default_factory=dict)  # Int[values]
 
     @classmethod
-    def of(cls, lookups: Lookups, located: Iterable[Lookup], series: Sequence[CriterionSeries]) -> "CellSums":
-        """Return the sums over a dataset or a part of one, given its lookups and all criteria that it scores."""
+    def of(
+        cls,
+        lookups: Lookups,
+        located: Iterable[Lookup],
+        series: Sequence[CriterionSeries],
+        counted: Collection[str] = (),
+    ) -> "CellSums":
+        """Return the sums over a dataset or a part of one.
+
+        Args:
+            lookups: all lookups.
+            located: those of the dataset.
+            series: all criteria that it scores.
+            counted: tables whose samples at grid points are known already.
+        """
         sums, bound = cls(), series[0].bound
-        counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in series])
-        use, fits = bound.dataset.use, bound.dataset.is_fitted
+        if bound.dataset.is_fitted:
+            counts = np.ones(bound.count, bool) if lookups.states else np.logical_or.reduce([s.scored for s in series])
         for lookup in located:
-            name, size = lookup.table.name, lookup.table.size
-            known = counts[lookup.samples] & lookup.known
-            touching = sums.touching.setdefault(name, np.zeros(size, dtype=np.int64))
-            for at, weight in lookup.corners if fits else ():
-                touching += np.bincount(at[known & (weight != 0)], minlength=size)
+            name = lookup.table.name
+            if bound.dataset.is_fitted and name not in counted:
+                touching = sums.touching.setdefault(name, np.zeros(lookup.table.size, dtype=np.int64))
+                touching += _count_corners(lookup, counts[lookup.samples] & lookup.known)
             for errors in series:
                 if errors.criterion in lookups.reached[name] and errors.scored.any():
                     cells = int(np.prod(cell_shape(lookup.table)))
-                    key = (name, errors.criterion, use)
+                    key = (name, errors.criterion, bound.dataset.use)
                     _add(sums.errors.setdefault(key, np.zeros((3, cells))), lookup, errors)
         return sums
 
@@ -82,18 +94,27 @@ class CellSums:
         for name, count in later.touching.items():
             self.touching[name] = self.touching[name] + count if name in self.touching else count
 
-    def tally(self, lookups: Lookups, parameters: ParameterSet) -> Tally:
-        """Return the errors by cell and the counts in the shapes of the tables."""
-        touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in lookups.reached}
+    def tally(self, lookups: Lookups, parameters: ParameterSet, counted: Collection[str] = ()) -> Tally:
+        """Return the errors by cell and the counts in the shapes of the tables, except those that are `counted`."""
+        names = [name for name in lookups.reached if name not in counted]
+        touching = {name: np.zeros(parameters[name].size, dtype=np.int64) for name in names}
         return Tally(
             tuple(_cells(*key, cell_shape(parameters[key[0]]), total) for key, total in self.errors.items()),
             {name: count.reshape(parameters[name].values.shape) for name, count in (touching | self.touching).items()},
         )
 
 
+def _count_corners(lookup: Lookup, counts: Bool) -> Int:
+    """Return how many of the samples that count give each grid point a weight."""
+    touching = np.zeros(lookup.table.size, dtype=np.int64)
+    for at, weight in lookup.corners:
+        touching += np.bincount(at[counts & (weight != 0)], minlength=touching.size)
+    return touching
+
+
 def _add(total: Float, lookup: Lookup, series: CriterionSeries) -> None:
     """Add count, sum and sum of squares of the errors to each cell."""
-    errors = series.model[lookup.samples] - series.measured[lookup.samples]
+    errors = series.error[lookup.samples]
     counts = lookup.known & np.isfinite(errors)
     cell, errors = lookup.cell[counts], errors[counts]
     total[0] += np.bincount(cell, minlength=total.shape[1])

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,12 +24,12 @@ class CriterionSeries:
     model: Float  # Float[samples]
     measured: Float  # Float[samples]
 
-    @property
+    @cached_property
     def error(self) -> Float:
         """Model minus measurement, NaN if not scored."""
         return self.model - self.measured
 
-    @property
+    @cached_property
     def scored(self) -> Bool:
         """The scored samples."""
         return np.isfinite(self.measured)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Float
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups
 from kennfeld.optimize.problem import Problem
 from kennfeld.preprocessing.sample_weights import sample_weights
@@ -63,9 +63,12 @@ class LookupWeights:
         result, located = cls(), list(located)
         for entry in series if _fits(series[0]) else ():
             own = _weight(problem, entry)
-            for lookup, at, weight in _corners(lookups, located, entry, tables):
+            for lookup in _reaching(lookups, located, entry, tables):
                 total = result.totals.setdefault(lookup.table.name, np.zeros(lookup.table.size))
-                total += np.bincount(at, weight * own[lookup.samples], minlength=total.size)
+                first, here = lookup.first_corner, own[lookup.samples]
+                for distance, weight in _positive_weights(lookup):
+                    corner = np.bincount(first, weight * here, minlength=total.size)
+                    total[distance:] += corner[: total.size - distance]
         return result
 
     def merge(self, later: "LookupWeights") -> None:
@@ -86,11 +89,14 @@ class LookupWeights:
         if not _fits(series):
             return pulls
         own = _weight(problem, series)
-        for lookup, at, weight in _corners(lookups, located, series, leverage):
+        for lookup in _reaching(lookups, located, series, leverage):
             total, table = self.totals[lookup.table.name], leverage[lookup.table.name].ravel()
             each = np.divide(table, total, out=np.zeros(total.size), where=total > 0)
-            pulls[lookup.samples] += each[at] * (weight * own[lookup.samples])
-        return np.clip(np.nan_to_num(pulls), 0.0, MAX_LEVERAGE)
+            first, pull = lookup.first_corner, np.zeros(lookup.known.size)
+            for distance, weight in _positive_weights(lookup):
+                pull += each[distance:].take(first) * weight
+            pulls[lookup.samples] += pull * own[lookup.samples]
+        return np.fmin(np.fmax(pulls, 0.0), MAX_LEVERAGE)
 
 
 def _weight(problem: Problem, series: CriterionSeries) -> Float:
@@ -101,11 +107,16 @@ def _weight(problem: Problem, series: CriterionSeries) -> Float:
     return np.where(series.scored, each, 0.0)
 
 
-def _corners(
+def _reaching(
     lookups: Lookups, located: Iterable[Lookup], series: CriterionSeries, tables: Collection[str]
-) -> Iterator[tuple[Lookup, Int, Float]]:
-    """Yield the grid points and weights of the lookups of these tables on which the criterion depends."""
+) -> Iterator[Lookup]:
+    """Yield the lookups of these tables on which the criterion depends."""
     for lookup in located:
         if lookup.table.name in tables and series.criterion in lookups.reached[lookup.table.name]:
-            for at, weight in lookup.corners:
-                yield lookup, at, np.maximum(weight, 0.0)
+            yield lookup
+
+
+def _positive_weights(lookup: Lookup) -> Iterator[tuple[int, Float]]:
+    """Yield the weights of the corners as `Lookup.weights` does, 0 for those that are negative by extrapolation."""
+    for distance, weight in lookup.weights():
+        yield distance, weight if lookup.table.extrapolation == "clip" else np.maximum(weight, 0.0)

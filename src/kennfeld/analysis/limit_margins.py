@@ -1,6 +1,9 @@
 """Active limits at given values, and the range of limited outputs."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +17,7 @@ from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.task_runner import RunnerLostError
 
 ACTIVE = 1e-7  # of the terms of a row: closer than this is at the limit
 
@@ -65,28 +69,77 @@ class OutputRange:
 
 
 def output_ranges(problem: Problem, parameters: ParameterSet) -> tuple[OutputRange, ...]:
-    """Return the range of each limited output at given values."""
+    """Return the range of each limited output at given values.
+
+    Empty without limits, or if the data are on a cluster that is gone.
+    """
     if not problem.limits:
         return ()
+    try:
+        spans = _merged(problem.each(_spans, parameters))
+        slack = [_slack(limit, span) for limit, span in zip(problem.limits, spans, strict=True)]
+        counts = np.sum([*problem.each(_count_beyond, parameters, slack)], axis=0).tolist()
+    except RunnerLostError:
+        return ()
+    return tuple(
+        OutputRange(limit, span.samples, beyond, *(span.least, span.greatest) if span.known else (np.nan, np.nan))
+        for limit, span, beyond in zip(problem.limits, spans, counts, strict=True)
+    )
+
+
+class _Span(NamedTuple):
+    """Number of samples, True if one is finite, and the range of those."""
+
+    samples: int = 0
+    known: bool = False
+    least: float = np.inf
+    greatest: float = -np.inf
+
+
+def _limited_outputs(problem: Problem, parameters: ParameterSet) -> Iterator[tuple[int, Float]]:
+    """Yield the number of a limit and the values of its output where it applies, dataset by dataset."""
     texts = {f"\0output {i}": limit.node for i, limit in enumerate(problem.limits)}
     wheres = {f"\0where {i}": limit.where for i, limit in enumerate(problem.limits) if limit.where}
-    grown = replace(
-        problem, model=extend(problem.model, texts | wheres, Location("limit")), limits=(), parameters=parameters
-    )
-    nodes = NodeSimulator(grown.model.graph, parameters, [*texts, *wheres])
-    parts = [[np.zeros(0)] for _ in problem.limits]
+    model = extend(problem.model, texts | wheres, Location("limit"))
+    grown = replace(problem, model=model, limits=(), parameters=parameters, partitions=None)
+    nodes = problem.once("limited outputs", lambda _: NodeSimulator(model.graph, parameters, [*texts, *wheres]))
     for bound in grown.training:
         values = dict(zip([*texts, *wheres], nodes.values(bound, parameters), strict=True))
-        for i, part in enumerate(parts):
+        for i in range(len(problem.limits)):
             applies = bound.scored & (values.get(f"\0where {i}", np.ones(bound.count)) != 0)
-            part.append(values[f"\0output {i}"][applies])
-    return tuple(map(_output_range, problem.limits, map(np.concatenate, parts)))
+            yield i, values[f"\0output {i}"][applies]
 
 
-def _output_range(limit: Limit, values: Float) -> OutputRange:
-    known = values[np.isfinite(values)]
-    low, high = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+def _spans(problem: Problem, parameters: ParameterSet) -> list[_Span]:
+    spans = [_Span() for _ in problem.limits]
+    for i, values in _limited_outputs(problem, parameters):
+        known = values[np.isfinite(values)]
+        ends = (known.min(), known.max()) if known.size else (np.inf, -np.inf)
+        spans[i] = _joined(spans[i], _Span(values.size, bool(known.size), *map(float, ends)))
+    return spans
+
+
+def _joined(one: _Span, other: _Span) -> _Span:
+    least, greatest = min(one.least, other.least), max(one.greatest, other.greatest)
+    return _Span(one.samples + other.samples, one.known or other.known, least, greatest)
+
+
+def _merged(parts: Iterator[list[_Span]]) -> list[_Span]:
+    return [reduce(_joined, spans) for spans in zip(*parts, strict=True)]
+
+
+def _slack(limit: Limit, span: _Span) -> Float:
+    """Return by how much each side may be exceeded without counting, by rounding and the tolerance of a fit."""
     scale = 1e-6 * np.array([abs(limit.lower), abs(limit.upper)])
-    slack = np.where(np.isfinite(scale) & (scale > 0), scale, 1e-6 * max(abs(low), abs(high)) if known.size else 0)
-    within = (values >= limit.lower - slack[0]) & (values <= limit.upper + slack[1])
-    return OutputRange(limit, values.size, int(np.count_nonzero(~within)), float(low), float(high))
+    typical = 1e-6 * max(abs(span.least), abs(span.greatest)) if span.known else 0.0
+    return np.where(np.isfinite(scale) & (scale > 0), scale, typical)
+
+
+def _count_beyond(problem: Problem, parameters: ParameterSet, slack: list[Float]) -> list[int]:
+    """Count for each limit the values that exceed it, including those that are not finite."""
+    counts = [0] * len(problem.limits)
+    for i, values in _limited_outputs(problem, parameters):
+        limit = problem.limits[i]
+        within = (values >= limit.lower - slack[i][0]) & (values <= limit.upper + slack[i][1])
+        counts[i] += int(np.count_nonzero(~within))
+    return counts

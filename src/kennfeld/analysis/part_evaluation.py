@@ -3,19 +3,20 @@
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import accumulate
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
-from kennfeld.analysis.evaluation import CriterionSeries, EvaluatedCriteria, Evaluator
+from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
+from kennfeld.arrays import Float
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
 from kennfeld.optimize.partitions import StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem, partitions_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.portable_pickle import pickle_content
+from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.sample_statistics import Mergeable, gather, merge_all
 
@@ -105,38 +106,25 @@ class DatasetExtent:
         return self.end.first
 
 
+@dataclass(frozen=True, eq=False)
 class EvaluatedPart:
-    """The criteria over a part of a dataset, and the lookups after the calibration; each computed when first used."""
+    """The criteria over a part of a dataset before and after the calibration.
 
-    def __init__(self, part: BoundPart, evaluator: "PartEvaluator") -> None:
-        self.bound, self._samples, self._evaluator = part.bound, part.end - part.begin, evaluator
+    Threads evaluate parts, so that nothing here is a cached property: until Python 3.12, its lock is that of all parts.
+    """
+
+    bound: BoundDataset
+    samples: int
+    before: tuple[CriterionSeries, ...]
+    after: tuple[CriterionSeries, ...]
+    coordinates: Float  # of lookups, after the calibration
 
     @property
     def extent(self) -> PartExtent:
         """The size of the part."""
         lengths = np.diff(self.bound.starts, append=self.bound.count)
         scored = tuple(int(np.count_nonzero(series.scored)) for series in self.after)
-        return PartExtent(self.bound.count, self._samples, lengths.size, int(lengths.max(initial=0)), scored)
-
-    @cached_property
-    def before(self) -> tuple[CriterionSeries, ...]:
-        """The criteria before the calibration."""
-        start, end = self._evaluator.sets
-        return self.after if start is end else self._evaluator.criteria.over(self.bound, start).series
-
-    @property
-    def after(self) -> tuple[CriterionSeries, ...]:
-        """The criteria after the calibration."""
-        return self._evaluation.series
-
-    @cached_property
-    def located(self) -> list[Lookup]:
-        """The lookups after the calibration."""
-        return self._evaluator.lookups.over(self.bound, self._evaluation.extra)
-
-    @cached_property
-    def _evaluation(self) -> EvaluatedCriteria:
-        return self._evaluator.criteria.over(self.bound, self._evaluator.sets[1])
+        return PartExtent(self.bound.count, self.samples, lengths.size, int(lengths.max(initial=0)), scored)
 
 
 class PartEvaluator:
@@ -153,8 +141,21 @@ class PartEvaluator:
     def over(self, part: BoundPart) -> EvaluatedPart:
         """Return the criteria over a part."""
         if part.last - part.first < part.whole.count or part.whole.count > SAMPLES_PER_BLOCK:
-            return EvaluatedPart(part, self)
-        return self._kept.setdefault(id(part.whole), EvaluatedPart(part, self))
+            return self.evaluate(part)
+        if id(part.whole) not in self._kept:
+            self._kept[id(part.whole)] = self.evaluate(part)
+        return self._kept[id(part.whole)]
+
+    def locate(self, evaluated: EvaluatedPart) -> list[Lookup]:
+        """Return the lookups over a part after the calibration."""
+        return self.lookups.over(evaluated.bound, evaluated.coordinates)
+
+    def evaluate(self, part: BoundPart) -> EvaluatedPart:
+        """Return the criteria over a part, which is not kept."""
+        (start, end), bound = self.sets, part.bound
+        after = self.criteria.over(bound, end)
+        before = after.series if start is end else self.criteria.over(bound, start).series
+        return EvaluatedPart(bound, part.end - part.begin, before, after.series, after.extra)
 
 
 Task = Callable[Concatenate[PartEvaluator, EvaluatedPart, PartPlace, _Arguments], _Statistic]
@@ -252,4 +253,4 @@ def run_part_task(shared: bytes, item: bytes, arguments: bytes) -> Any:
     evaluator = skeleton.once("part evaluator", lambda problem: PartEvaluator(problem, before, after))
     problem = skeleton.over(StoredDatasets(recordings, partition.parts))
     parts = [part for data in problem.datasets for part in problem.parts(problem.bind(data))]
-    return _gather_parts(lambda part: EvaluatedPart(part, evaluator), parts, evaluator, task, places, rest), len(parts)
+    return _gather_parts(evaluator.evaluate, parts, evaluator, task, places, rest), len(parts)

@@ -33,9 +33,10 @@ class ErrorRange:
     @classmethod
     def of(cls, error: Float) -> "ErrorRange":
         """Return the range of errors, Float[samples]."""
-        finite = error[np.isfinite(error)]
+        known = error[~np.isnan(error)]
+        finite = _finite(known)
         low, high = finite.min(initial=np.inf), finite.max(initial=-np.inf)
-        return cls(ErrorSums.of(error[~np.isnan(error)]), float(low), float(high), Ranks.of(finite))
+        return cls(ErrorSums.of(known), float(low), float(high), Ranks.of(finite))
 
     def merge(self, later: "ErrorRange") -> None:
         """Take in the errors at other samples."""
@@ -52,7 +53,6 @@ class ErrorCounts:
     finite: Moments
     before: ErrorRange
     after: ErrorRange
-    size: Ranks
     relative: Ranks
     steps: tuple[float, float, float]  # time steps in s: the median of the first part, the shortest, the longest
     unit: str
@@ -60,14 +60,11 @@ class ErrorCounts:
     @classmethod
     def of(cls, before: CriterionSeries, after: CriterionSeries) -> "ErrorCounts":
         """Return the counts over a part of a dataset."""
-        error = after.error
-        finite = error[np.isfinite(error)]
         return cls(
             target=Moments.of(after.measured[after.scored]),
-            finite=Moments.of(finite),
+            finite=Moments.of(_finite(after.error)),
             before=ErrorRange.of(before.error),
-            after=ErrorRange.of(error),
-            size=Ranks.of(np.abs(finite)),
+            after=ErrorRange.of(after.error),
             relative=Ranks.of(np.abs(_finite(relative_errors(after)))),
             steps=_steps(after),
             unit=after.unit,
@@ -75,7 +72,7 @@ class ErrorCounts:
 
     def merge(self, later: "ErrorCounts") -> None:
         """Take in the counts over the following part."""
-        for name in ("target", "finite", "before", "after", "size", "relative"):
+        for name in ("target", "finite", "before", "after", "relative"):
             getattr(self, name).merge(getattr(later, name))
         first, low, high = self.steps
         self.steps = first, float(np.fmin(low, later.steps[1])), float(np.fmax(high, later.steps[2]))
@@ -89,7 +86,7 @@ class ErrorCounts:
     def searches(self) -> "ErrorSearches":
         """Return the searches for all quantiles."""
         return ErrorSearches(
-            self.size.search([MIDDLE, MOST]),
+            self.after.ranks.sizes.search([MIDDLE, MOST]),
             self.relative.search([0.5]),
             *(each.ranks.search([TAILS, 1.0 - TAILS]) for each in (self.before, self.after)),
         )
@@ -103,7 +100,8 @@ def _steps(series: CriterionSeries) -> tuple[float, float, float]:
 
 
 def _finite(values: Float) -> Float:
-    return values[np.isfinite(values)]
+    finite = np.isfinite(values)
+    return values if finite.all() else values[finite]
 
 
 def relative_errors(series: CriterionSeries) -> Float:
@@ -158,13 +156,13 @@ class RareErrors:
 
     def part(self, error: Float, leverage: Float) -> "RareErrors":
         """Return the same count over a part of a dataset: Float[samples], NaN if not scored."""
-        size = np.abs(scaled_errors(error, 1.0, leverage))
+        size, root = np.abs(error), np.sqrt(1.0 - leverage)
         low, high = BEYOND * np.array(self.bounds) * (1 - ROUNDING, 1 + ROUNDING)
-        finite = np.isfinite(size)
-        certain = finite & (size > high)
-        possible = finite & (size >= low) & ~certain
+        known = np.isfinite(size)
+        certain = known & (size > high * root)
+        possible = known & (size >= low * root) & ~certain
         kept = [(error[possible], leverage[possible])]
-        return RareErrors(self.bounds, int(np.count_nonzero(finite)), int(np.count_nonzero(certain)), kept)
+        return RareErrors(self.bounds, int(np.count_nonzero(known)), int(np.count_nonzero(certain)), kept)
 
     def merge(self, later: "RareErrors") -> None:
         """Take in the count over the following part."""
@@ -233,23 +231,29 @@ class ErrorDetails:
         self.samples += later.samples
 
 
-def find_peaks(size: Float, error: Float, starts: Int) -> Int:
-    """Return the index of the largest of each run of errors of one sign."""
-    sign = np.where(size < 0, 0, np.where(error > 0, 1, -1))
-    fresh = np.ones(size.size, dtype=bool)
-    fresh[1:] = sign[1:] != sign[:-1]
-    fresh[starts] = True
-    firsts = np.flatnonzero(fresh)
-    run = np.cumsum(fresh) - 1
-    places = np.flatnonzero(size == np.maximum.reduceat(size, firsts)[run]) if size.size else firsts
-    return places[np.unique(run[places], return_index=True)[1]]
-
-
 def largest_places(series: CriterionSeries, count: int) -> tuple[Int, Float]:
-    """Return the samples with the largest errors of a part, and the size of all errors; -1 if not scored."""
-    error = series.error
-    size = np.where(series.scored, np.nan_to_num(np.abs(error), nan=np.inf), -1.0)
-    places = np.arange(size.size) if series.time is None else find_peaks(size, error, series.bound.starts)
-    if places.size > count:
-        places = places[np.argpartition(-size[places], count)[:count]]
-    return places[size[places] >= 0], size
+    """Return the samples with the largest errors of a part, and the size of all errors; -1 if not scored.
+
+    Of samples in a row whose errors have one sign, only the one with the largest error counts.
+    """
+    size = np.abs(series.error)
+    if not np.isfinite(size).all():
+        size = np.where(series.scored, np.nan_to_num(size, nan=np.inf), -1.0)
+    firsts = np.arange(size.size) if series.time is None else _begin_runs(series)
+    peaks = np.maximum.reduceat(size, firsts) if size.size else size
+    runs = np.arange(peaks.size)
+    if peaks.size > count:
+        runs = np.argpartition(peaks, -count)[-count:]
+    ends = np.append(firsts[1:], size.size)
+    places = [firsts[run] + np.argmax(size[firsts[run] : ends[run]]) for run in runs[peaks[runs] >= 0]]
+    return np.array(places, dtype=np.int64), size
+
+
+def _begin_runs(series: CriterionSeries) -> Int:
+    """Return the first sample of each run of errors of one sign, or of samples that are not scored."""
+    kinds = (series.error > 0).astype(np.int8)
+    kinds[~series.scored] = 2
+    fresh = np.ones(kinds.size, dtype=bool)
+    np.not_equal(kinds[1:], kinds[:-1], out=fresh[1:])
+    fresh[series.bound.starts] = True
+    return np.flatnonzero(fresh)

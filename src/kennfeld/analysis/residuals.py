@@ -1,6 +1,6 @@
 """Residuals of a parameter set: absolute, relative and studentized, with summaries and the worst samples."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
@@ -195,13 +195,14 @@ class _ResidualScan:
         self._passes, self._worst = passes, worst
         self._problem = passes.problem
         self._leverage: Mapping[str, Float] = getattr(trust, "leverage", None) or {}
+        self._counted = frozenset(getattr(trust, "samples", None) or {})
         self._weights = LookupWeights()
 
     def analysis(self, *, keep: bool) -> Analysis:
         cells = CellSums()
         counts: list[tuple[DatasetExtent, list[ErrorCounts]]] = []
         for number in range(len(self._problem.datasets)):
-            first = self._passes.first(number, _count, self._leverage)
+            first = self._passes.first(number, _count, self._leverage, self._counted)
             if first is None:
                 continue
             counts.append((self._passes.extent(number, first.extents), first.counts.rows))
@@ -216,7 +217,7 @@ class _ResidualScan:
             leverages = self._weights, self._leverage
             details = self._passes.over(extent, _detail, plan, *leverages).rows if scored else []
             fits += [Fit(number, extent, own[number], details[number]) for number in scored]
-        tallied = cells.tally(self._passes.evaluator.lookups, self._passes.evaluator.parameters)
+        tallied = cells.tally(self._passes.evaluator.lookups, self._passes.evaluator.parameters, self._counted)
         return Analysis(tuple(self._of_criteria(fits, tallied.cells, keep=keep)), tuple(fits), tallied.touching)
 
     def _deviation_bounds(self, counts: Sequence[tuple[DatasetExtent, list[ErrorCounts]]]) -> list[tuple[float, float]]:
@@ -276,13 +277,17 @@ class _FirstPass:
 
 
 def _count(
-    evaluator: PartEvaluator, evaluated: EvaluatedPart, place: PartPlace, leverage: Mapping[str, Float]
+    evaluator: PartEvaluator,
+    evaluated: EvaluatedPart,
+    place: PartPlace,
+    leverage: Mapping[str, Float],
+    counted: Collection[str],
 ) -> _FirstPass:
-    lookups, located = evaluator.lookups, evaluated.located
+    lookups, located = evaluator.lookups, evaluator.locate(evaluated)
     return _FirstPass(
         [evaluated.extent],
         _Rows([ErrorCounts.of(*pair) for pair in zip(evaluated.before, evaluated.after, strict=True)]),
-        CellSums.of(lookups, located, evaluated.after),
+        CellSums.of(lookups, located, evaluated.after, counted),
         LookupWeights.of(evaluator.problem, lookups, located, evaluated.after, leverage),
     )
 
@@ -316,9 +321,10 @@ def _detail(
     table_leverage: Mapping[str, Float],
 ) -> _Rows[ErrorDetails]:
     rows = []
+    located = evaluator.locate(evaluated) if table_leverage else []
     series = zip(evaluated.before, evaluated.after, strict=True)
     for (before, after), mean, search, large in zip(series, plan.means, plan.searches, plan.rare, strict=True):
-        leverage = weights.leverage(evaluator.problem, evaluator.lookups, evaluated.located, after, table_leverage)
+        leverage = weights.leverage(evaluator.problem, evaluator.lookups, located, after, table_leverage)
         products = LaggedProducts.of(after.error, after.bound.starts, mean, plan.lags) if plan.lags else None
         rows.append(
             ErrorDetails(

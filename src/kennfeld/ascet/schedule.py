@@ -14,11 +14,21 @@ _GROUPS: Final = (STARTUP, "shutdown")
 
 @dataclass(frozen=True)
 class Task:
-    """A task: the qualified names of its processes in their order, and its period in s, None if not periodic."""
+    """A task: the qualified names of its processes in their order, and when they run.
+
+    Attributes:
+        name: name of the task.
+        processes: the processes.
+        period: in s, None if the task is not periodic.
+        priority: the task with the lower number comes first.
+        delay: time of the first run in s.
+    """
 
     name: str
     processes: tuple[str, ...]
     period: float | None = None
+    priority: int = 0
+    delay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -87,31 +97,49 @@ class _ScheduleReader(TokenReader):
             self.expect("task")
             name = self.name()
         period: float | None = None
+        priority, delay = 0, 0.0
         while not self.accept("{"):
             if self.token.kind == "end":
                 raise self.fault("{ is missing")
-            period = self._period() if self.accept("period") else self._other(period)
+            if self.accept("period"):
+                period = self._period()
+            elif self.accept("delay"):
+                delay = self._time("delay")
+            elif self.accept("priority"):
+                priority = self._priority()
+            else:
+                self.take()
         processes: list[str] = []
         while not self.accept("}"):
             self.expect("process")
             processes.append(self.qualified_name())
             self.accept(";")
-        return Task(name, tuple(processes), period)
-
-    def _other(self, period: float | None) -> float | None:
-        self.take()
-        return period
+        return Task(name, tuple(processes), period, priority, delay)
 
     def _period(self) -> float:
+        period = self._time("period")
+        if not period > 0:
+            raise self.fault(f"a period must be a finite time > 0, got {period:g}")
+        return period
+
+    def _priority(self) -> int:
+        sign = -1 if self.accept("-") else 1
+        try:
+            return sign * int(self.take().text) if self.token.kind == "number" else 0
+        except ValueError:
+            raise self.fault("a priority must be an integer") from None
+
+    def _time(self, kind: str) -> float:
+        """Read a time with its unit, in s."""
         if self.token.kind != "number":
-            raise self.fault("expected a period such as 10ms")
+            raise self.fault(f"expected a {kind} such as 10ms")
         number = self.take().text.replace("_", "")
         if self.token.text not in _SECONDS:
-            raise self.fault(f"expected one of the units {', '.join(_SECONDS)} behind a period")
+            raise self.fault(f"expected one of the units {', '.join(_SECONDS)} behind a {kind}")
         try:
-            period = float(number) * _SECONDS[self.take().text]
+            time = float(number) * _SECONDS[self.take().text]
         except ValueError:
-            raise self.fault(f"invalid period {number}") from None
-        if not 0 < period < float("inf"):
-            raise self.fault(f"a period must be a finite time > 0, got {number}")
-        return period
+            raise self.fault(f"invalid {kind} {number}") from None
+        if not 0 <= time < float("inf"):
+            raise self.fault(f"a {kind} must be a finite time, got {number}")
+        return time

@@ -25,9 +25,12 @@ def position(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Floa
     last = breakpoints.size - 1
     if last == 0:
         return np.where(np.isfinite(x), 0.0, np.nan)
-    cell = np.clip(np.searchsorted(breakpoints, x, side="right") - 1, 0, last - 1)
-    place = cell + (x - breakpoints[cell]) / (breakpoints[cell + 1] - breakpoints[cell])
-    return np.clip(place, 0.0, float(last)) if extrapolation == "clip" else place
+    place = np.interp(x, breakpoints, np.arange(breakpoints.size, dtype=np.float64))
+    if extrapolation == "clip":
+        return place
+    below, above = breakpoints[0] - x, x - breakpoints[last]
+    place = np.where(below > 0, -below / (breakpoints[1] - breakpoints[0]), place)
+    return np.where(above > 0, last + above / (breakpoints[last] - breakpoints[last - 1]), place)
 
 
 def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -32,17 +32,17 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
     time, columns = check_columns(table, selection, raster)
     if time is None:
         return Dataset(name, to_channels(columns, [c.values for c in columns]), findings=table.findings)
-    stamps = time_in_seconds(time)
-    parts = [_piece(name, stamps[k], columns, k, raster) for k in split_pieces(table, stamps)]
-    return replace(concatenate(name, parts), clock=clock_of(time), findings=table.findings)
+    stamps, clock = time_in_seconds(time), clock_of(time)
 
+    def dataset_of(piece: slice) -> Dataset:
+        stamps_here, values = merge_instants(stamps[piece], [c.values[piece] for c in columns])
+        if raster is not None:
+            even = even_grid(stamps_here, raster)
+            stamps_here, values = even, resample_all(stamps_here, values, even, [c.held for c in columns])
+        channels = to_channels(columns, values)
+        return Dataset(name, channels, readonly_view(stamps_here), clock=clock, findings=table.findings)
 
-def _piece(name: str, time: Float, columns: Sequence[Column], piece: slice, raster: float | None) -> Dataset:
-    stamps, values = merge_instants(time, [c.values[piece] for c in columns])
-    if raster is not None:
-        even = even_grid(stamps, raster)
-        stamps, values = even, resample_all(stamps, values, even, [c.held for c in columns])
-    return Dataset(name, to_channels(columns, values), readonly_view(stamps))
+    return concatenate(name, [dataset_of(piece) for piece in split_pieces(table, stamps)])
 
 
 def to_channels(columns: Sequence[Column], values: Sequence[Float]) -> tuple[Channel, ...]:

@@ -102,6 +102,8 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
         return limit_findings(
             gaps, lambda k: Finding(table.at(k, column), "the time stamp is missing", remedy), table.location, message
         )
+    if _advances(time):
+        return []
     earlier = time if table.restarts else np.maximum.accumulate(time)
     back = [] if table.restarts else _falls(time)
     still = int(np.count_nonzero(time[1:] < earlier[:-1] + SAME_INSTANT))
@@ -116,6 +118,11 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
         return Finding(table.at(k, column), backwards, remedy)
 
     return limit_findings(back, report, table.location, message)
+
+
+def _advances(time: Float) -> bool:
+    """Return True if each sample is later than the one before."""
+    return bool(np.all(time[1:] >= time[:-1] + SAME_INSTANT))
 
 
 def _falls(time: Float) -> list[int]:
@@ -142,9 +149,9 @@ def merge_instants(time: Float, columns: Sequence[Float]) -> tuple[Float, list[F
     >>> merge_instants(np.array([0.0, 1.0, 1.0 + 1e-12]), [np.array([5.0, nan, 6.0])])
     (array([0., 1.]), [array([5., 6.])])
     """
-    fresh = np.concatenate([[True], time[1:] >= np.maximum.accumulate(time)[:-1] + SAME_INSTANT])
-    if fresh.all():
+    if _advances(time):
         return time, list(columns)
+    fresh = np.concatenate([[True], time[1:] >= np.maximum.accumulate(time)[:-1] + SAME_INSTANT])
     instant = np.cumsum(fresh) - 1
     merged = []
     for values in columns:

@@ -8,148 +8,212 @@ With m outputs, n carried states and the matrices of `sweeps`, each sample adds
 
 D [m, free] and B [n, free] have a few columns that are not zero, the entries of the sample. For the entry in column c,
 R = B' Q A + D' W C has one row [n], its *reach*: row c of G grows by that row times S [n, width].
+
+Consecutive samples mostly touch the same columns. For a batch of them from sample 0 on, S[k] = P[k] S[0] + T[k] with
+P[k] = A[k-1] ... A[0] and T [n, entries], which is not zero in these columns only. The rows of G therefore grow by
+(sum of R[k] P[k]) S[0], once for the batch, and all else that a sample adds is a small matrix over its entries.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-from kennfeld.machine_code.ir import HALF, FunctionWriter, StackVariable
+from kennfeld.machine_code.ir import HALF, LANES, ONE, ZERO, FunctionWriter, Vector
 from kennfeld.native.tape_layout import TapeLayout
 from kennfeld.native.tape_reader import ENTRIES, SUMS, Rows, TapeEntries, dot, load_row, whole_width
 
+BATCH = 64  # samples at most, so that products of A that grow do not overflow before S does
+
+
+def scratch_size(pattern: TapeLayout, room: int) -> int:
+    """Return the number of doubles for a batch of samples with up to `room` entries."""
+    m, n = pattern.outputs, pattern.carried
+    rows = 3 * (m + n) + 3 * n + 1 + room
+    return rows * (-(-room // LANES) * LANES)
+
 
 def forward_functions(pattern: TapeLayout) -> list[FunctionWriter]:
-    """Write `forward(length, ..., sensitivities, width, reach, entries, sums)`, after the functions it calls.
+    """Write `forward(length, ..., sensitivities, width, scratch, entries, sums)`, after the functions it calls.
 
-    `sensitivities` holds S [n, width] for the columns that can reach a state, with room for `batch` more of them;
-    `reach` has room for `batch` * n doubles per entry. Consecutive samples mostly touch the same columns: a batch of
-    them loads and stores the matrix once.
+    `sensitivities` holds S [n, width] for the columns that can reach a state; `scratch` has room for `scratch_size`.
     """
-    n, batch = pattern.carried, pattern.batch
     names = ("residual", "weight", "c", "a", "q_next", "l_next", "sensitivities")
-    head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width"), ("ptr", "reach")]
+    head = [("i64", "length"), *(("ptr", name) for name in names), ("i64", "width"), ("ptr", "scratch")]
     f = FunctionWriter("forward", [*head, *ENTRIES, *SUMS])
     with f.walk("%length") as (k, position):
-        together = f.variable("i64", "0")
-        if batch > 1:
-            with f.when(f.new(f"icmp sle i64 {f.add(k, batch)}, %length")):
-                _compare_columns(f, k, batch, together)
-        many = f.new(f"icmp ne i64 {together.get()}, 0")
-        for condition, size in ((many, batch), (f.new(f"xor i1 {many}, true"), 1)):
-            with f.when(condition):
-                _add_batch(f, pattern, k, size)
-                position.set(f.add(k, size))
-    return [*(_add_rows_function(count, n * size) for count in (1, 2) for size in sorted({1, batch})), f]
+        end = _end_of_batch(f, k)
+        batch = _SweepBatch(f, pattern, k)
+        batch.transpose(k)
+        with f.loop(k, end) as sample:
+            following = f.add(sample, 1)
+            with f.when(f.new(f"icmp slt i64 {following}, {end}")):
+                batch.transpose(following)  # ahead, as vectors that were written just now are slow to load
+            batch.add(sample)
+        batch.finish()
+        position.set(end)
+    return [*(_add_rows_function(count, pattern.carried) for count in (1, 2)), f]
 
 
-def _compare_columns(f: FunctionWriter, k: str, batch: int, result: StackVariable) -> None:
-    """Set `result` to 1 if the `batch` samples from k on touch the same columns."""
-    differ = f.variable("i32", "0")
-
-    def compare(first: str, others: Rows) -> None:
-        for other in others:
-            changed = f.new(f"xor i32 {first}, {other}")
+def _end_of_batch(f: FunctionWriter, k: str) -> str:
+    """Return the first sample after k that touches other columns, at most `BATCH` later."""
+    last, following = f.extreme("smin", f.add(k, BATCH), "%length"), f.add(k, 1)
+    end, count = f.variable("i64", following), f.load("%count", k, "i32")
+    columns = f.at("%index", f.mul(k, "%room"), "i32")
+    with f.walk(last, following) as (sample, position):
+        differ = f.variable("i32", f.new(f"xor i32 {count}, {f.load('%count', sample, 'i32')}"))
+        others = f.at("%index", f.mul(sample, "%room"), "i32")
+        with f.loop(0, f.new(f"sext i32 {count} to i64")) as e:
+            changed = f.new(f"xor i32 {f.load(columns, e, 'i32')}, {f.load(others, e, 'i32')}")
             differ.set(f.new(f"or i32 {differ.get()}, {changed}"))
-
-    samples = [f.add(k, i) for i in range(batch)]
-    first, *others = (f.load("%count", sample, "i32") for sample in samples)
-    compare(first, others)
-    rows = [f.at("%index", f.mul(sample, "%room"), "i32") for sample in samples]
-    with f.loop(0, f.new(f"sext i32 {first} to i64")) as e:
-        head, *tail = (f.load(row, e, "i32") for row in rows)
-        compare(head, tail)
-    same = f.new(f"icmp eq i32 {differ.get()}, 0")
-    result.set(f.new(f"zext i1 {same} to i64"))
+        position.set(last)
+        with f.when(f.new(f"icmp eq i32 {differ.get()}, 0")):
+            end.set(f.add(sample, 1))
+            position.set(f.add(sample, 1))
+    return end.get()
 
 
-def _add_batch(f: FunctionWriter, pattern: TapeLayout, k: str, size: int) -> None:
-    """Add `size` samples from k on, which touch the same columns, and carry S over them."""
-    n = pattern.carried
-    samples = [_TapeSample(f, pattern, f.add(k, i)) for i in range(size)]
-    entries = samples[0].entries
-    with f.loop(0, entries.count) as e:
-        column = entries.column(e)
-        terms = [sample.terms(e) for sample in samples]
-        f.increase(f.sum([term.gradient for term in terms]), "%gradient", column)
-        # G[c, :] of the columns of entries: half of (W D, Q B)' (D, B) on the diagonal, all of it before
-        row = f.at("%matrix", f.mul(column, "%columns"))
-        f.increase(f.fmul(HALF, f.sum([dot(f, term.weighted, term.slopes) for term in terms])), row, column)
-        with f.loop(0, e) as other:
-            others = (sample.entries.read(other)[1] for sample in samples)
-            products = [dot(f, term.weighted, slopes) for term, slopes in zip(terms, others, strict=True)]
-            f.increase(f.sum(products), row, entries.column(other))
-        for i, term in enumerate(terms):
-            for number, factor in enumerate(term.reach):
-                f.store(factor, "%reach", f.add(f.mul(e, size * n), i * n + number))
-    if size > 1:
-        for i, sample in enumerate(samples):
-            _step_sensitivities(f, sample, n, i, i + 1)
-    _add_sensitivities(f, entries, n * size)
-    if size > 1:
-        with f.loop(0, f.mul(whole_width(f), n)) as j:
-            f.store(f.load(_sensitivity(f, n, size, 0), j), "%sensitivities", j)
-    else:
-        _step_sensitivities(f, samples[0], n, 0, 0)
+class _SweepBatch:
+    """Samples that touch the same columns; writes the code that adds them.
+
+    All of its memory consists of rows over the entries, padded to whole vectors.
+    """
+
+    def __init__(self, f: FunctionWriter, pattern: TapeLayout, first: str) -> None:
+        m, n = pattern.outputs, pattern.carried
+        self.f, self.pattern = f, pattern
+        self.entries = TapeEntries(f, first, m + n)
+        self.stride = f.new(f"and i64 {f.add('%room', LANES - 1)}, -{LANES}")
+        self.used = f.new(f"and i64 {f.add(self.entries.count, LANES - 1)}, -{LANES}")
+        slopes = 2 * (m + n)  # the rows of D and B of two samples
+        self.halves = self._rows(slopes, m + n)  # of W D and Q B, halved
+        self.reach = self._rows(slopes + m + n, n)
+        self.own = self._rows(slopes + m + 2 * n, n)  # T
+        self.total = self._rows(slopes + m + 3 * n, n)  # the sum of R P
+        self.gradient, self.products = self._rows(slopes + m + 4 * n, 2)  # [entries], [entries][entries] of G
+        self.carried = [[f.variable("double", ONE if i == j else ZERO) for j in range(n)] for i in range(n)]  # P
+        size = f.mul(f.mul(self.stride, f.add(self.entries.count, 2 * n + 1)), 8)
+        f.do(f"call void @llvm.memset.p0.i64(ptr {self.own[0]}, i8 0, i64 {size}, i1 false)")
+
+    def _rows(self, first: int | str, count: int) -> Rows:
+        return [self.f.at("%scratch", self.f.mul(self.stride, self.f.add(str(first), i))) for i in range(count)]
+
+    def _slopes(self, k: str) -> Rows:
+        """Return where the rows of D and B of a sample are."""
+        count = self.pattern.outputs + self.pattern.carried
+        return self._rows(self.f.mul(self.f.new(f"and i64 {k}, 1"), count), count)
+
+    def transpose(self, k: str) -> None:
+        """Write the rows of D and B of a sample."""
+        rows = self._slopes(k)
+        entries = TapeEntries(self.f, k, len(rows))
+        with self.f.loop(0, self.entries.count) as e:
+            for row, slope in zip(rows, entries.read(e)[1], strict=True):
+                self.f.store(slope, row, e)
+
+    def add(self, k: str) -> None:
+        """Add a sample to the sums of the batch, and carry P and T over it."""
+        f, v = self.f, Vector(self.f)
+        sample, slopes = _TapeSample(f, self.pattern, k), self._slopes(k)
+        with _vectors(f, self.used) as j:
+            self._weigh(sample, v, slopes, j)
+        with f.loop(0, self.entries.count) as e:
+            factors = [f.load(row, e) for row in (*self.halves, *self.reach)]
+            product = f.at(self.products, f.mul(e, self.stride))
+            with _vectors(f, self.used) as j:
+                vectors = [v.load(row, j) for row in (*slopes, *self.own)]
+                v.store(_plus_products(v, v.load(product, j), factors, vectors), product, j)
+        self._carry(sample, v, slopes[self.pattern.outputs :])
+
+    def _weigh(self, sample: "_TapeSample", v: Vector, slopes: Rows, j: str) -> None:
+        """Write halves and reach of eight entries; add their parts of the gradient and of R P."""
+        m, n = self.pattern.outputs, self.pattern.carried
+        vectors = [v.load(row, j) for row in slopes]
+        wd = [v.multiply(vector, weight) for vector, weight in zip(vectors, sample.weight, strict=False)]
+        qb = [_products(v, sample.q[i * n : i * n + n], vectors[m:]) for i in range(n)]
+        reach = [_products(v, [*sample.a[i::n], *sample.c[i::n]], [*qb, *wd]) for i in range(n)]
+        gradient = _products(v, [*sample.l, *sample.residual], [*vectors[m:], *wd])
+        for row, vector in zip(self.halves, [*wd, *qb], strict=True):
+            v.store(v.multiply(vector, HALF), row, j)
+        for row, vector in zip(self.reach, reach, strict=True):
+            v.store(vector, row, j)
+        v.store(v("fadd", v.load(self.gradient, j), gradient), self.gradient, j)
+        for row, column in zip(self.total, zip(*self.carried, strict=True), strict=True):
+            v.store(_plus_products(v, v.load(row, j), [p.get() for p in column], reach), row, j)
+
+    def _carry(self, sample: "_TapeSample", v: Vector, slopes: Rows) -> None:
+        """Compute T of the next sample, A T + B, and A P; `slopes` are the rows of B."""
+        n = self.pattern.carried
+        rows = [sample.a[i * n : i * n + n] for i in range(n)]
+        with _vectors(self.f, self.used) as j:
+            old = [v.load(own, j) for own in self.own]
+            new = [_plus_products(v, v.load(own, j), row, old) for own, row in zip(slopes, rows, strict=True)]
+            for own, value in zip(self.own, new, strict=True):
+                v.store(value, own, j)
+        before = [[p.get() for p in row] for row in self.carried]
+        for own_row, row in zip(self.carried, rows, strict=True):
+            for p, column in zip(own_row, zip(*before, strict=True), strict=True):
+                p.set(dot(self.f, row, column))
+
+    def finish(self) -> None:
+        """Add the sums of the batch to gradient and matrix, and compute S after it, P S + T."""
+        f, entries, n = self.f, self.entries, self.pattern.carried
+        with f.loop(0, entries.count) as e:
+            column = entries.column(e)
+            f.increase(f.load(self.gradient, e), "%gradient", column)
+            row, products = f.at("%matrix", f.mul(column, "%columns")), f.at(self.products, f.mul(e, self.stride))
+            with f.loop(0, entries.count) as other:
+                f.increase(f.load(products, other), row, entries.column(other))
+        _add_sensitivities(f, entries, self.total[0], self.stride)
+        rows = [f.at("%sensitivities", f.mul("%width", i)) for i in range(n)]
+        carried = [[p.get() for p in row] for row in self.carried]
+        with f.loop(0, whole_width(f)) as j:
+            old = [f.load(row, j) for row in rows]
+            for row, value in zip(rows, [dot(f, p, old) for p in carried], strict=True):
+                f.store(value, row, j)
+        with f.loop(0, entries.count) as e:
+            for row, own in zip(rows, self.own, strict=True):
+                f.increase(f.load(own, e), row, entries.column(e))
 
 
-@dataclass(frozen=True)
-class _EntryTerms:
-    """Terms of one entry: its column of D and B, that of W D and Q B, part of the gradient, and its reach."""
+@contextmanager
+def _vectors(f: FunctionWriter, end: str) -> Iterator[str]:
+    """Run the body for the first of each eight entries."""
+    with f.walk(end) as (j, position):
+        yield j
+        position.set(f.add(j, LANES))
 
-    slopes: Rows  # [m + n]
-    weighted: Rows  # [m + n]
-    gradient: str
-    reach: Rows  # [n]
+
+def _plus_products(v: Vector, total: str, factors: Rows, vectors: Rows) -> str:
+    """Return a vector plus the products of doubles with vectors; some doubles are structurally zero."""
+    for factor, vector in zip(factors, vectors, strict=True):
+        if factor != ZERO:
+            total = v("fadd", total, v.multiply(vector, factor))
+    return total
+
+
+def _products(v: Vector, factors: Rows, vectors: Rows) -> str:
+    """Return the sum of the products of doubles with vectors."""
+    return _plus_products(v, v.all(0.0), factors, vectors)
 
 
 class _TapeSample:
-    """The tape of one sample, loaded."""
+    """The tape of one sample, loaded, without its entries."""
 
     def __init__(self, f: FunctionWriter, pattern: TapeLayout, k: str) -> None:
         m, n = pattern.outputs, pattern.carried
-        self.f, self.m, self.n = f, m, n
         self.residual, self.weight = load_row(f, "%residual", k, m), load_row(f, "%weight", k, m)
         self.c, self.a = load_row(f, "%c", k, m * n, pattern.c), load_row(f, "%a", k, n * n, pattern.a)
         self.q, self.l = load_row(f, "%q_next", k, n * n), load_row(f, "%l_next", k, n)
-        self.entries = TapeEntries(f, k, m + n)
-
-    def terms(self, e: str) -> _EntryTerms:
-        """Return all terms that entry e adds to the sums."""
-        f, m, n = self.f, self.m, self.n
-        _, slopes = self.entries.read(e)
-        d, b = slopes[:m], slopes[m:]
-        wd = [f.fmul(w, x) for w, x in zip(self.weight, d, strict=True)]
-        qb = [dot(f, self.q[i * n : i * n + n], b) for i in range(n)]
-        gradient = f.fadd(dot(f, b, self.l), dot(f, wd, self.residual))
-        reach = [f.fadd(dot(f, self.a[i::n], qb), dot(f, self.c[i::n], wd)) for i in range(n)]
-        return _EntryTerms(slopes, [*wd, *qb], gradient, reach)
 
 
-def _sensitivity(f: FunctionWriter, n: int, slot: int, state: int) -> str:
-    """Return the row of S of one state, `slot` samples after the first."""
-    return f.at("%sensitivities", f.mul("%width", slot * n + state))
-
-
-def _step_sensitivities(f: FunctionWriter, sample: _TapeSample, n: int, from_: int, to: int) -> None:
-    """Compute S of the next sample, A S + B, from slot to slot."""
-    old_rows, new_rows = ([_sensitivity(f, n, slot, i) for i in range(n)] for slot in (from_, to))
-    with f.loop(0, whole_width(f)) as j:
-        old = [f.load(row, j) for row in old_rows]
-        new = [dot(f, sample.a[i * n : i * n + n], old) for i in range(n)]
-        for row, value in zip(new_rows, new, strict=True):
-            f.store(value, row, j)
-    with f.loop(0, sample.entries.count) as e:
-        column, slopes = sample.entries.read(e)
-        for row, slope in zip(new_rows, slopes[sample.m :], strict=True):
-            f.increase(slope, row, column)
-
-
-def _add_sensitivities(f: FunctionWriter, entries: TapeEntries, factors: int) -> None:
-    """Add rows of S times `%reach` to the rows of the matrix, two at a time if they differ."""
+def _add_sensitivities(f: FunctionWriter, entries: TapeEntries, reach: str, stride: str) -> None:
+    """Add rows of S times the reach [n][stride] to the rows of the matrix, two at a time if they differ."""
 
     def add(rows: Rows, e: str) -> None:
-        reach = f.at("%reach", f.mul(e, factors))
-        arguments = [*(("ptr", row) for row in rows), ("ptr", "%sensitivities"), ("i64", "%width"), ("ptr", reach)]
-        f.call(f"add_rows_{len(rows)}_{factors}", arguments)
+        factors = (("ptr", f.at(reach, e)), ("i64", stride))
+        f.call(
+            f"add_rows_{len(rows)}",
+            [*(("ptr", row) for row in rows), ("ptr", "%sensitivities"), ("i64", "%width"), *factors],
+        )
 
     def row(e: str) -> str:
         return f.at("%matrix", f.mul(entries.column(e), "%columns"))
@@ -168,14 +232,14 @@ def _add_sensitivities(f: FunctionWriter, entries: TapeEntries, factors: int) ->
         position.set(f.add(following, paired.get()))
 
 
-def _add_rows_function(count: int, factors: int) -> FunctionWriter:
-    """Write `add_rows_COUNT_FACTORS(rows..., sensitivities, width, factors)`: rows += factors times rows of S."""
+def _add_rows_function(count: int, states: int) -> FunctionWriter:
+    """Write `add_rows_COUNT(rows..., sensitivities, width, factors, stride)`: rows += factors times rows of S."""
     rows = [f"row{i}" for i in range(count)]
     pointers = [("ptr noalias", name) for name in (*rows, "sensitivities")]
-    parameters = [*pointers, ("i64", "width"), ("ptr noalias", "factors")]
-    f = FunctionWriter(f"add_rows_{count}_{factors}", parameters, "noinline")
-    coefficients = [[f.load("%factors", i * factors + t) for t in range(factors)] for i in range(count)]
-    sources = [f.at("%sensitivities", f.mul("%width", t)) for t in range(factors)]
+    parameters = [*pointers, ("i64", "width"), ("ptr noalias", "factors"), ("i64", "stride")]
+    f = FunctionWriter(f"add_rows_{count}", parameters, "noinline")
+    coefficients = [[f.load(f.at("%factors", f.mul("%stride", t)), i) for t in range(states)] for i in range(count)]
+    sources = [f.at("%sensitivities", f.mul("%width", t)) for t in range(states)]
     with f.loop(0, whole_width(f)) as j:
         values = [f.load(source, j) for source in sources]
         for name, own in zip(rows, coefficients, strict=True):

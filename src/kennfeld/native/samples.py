@@ -78,16 +78,17 @@ class Samples:
         """Number of visited samples."""
         return self.wanted.count if self.order is None else self.order.size
 
+    def numbers(self, visits: Int) -> Int | Order:
+        """Return the numbers of the samples at some visits."""
+        return visits if self.order is None else self.order[visits]
+
     def targets_of(self, visits: Int) -> Float:
         """Return the targets at some visits, shape (outputs, visits)."""
-        return self.wanted.take(self._samples(visits))
+        return self.wanted.take(self.numbers(visits))
 
     def inputs_of(self, visits: Int) -> Float:
         """Return the inputs at some visits, shape (inputs, visits)."""
-        return self.inputs.take(self._samples(visits))
-
-    def _samples(self, visits: Int) -> Int | Order:
-        return visits if self.order is None else self.order[visits]
+        return self.inputs.take(self.numbers(visits))
 
     def scored(self, piece: Piece) -> Int:
         """Count the scored samples of a piece, shape (outputs,)."""
@@ -110,7 +111,7 @@ class Samples:
             picked.append(np.linspace(piece.first, piece.last - 1, count).astype(np.int64))
             pieces.append(Piece(at, at + count, piece.scores * (length / count)))
             at += count
-        samples = self._samples(np.concatenate(picked))
+        samples = self.numbers(np.concatenate(picked))
         return Samples(self.inputs.take(samples), self.wanted.take(samples), pieces)
 
     def in_fewer_pieces(self, share: float, least: int) -> "Samples":
@@ -119,17 +120,9 @@ class Samples:
         Of the pieces that score the same outputs with the same weights, at least `least` are taken.
         """
         scored = np.array([self.scored(piece) for piece in self.pieces])
-        groups: dict[bytes, list[int]] = {}
-        for number, piece in enumerate(self.pieces):
-            groups.setdefault(piece.scores.tobytes() + (scored[number] > 0).tobytes(), []).append(number)
-        pieces: list[Piece] = []
-        for group in groups.values():
-            count = min(max(least, round(len(group) * share)), len(group))
-            picked = [group[i] for i in np.linspace(0, len(group) - 1, count).round().astype(np.int64)]
-            weights = scored[group].sum(axis=0) / np.maximum(scored[picked].sum(axis=0), 1)
-            pieces += [replace(self.pieces[i], scores=self.pieces[i].scores * weights) for i in picked]
+        factors = pick_evenly([piece.scores.tobytes() for piece in self.pieces], scored, share, least)
         result = copy(self)
-        result.pieces = tuple(sorted(pieces, key=lambda piece: piece.first))
+        result.pieces = tuple(replace(self.pieces[i], scores=self.pieces[i].scores * factors[i]) for i in factors)
         return result
 
     def reweighted(self, factors: Float) -> "Samples":
@@ -161,6 +154,33 @@ class Samples:
             last = self._last_scored(piece)
             cuts += [(number, at, min(at + length, last)) for at in range(piece.first, last, length)]
         return [Chunk(i, number, first, last) for i, (number, first, last) in enumerate(cuts)]
+
+
+def pick_evenly(weights: Sequence[bytes], scored: Int, share: float, least: int) -> dict[int, Float]:
+    """Return about this share of many pieces, evenly spaced, each with factors of its weights.
+
+    Of the pieces that score the same outputs with the same weights, at least `least` are taken, and their factors keep
+    the total weight. Pieces without a scored sample are left out.
+
+    Args:
+        weights: of each piece, equal for equal weights of the outputs.
+        scored: scored samples of each piece, Int[pieces, outputs].
+        share: of the pieces.
+        least: pieces of a group.
+
+    Returns:
+        By the number of the piece, in increasing order, Float[outputs].
+    """
+    groups: dict[bytes, list[int]] = {}
+    for number in np.flatnonzero(scored.any(axis=1)).tolist():
+        groups.setdefault(weights[number] + (scored[number] > 0).tobytes(), []).append(number)
+    factors: dict[int, Float] = {}
+    for group in groups.values():
+        count = min(max(least, round(len(group) * share)), len(group))
+        picked = [group[i] for i in np.linspace(0, len(group) - 1, count).round().astype(np.int64)]
+        own = scored[group].sum(axis=0) / np.maximum(scored[picked].sum(axis=0), 1)
+        factors |= dict.fromkeys(picked, own)
+    return dict(sorted(factors.items()))
 
 
 def chain_samples(parts: Sequence[Samples]) -> Samples:

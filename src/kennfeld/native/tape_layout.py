@@ -7,7 +7,6 @@ from itertools import count
 
 from kennfeld.graph.derivative import Linearization
 
-TERMS = 4  # factors of S that are added at once: more no longer fit the registers
 MANY = 8  # states beyond which loops over them are faster than code for each
 
 
@@ -44,11 +43,6 @@ class TapeLayout:
     def carried(self) -> int:
         """Number of states that carry the influence of a free value."""
         return len(self.latencies)
-
-    @property
-    def batch(self) -> int:
-        """Number of consecutive samples with the same columns that are added at once, limited by the registers."""
-        return max(1, TERMS // max(self.carried, 1))
 
     @property
     def accumulates(self) -> bool:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float, Int, aligned_zeros
 from kennfeld.native.addresses import INT32, INT64, POINTER, address, strided
 from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
+from kennfeld.native.forward_sweep import scratch_size
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_sums import BATCH, batch_width
 from kennfeld.native.samples import Chunk, Samples
@@ -35,9 +36,8 @@ class Workspace:
         self.q, self.l = np.zeros((swept, swept)), np.zeros(swept)
         self.q_next, self.l_next = np.zeros((length, swept, swept)), np.zeros((length, swept))
         self.latencies = pattern.latencies
-        slots = max(sum(self.latencies), (pattern.batch + 1) * n)
-        self.sensitivities = _aligned_zeros(slots, self.width, self.width)
-        self.next, self.reach = np.zeros((n, self.width)), np.zeros(entries * pattern.batch * n)
+        self.sensitivities = _aligned_zeros(sum(self.latencies), self.width, self.width)
+        self.next, self.scratch = np.zeros((n, self.width)), aligned_zeros(scratch_size(pattern, entries))
         self.turn = np.zeros(max(n, 1), dtype=np.int64)
         self.gradient = np.zeros(columns)
         self.storage = BlockStorage(columns) if stores_blocks(kernel) else None
@@ -49,7 +49,7 @@ class Workspace:
         self._batch = BatchMemory(0 if n else entries, columns, m)
         self._steps = tuple(address(array) for array in (self.residual, self.weight, self.c, self.a))
         self._ends = tuple(address(array) for array in (self.q, self.l, self.q_next, self.l_next))
-        self._swept = (*self._ends[2:], address(self.sensitivities), self.width, address(self.reach))
+        self._swept = (*self._ends[2:], address(self.sensitivities), self.width, address(self.scratch))
         axes = (address(kernel.axes), address(widths, len(kernel.layout.axes)))
         self._targets = address(samples.targets, kind=POINTER)
         self._settings = (*axes, address(self.memory), address(self.hints, kind=INT64))

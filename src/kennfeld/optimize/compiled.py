@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
 from kennfeld.content_digest import digest_of, digest_of_sources
@@ -23,8 +24,18 @@ from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples, chain_samples, join_samples
+from kennfeld.native.simulator import Simulator
+from kennfeld.optimize.kept_columns import ColumnStorage, RecentColumns, StoredColumns
 from kennfeld.optimize.partitioned_sums import PartitionedSums
-from kennfeld.optimize.partitions import Part, Partition, Recordings, StoredDatasets, shared_content
+from kennfeld.optimize.partitions import (
+    Part,
+    Partition,
+    Partitions,
+    Recordings,
+    StoredDatasets,
+    shared_content,
+)
+from kennfeld.optimize.picked_recordings import count_recordings, pick_recordings
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
@@ -41,6 +52,8 @@ from kennfeld.preprocessing.stored_samples import StoredSamples, in_visiting_ord
 SEARCH_SAMPLES, SAMPLES_PER_VALUE = 20_000, 20
 # with memory on at least this many pieces, of about this many samples
 SEARCH_PIECES, SEARCH_PIECE_SAMPLES = 10, 300_000
+
+Selection = tuple[Callable[..., Samples], tuple[Any, ...]]  # a function of a module, and its further arguments
 
 
 def smoothable(problem: Problem) -> bool:
@@ -133,6 +146,10 @@ class CompiledProblem:
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
         self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
         self._smooth_like = smooth_like
+        self._selections: tuple[Selection, ...] = ()
+        self._storage: ColumnStorage = RecentColumns()
+        if smooth_like is not None and self.kernel.line.states and problem.partitions is not None:
+            self.problem = replace(problem, partitions=smooth_like.search_partitions)
         self.values = self.kernel.values
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
@@ -188,8 +205,10 @@ class CompiledProblem:
         partitions = self.problem.partitions
         if partitions is None:
             yield task(self, *arguments)
-        else:
-            yield from partitions.map(run_on_compiled, self._shared_form, partitions.training, task, *arguments)
+            return
+        for select, selection in reversed(self._selections):
+            task, arguments = _run_on_selection, (select, selection, task, *arguments)
+        yield from partitions.map(run_on_compiled, self._shared_form, partitions.training, task, *arguments)
 
     @cached_property
     def _shared_form(self) -> bytes:
@@ -205,7 +224,7 @@ class CompiledProblem:
         graphs = self._split.prepared, self._split.graph, self._lowered.axes, dict(self._lowered.shapes)
         layout = tuple(self.kernel.layout.inputs), self.weighting.inputs, self.form.restarts, self.form.step
         texts = problem.criteria, dict(problem.channels), problem.model.step
-        return digest_of(graphs, layout, fixed, texts, _code())
+        return digest_of(graphs, layout, fixed, texts, problem.target_sources, _code())
 
     def over_partition(self, recordings: Recordings, partition: Partition) -> "CompiledProblem":
         """Return the same over one partition, whose samples are kept on disk and mapped into memory."""
@@ -214,26 +233,33 @@ class CompiledProblem:
         stored = [self._part_samples(recordings, part) for part in partition.parts]
         other.samples = chain_samples([part.samples for part in stored])
         other._stored = list(zip(stored, partition.parts, strict=True))
-        other.sums = other.sums_over(other.samples)
+        other.__dict__.pop("sums", None)  # a selection of the samples has sums of its own
+        keys = [digest_of(self._part_key(recordings, part)) for part in partition.parts]
+        other._storage = StoredColumns(recordings.files, digest_of(keys))
         return other
 
     def _part_samples(self, recordings: Recordings, part: Part) -> StoredSamples:
         """Return the samples of one part, which are laid out when it is first used: one at a time is in memory."""
         path = self._part_path(recordings, part)
         scores = np.array([c.weight * recordings.recipes[part.dataset].entry.weight for c in self.problem.criteria])
+        scores *= part.factors or 1.0
         stored = read_samples(path, len(self.kernel.layout.inputs), scores)
         if stored is None:
             other = copy(self)
             other.problem = self.problem.over(StoredDatasets(recordings, [part]))
-            stored = in_visiting_order(other._gathered())
-            if recordings.files.keep(path, sample_columns(stored), {}):
-                stored = read_samples(path, len(self.kernel.layout.inputs), scores) or stored
+            laid_out = in_visiting_order(other._gathered())
+            kept = recordings.files.keep(path, sample_columns(laid_out), {})
+            stored = read_samples(path, len(self.kernel.layout.inputs), scores) if kept else None
+            stored = stored or laid_out.weighted(part.factors)
         touch(path)
         return stored
 
     def _part_path(self, recordings: Recordings, part: Part) -> Path:
+        return recordings.files.path(digest_of(*self._part_key(recordings, part)))
+
+    def _part_key(self, recordings: Recordings, part: Part) -> tuple[Any, ...]:
         own = part.source, part.first, part.last, part.shift, part.margin, recordings.recipes[part.dataset].key
-        return recordings.files.path(digest_of(self.data_key, own))
+        return self.data_key, own
 
     def discard_part(self, recordings: Recordings, part: Part) -> None:
         """Remove the samples of one part from the disk, if they are there."""
@@ -264,21 +290,51 @@ class CompiledProblem:
         return RememberedSums(self._sums_of(self.kernel, samples), samples.count, samples.wanted)
 
     def sums_with(self, select: Callable[..., Samples], *arguments: Any) -> Sums:
-        """Return the sums over `select(compiled, *arguments)`, the samples in another selection or with other weights.
+        """Return the sums over another selection of the samples; see `over_selection`."""
+        return self.over_selection(select, *arguments).sums
+
+    def over_selection(self, select: Callable[..., Samples], *arguments: Any) -> "CompiledProblem":
+        """Return the same over `select(compiled, *arguments)`, the samples in another selection or with other weights.
 
         `select` is a function of a module; with partitions, it is called for each of them.
         """
+        other = copy(self)
         if self.problem.partitions is None:
-            return self.sums_over(select(self, *arguments))
-
-        def each(task: Callable[..., Any], *rest: Any) -> Iterator[Any]:
-            return self.each(_run_on_selection, select, arguments, task, *rest)
-
-        return self._sums_over_partitions(each)
+            other.samples = select(self, *arguments)
+            other.sums = other.sums_over(other.samples)
+        else:
+            other._selections = (*self._selections, (select, arguments))
+            other.sums = other._sums_over_partitions(other.each)
+        return other
 
     def _sums_over_partitions(self, each: Callable[..., Iterator[Any]]) -> Sums:
         sums = PartitionedSums(each, len(self._lowered.axes), stateful=bool(self.kernel.line.states))
         return RememberedSums(sums, self.sample_count)
+
+    def simulator(self, names: Sequence[str]) -> Simulator:
+        """Return the compiled simulation of nodes that criteria score; it reads the inputs of the samples."""
+        reduced = LoweredGraph(self._split.graph, self._lowered.axes, self._lowered.shapes)
+        return Simulator(reduced, [reduced.graph.names[name] for name in names], self.problem.parameters)
+
+    def recall(self, key: str) -> list[NDArray[Any]] | None:
+        """Return the columns that were kept under a key; None if there are none any more."""
+        return self._storage.read(key)
+
+    def keep(self, key: str, columns: Sequence[NDArray[Any]]) -> None:
+        """Keep columns that belong to the samples: over a partition on disk, else the latest ones in memory."""
+        self._storage.write(key, columns)
+
+    def locate(self, visits: Int) -> tuple[Int, Int]:
+        """Return for some visits the number of the training dataset and that of the sample in it, each Int[visits]."""
+        samples = self.sample_numbers()[visits]
+        bounds = self.problem.gathered
+        ends = np.cumsum([bound.count for bound in bounds])
+        data = np.searchsorted(ends, samples, side="right")
+        numbers = np.empty_like(samples)
+        for number in np.unique(data).tolist():
+            mine = data == number
+            numbers[mine] = bounds[number].kept[samples[mine] - (ends[number] - bounds[number].count)]
+        return data, numbers
 
     def full(self, values: Float) -> Float:
         """Return the free values, Float[free], followed by the fixed ones."""
@@ -323,19 +379,37 @@ class CompiledProblem:
     def thinned(self) -> "CompiledProblem":
         """Return the same over a fixed part of the samples if these are many, else itself.
 
-        For models with memory these are whole pieces; with partitions, such models are evaluated over all samples.
+        For models with memory these are whole pieces, over partitions whole recordings.
         """
-        other = copy(self)
-        if self.problem.partitions is None:
+        other, partitions = copy(self), self.problem.partitions
+        if partitions is None:
             other.samples = self._thin(self.samples)
             if other.samples is self.samples:
                 return self
-        elif self.kernel.line.states or self._search_share(self.sample_count) >= 1:
+        elif self.kernel.line.states:
+            if self.search_partitions is partitions:
+                return self
+            other.problem = replace(self.problem, partitions=self.search_partitions)
+            other.sums = other._sums_over_partitions(other.each)
+            return other
+        elif self._search_share(self.sample_count) >= 1:
             return self
         else:
             other.samples, other.problem = self._thinned_partitions, replace(self.problem, partitions=None)
         other.sums = self.sums_over(other.samples)
         return other
+
+    @cached_property
+    def search_partitions(self) -> Partitions | None:
+        """The partitions with which searches of models with memory are compared: some recordings if these are many.
+
+        Recordings are picked as pieces are without partitions. They follow from the files alone.
+        """
+        partitions = self.problem.partitions
+        if partitions is None or partitions.samples < 2 * SEARCH_PIECE_SAMPLES:
+            return partitions
+        share = SEARCH_PIECE_SAMPLES / partitions.samples
+        return pick_recordings(partitions, self.each(count_recordings), share, SEARCH_PIECES)
 
     def _thin(self, samples: Samples) -> Samples:
         """Return the samples with which searches are compared."""
@@ -357,8 +431,9 @@ class CompiledProblem:
 
     def with_start(self, problem: Problem) -> "CompiledProblem":
         """Return the same for other values of the free parameters; the fixed ones must be unchanged."""
-        other = copy(self)
-        other.problem, other.start = problem, self.values.pack(problem.parameters)
+        other, own = copy(self), self.problem.partitions  # those with which searches are compared, or all
+        other.problem = problem if problem.partitions is own else replace(problem, partitions=own)
+        other.start = self.values.pack(problem.parameters)
         return other
 
     def over(self, problem: Problem) -> "CompiledProblem":
@@ -369,9 +444,9 @@ class CompiledProblem:
         if problem.partitions is not None:
             _ = self._shared_form  # kept for all copies, so that no process compiles again
         other = self.with_start(problem)
-        other.weighting = form.weighting
+        other.problem, other.weighting = problem, form.weighting
         if problem.partitions is not None:
-            for name in ("samples", "sums", "_thinned_partitions"):
+            for name in ("samples", "sums", "_thinned_partitions", "search_partitions"):
                 other.__dict__.pop(name, None)
             return other
         other.samples = other._gathered()

@@ -58,6 +58,14 @@ def add_limit_nodes(model: Model, limits: Sequence[Limit]) -> Model:
     return extend(model, texts, Location("limit"))
 
 
+def keeps_pieces(model: Model, limits: Sequence[Limit]) -> bool:
+    """Return True if the model or a limit has memory or reads the time, so that pieces cannot be cut."""
+    try:
+        return add_limit_nodes(model, limits).graph.is_timed
+    except InputError:
+        return model.graph.is_timed
+
+
 def channels_of(model: Model, limits: Sequence[Limit]) -> list[str]:
     """Return the inputs that only the limits read; empty if the limits cannot be used."""
     try:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import product
 
 import numpy as np
@@ -114,23 +114,36 @@ class Lookup:
     @property
     def cell(self) -> Int:
         """Flat number of the cell, over `cell_shape`."""
-        return np.ravel_multi_index(self.cells, cell_shape(self.table))
+        cell = self.cells[0]
+        for other, count in zip(self.cells[1:], cell_shape(self.table)[1:], strict=True):
+            cell = cell * count + other
+        return cell
 
     @cached_property
     def corners(self) -> tuple[tuple[Int, Float], ...]:
         """For each corner of the cell the flat grid point number and its weight, of each sample."""
-        counts = self.table.values.shape
+        first = self.first_corner
+        return tuple((first + distance, weight) for distance, weight in self.weights())
+
+    @property
+    def first_corner(self) -> Int:
+        """Flat grid point number of the corner at the beginning of the cell along all axes, of each sample."""
+        first = self.cells[0]
+        for cell, count in zip(self.cells[1:], self.table.values.shape[1:], strict=True):
+            first = first * count + cell
+        return first
+
+    def weights(self) -> Iterator[tuple[int, Float]]:
+        """Yield for each corner how far behind the first one its grid point is, and its weight for each sample."""
+        whole, strides = bool(self.known.all()), np.cumprod([1, *self.table.values.shape[:0:-1]])[::-1].tolist()
         sides = [
-            ((cell, 1.0 - share), (np.minimum(cell + 1, count - 1), share))
-            for cell, share, count in zip(self.cells, self.shares, counts, strict=True)
+            ((0, 1.0 - share), (stride if count > 1 else 0, share))
+            for share, stride, count in zip(self.shares, strides, self.table.values.shape, strict=True)
         ]
-        corners = []
         for corner in product(*sides):
-            at, weight = corner[0]
-            for count, (next_at, next_weight) in zip(counts[1:], corner[1:], strict=True):
-                at, weight = at * count + next_at, weight * next_weight
-            corners.append((at, weight if self.known.all() else np.where(self.known, weight, 0.0)))
-        return tuple(corners)
+            distances, shares = zip(*corner, strict=True)
+            weight = reduce(np.multiply, shares)
+            yield sum(distances), weight if whole else np.where(self.known, weight, 0.0)
 
 
 def unmoved_tables(graph: Graph) -> frozenset[str]:
@@ -220,8 +233,9 @@ def _locate(block: LookupBlock, table: Parameter, searched: dict[tuple[int, byte
         key = (node, axis.breakpoints.tobytes(), table.extrapolation)
         if key not in searched:
             known = np.isfinite(x)
-            place = position(np.where(known, x, axis.breakpoints[0]), axis.breakpoints, table.extrapolation)
-            cell = np.clip(np.floor(place), 0, max(len(axis) - 2, 0)).astype(np.int64)
+            finite = x if known.all() else np.where(known, x, axis.breakpoints[0])
+            place = position(finite, axis.breakpoints, table.extrapolation)
+            cell = np.clip(place.astype(np.int64), 0, max(len(axis) - 2, 0))
             searched[key] = known, cell, place - cell
         sides.append(searched[key])
     known_sides, cells, shares = zip(*sides, strict=True)

@@ -29,7 +29,8 @@ class Part:
     """Samples of one file, from `first` to before `last`, that belong to a dataset, by number.
 
     `shift` are the times in s by which channels are moved, for steady-state data in samples, and `margin` is the number
-    of samples at the ends of each piece that are not scored.
+    of samples at the ends of each piece that are not scored. `factors` multiply the weights of the criteria; none if
+    empty.
     """
 
     dataset: int
@@ -38,6 +39,12 @@ class Part:
     last: int
     shift: tuple[tuple[str, float], ...] = ()
     margin: int = 0
+    factors: tuple[float, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return self.last - self.first
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,7 @@ class Partition:
     @property
     def samples(self) -> int:
         """Number of samples."""
-        return sum(part.last - part.first for part in self.parts)
+        return sum(part.samples for part in self.parts)
 
 
 @dataclass(frozen=True)
@@ -194,6 +201,18 @@ class Partitions:
             opened.setdefault(self._name_of(part), []).append(data)
         return {name: concatenate(name, own) for name, own in opened.items()}
 
+    @property
+    def places(self) -> Iterator[list[tuple[str, int]]]:
+        """For each training partition, the dataset of each part by name, and the number of its first sample there."""
+        ends: dict[int, int] = {}
+        for partition in self.training:
+            places = []
+            for part in partition.parts:
+                first = ends.get(part.dataset, 0)
+                ends[part.dataset] = first + part.samples
+                places.append((self._name_of(part), first))
+            yield places
+
     def share(self, content: Any) -> bytes:
         """Return what all calls of a task share, for `map`; the task reads it by `shared_content`."""
         return pickle_content((self.recordings, content))
@@ -225,8 +244,8 @@ def find_stretches(parts: Sequence[Part], most: int) -> list[Part]:
     `LEAST_STRETCH` samples long, so that states settle and little is lost at their ends.
 
     >>> file = RecordingSource("a.csv", "")
-    >>> find_stretches([Part(0, file, 0, 400), Part(0, file, 400, 700)], 1000)
-    [Part(dataset=0, source=RecordingSource(address='a.csv', state=''), first=0, last=700, shift=(), margin=0)]
+    >>> [(part.first, part.last) for part in find_stretches([Part(0, file, 0, 400), Part(0, file, 400, 700)], 1000)]
+    [(0, 700)]
     """
     datasets = dict.fromkeys(part.dataset for part in parts)
     share = most // max(len(datasets), 1)
@@ -282,10 +301,16 @@ def split_files(
         for source, own, length in zip(sources, starts, lengths, strict=True)
         for first, last in _cuts(own, length, size)
     ]
+    return group_parts(parts, size)
+
+
+def group_parts(parts: Iterable[Part], size: int) -> list[Partition]:
+    """Group consecutive parts of the same dataset into partitions of at most `size` samples, if parts allow it."""
     groups: list[list[Part]] = []
     for part in parts:
-        filled = sum(other.last - other.first for other in groups[-1]) if groups else size
-        if filled + part.last - part.first > size:
+        last = groups[-1] if groups else []
+        fits = sum(other.samples for other in last) + part.samples <= size
+        if not last or not fits or last[0].dataset != part.dataset:
             groups.append([])
         groups[-1].append(part)
     return [Partition(tuple(group)) for group in groups]

@@ -128,14 +128,24 @@ class Problem:
         return bound
 
     def parts(self, bound: BoundDataset) -> list[BoundPart]:
-        """Divide a bound dataset into parts that can be evaluated apart from each other."""
-        steady = bound.dataset.time is None and not self.graph.states
-        # a condition of a region may have a memory
-        return divide(bound, anywhere=steady and not any(criterion.regions for criterion in self.criteria))
+        """Divide a bound dataset into parts that can be evaluated apart from each other; one of the problem, once."""
+        parts = self._divided.get(id(bound), [])
+        if not parts or parts[0].whole is not bound:
+            steady = bound.dataset.time is None and not self.graph.states
+            # a condition of a region may have a memory
+            parts = divide(bound, anywhere=steady and not any(criterion.regions for criterion in self.criteria))
+            if any(own is bound for own in self._bound.values()):
+                self._divided[id(bound)] = parts
+        return parts
 
     @cached_property
     def _bound(self) -> dict[int, BoundDataset]:
         """The bound datasets by the identity of the dataset."""
+        return {}
+
+    @cached_property
+    def _divided(self) -> dict[int, list[BoundPart]]:
+        """The parts of bound datasets by the identity of these."""
         return {}
 
     @cached_property
@@ -219,6 +229,11 @@ class Problem:
             values = np.full(bound.count, np.nan)
         counts = bound.scored & ~np.isinf(values)
         return values if counts.all() else np.where(counts, values, np.nan)
+
+    @property
+    def target_sources(self) -> tuple[Any, ...]:
+        """All that targets depend on besides the data, the channels and the criteria; it must have a digest."""
+        return ()
 
     def factors(self, name: str) -> tuple[float, ...]:
         """Return the smoothness of each axis of a parameter; 0 if it is automatic and not chosen yet."""

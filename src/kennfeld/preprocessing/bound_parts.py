@@ -6,6 +6,7 @@ memory are divided anywhere. Parts depend on the data alone, so that what is sum
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class BoundPart:
     end: int
     piece: int
 
-    @property
+    @cached_property
     def bound(self) -> BoundDataset:
         """The part as a dataset of its own; its arrays are views."""
         whole, kept, samples = self.whole, slice(self.first, self.last), slice(self.begin, self.end)

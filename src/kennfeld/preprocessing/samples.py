@@ -23,6 +23,7 @@ from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.threads import map_in_order
 
 SAMPLES_PER_BLOCK = 2**17  # samples
 SAMPLES_PER_LOOKUP = 2**13  # samples whose cells are computed at once, within the cache
@@ -78,7 +79,8 @@ def _data_coordinates(lowered: LoweredGraph) -> dict[int, int]:
 def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cells: CellNumbering) -> Iterator[Int]:
     """Return the samples that have a target, block by block, those of a block sorted by cell."""
     count = targets[0].size
-    for first in range(0, count, SAMPLES_PER_BLOCK):
+
+    def sort_block(first: int) -> Int:
         last = min(first + SAMPLES_PER_BLOCK, count)
         numbers = cells.numbers(columns, first, last)
         numbers *= SAMPLES_PER_BLOCK
@@ -87,7 +89,9 @@ def scored_in_order(columns: Mapping[str, Float], targets: Sequence[Float], cell
         numbers.sort()
         numbers &= SAMPLES_PER_BLOCK - 1
         numbers += first
-        yield numbers
+        return numbers
+
+    return map_in_order(sort_block, range(0, count, SAMPLES_PER_BLOCK))
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,10 @@ class StoredSamples(NamedTuple):
     samples: Samples
     order: Order | None
 
+    def weighted(self, factors: Sequence[float]) -> "StoredSamples":
+        """Return the same with the weight of each output multiplied by its factor, if there are factors."""
+        return self._replace(samples=self.samples.reweighted(np.array(factors))) if factors else self
+
 
 def in_visiting_order(samples: Samples) -> StoredSamples:
     """Return the same samples stored in the order in which they are visited."""

@@ -285,7 +285,9 @@ class Units:
     def convert(self, part: Dataset, name: str) -> Dataset:
         """Return the recording with its channels converted; `name` is its file's."""
         stated = with_stated_units(part, self.stated)
-        return replace(part, channels=tuple(self._convert_channel(channel, name) for channel in stated.channels))
+        channels = tuple(self._convert_channel(channel, name) for channel in stated.channels)
+        same = all(channel is before for channel, before in zip(channels, part.channels, strict=True))
+        return part if same else replace(part, channels=channels)
 
     def _convert_channel(self, channel: Channel, file: str) -> Channel:
         if is_unit_missing(channel.unit):
@@ -308,8 +310,8 @@ class Units:
 
 def with_stated_units(dataset: Dataset, units: Mapping[str, str]) -> Dataset:
     """Return the dataset with the units that the project file states; values are not converted."""
-    changed = (replace(c, unit=units[c.name]) for c in dataset.channels if c.name in units)
-    return dataset.with_channels(*changed)
+    changed = [replace(c, unit=units[c.name]) for c in dataset.channels if c.name in units]
+    return dataset.with_channels(*changed) if changed else dataset
 
 
 def select_time_units(stated: Mapping[str, str]) -> dict[str, str]:

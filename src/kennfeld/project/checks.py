@@ -241,14 +241,6 @@ def check_method(file: ProjectFile, problem: Problem) -> list[Finding]:
     return findings
 
 
-def check_partitions(file: ProjectFile, problem: Problem) -> list[Finding]:
-    """Report settings that need all samples in one process."""
-    assert problem.partitions is not None
-    remedy = "Remove partition and scheduler from [cluster], or this setting."
-    reasons = [(entry.location, "limits of outputs") for entry in file.limits]
-    return [Finding(location, f"{name} cannot be evaluated in partitions", remedy) for location, name in reasons]
-
-
 def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
     """Warn, once, if derivatives do not account for events of the model."""
     if file.optimizer.method == "global":
@@ -290,6 +282,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_beyond(file, problem),
         *_idle(file, problem),
         *_names(file, problem),
+        *_unread_class(file),
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
@@ -405,6 +398,14 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
         reached = dependents(graph, lambda node, name=name: node.op == "lookup" and node.payload == name)  # type: ignore[misc]
         if reached.isdisjoint(ends):
             yield file.location("calibration", "free"), f"{name} affects no criterion and keeps its initial value", ""
+
+
+def _unread_class(file: ProjectFile) -> Iterator[_Warning]:
+    """Yield the output as ESDL if no class was read that the values can be written into."""
+    read = (file.model.file, *file.calibration.files)
+    if ".esdl" in file.calibration.output and not any(name.lower().endswith(".esdl") for name in read):
+        message = "esdl requires one ESDL class as the function or among the initial files"
+        yield file.location("calibration", "output"), message, "Write another format."
 
 
 def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:

@@ -13,6 +13,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.optimize.compiled import even_step
+from kennfeld.optimize.limit_nodes import keeps_pieces
 from kennfeld.optimize.partitions import (
     Partition,
     Partitions,
@@ -168,8 +169,8 @@ class PartitionedLoading:
         return tuple(result)
 
     def partitions(self, problem: Problem) -> Partitions:
-        """Return the data of a problem in partitions; those of a model with memory consist of whole pieces."""
-        whole = problem.model.graph.is_timed
+        """Return the data of a problem in partitions; those of a model or limit with memory consist of whole pieces."""
+        whole = keeps_pieces(problem.model, problem.limits)
         training, test = (self._partitions(fitted=fitted, whole_pieces=whole) for fitted in (True, False))
         result = Partitions(self._recordings, training, test, self._runner)
         if "dt" not in problem.graph.clocks:

@@ -24,7 +24,7 @@ from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.preprocessing.units import is_unit_missing
 from kennfeld.project.axes import Axes, check_free_axes
-from kennfeld.project.checks import check_method, check_partitions, check_settling, check_weights, weight_channels
+from kennfeld.project.checks import check_method, check_settling, check_weights, weight_channels
 from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
 from kennfeld.project.initial_calibration import read_initial
 from kennfeld.project.model import (
@@ -127,7 +127,6 @@ class ProblemBuilder:
         problem = self._problem(self.function, tables, criteria, constraints)
         if partitioned is not None:
             problem = replace(problem, partitions=partitioned.partitions(problem))
-            findings.add(*check_partitions(file, problem))
         findings.add(*check_free_axes(file, problem))
         findings.add(*delay_findings(problem.model, problem.free_size))
         findings.add(*matrix_findings(file.location("calibration", "free"), problem.free_size))

@@ -109,7 +109,11 @@ class ModelEntry:
     startup: tuple[str, ...] = key(
         "the methods of the class that run once before the first step", (), default_text="those of the application"
     )
-    task: str = key("the task of an ASCET application that is the function, if it has several", "")
+    task: tuple[str, ...] = key(
+        'the task of an ASCET application that is the function, if it has several; or a list of tasks, or `"*"` for '
+        "all that are periodic, each of which runs at its own period",
+        (),
+    )
 
     def problems(self, present: Collection[str]) -> Iterator[KeyProblem]:
         """Yield keys of another kind of model."""

@@ -274,7 +274,7 @@ def describe_esdl(path: Path, part: EsdlSelection) -> FileInfo:
     notes: list[str] = []
     if classes or is_application:
         try:
-            report = import_esdl(path, part.class_name, part.methods, task=part.task, folders=part.folders).report
+            report = import_esdl(path, part.class_name, part.methods, task=part.tasks, folders=part.folders).report
         except InputError as error:
             if any(part):  # the selection does not fit
                 raise

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from kennfeld.ascet import syntax as e
 from kennfeld.formatting import count_noun, number_text, shorten
-from kennfeld.models.ascet.import_report import EsdlReport
+from kennfeld.models.ascet.import_report import EsdlReport, TaskSummary
 from kennfeld.terminal.simulink import MAX_REMARKS, Rows, parameter_rows, port_tables
 
 
@@ -41,8 +41,13 @@ def import_notes(report: EsdlReport) -> list[str]:
         else f"cannot be calibrated: {count_noun(len(report.findings), 'finding')} above"
     )
     return [
-        f"calls {step}: {', '.join(report.methods)}",
+        *([_task_note(task) for task in report.tasks] or [f"calls {step}: {', '.join(report.methods)}"]),
         *startup,
         coverage,
         *shorten([str(remark) for remark in report.remarks], MAX_REMARKS, " remarks; --json lists them"),
     ]
+
+
+def _task_note(task: TaskSummary) -> str:
+    delay = f", first at {number_text(task.delay)} s" if task.delay else ""
+    return f"{task.name} calls every {number_text(task.period)} s{delay}: {', '.join(task.methods)}"

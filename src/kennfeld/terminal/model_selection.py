@@ -20,11 +20,11 @@ class SimulinkSelection(NamedTuple):
 
 
 class EsdlSelection(NamedTuple):
-    """Part of an ASCET project to import: class, methods, task, and folders of further projects."""
+    """Part of an ASCET project to import: class, methods, tasks, and folders of further projects."""
 
     class_name: str = ""
     methods: Sequence[str] = ()
-    task: str = ""
+    tasks: Sequence[str] = ()
     folders: Sequence[Path] = ()
 
 
@@ -61,7 +61,7 @@ _OPTIONS = (
     ),
     option("--class class_name", "Class of an ESDL file.", "NAME", default=""),
     option("--method methods", "Method of the class that a step calls. Repeatable, in order.", "NAME", multiple=True),
-    option("--task", "Task of an ASCET application.", "NAME", default=""),
+    option("--task tasks", 'Task of an ASCET application, "*" for all. Repeatable.', "NAME", multiple=True),
 )
 
 
@@ -77,11 +77,11 @@ def model_options(command: Callable[..., int]) -> Callable[..., int]:
         bind: Sequence[str],
         class_name: str,
         methods: Sequence[str],
-        task: str,
+        tasks: Sequence[str],
         **others: Any,
     ) -> int:
         simulink = SimulinkSelection(subsystem, values, folders, _bindings(bind))
-        esdl = EsdlSelection(class_name, methods, task, folders)
+        esdl = EsdlSelection(class_name, methods, tasks, folders)
         return command(*arguments, selection=ModelSelection(simulink, esdl), **others)
 
     decorated: Callable[..., int] = select

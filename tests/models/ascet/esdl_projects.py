@@ -1,4 +1,4 @@
-"""Small ASCET projects for the tests: a library, a battery with its sensor, and a vehicle."""
+"""Small ASCET projects for the tests: a library, a battery with its sensor, tasks at several periods, a vehicle."""
 
 import numpy as np
 
@@ -158,6 +158,52 @@ schedule {
 		process Cell.Plant.calc
 		process Cell.Sensor.calc
 	}
+}
+""",
+}
+
+TASKS = {
+    "Plant/Bus/Messages.esdl": """package Bus;
+data interface Messages {
+	real demand = 0.0;
+	real fast = 1.0;
+	real slow = 2.0;
+	real late = 0.0;
+}
+""",
+    "Plant/Car/Fast.esdl": """package Car;
+import Bus.Messages;
+import Lib.Time.DeltaTime;
+singleton class Fast reads Messages.demand, Messages.slow writes Messages.fast, Messages.late {
+	characteristic real gain = 3.0;
+	real start = 0.0;
+	@thread public void init() { start = Messages.demand; }
+	@thread public void calc() {
+		Messages.fast = Messages.fast + (gain * Messages.demand - Messages.slow + start) * DeltaTime.deltaT;
+	}
+	@thread public void rare() { Messages.late = Messages.late + Messages.fast + DeltaTime.deltaT; }
+}
+""",
+    "Plant/Car/Slow.esdl": """package Car;
+import Bus.Messages;
+import Lib.Time.DeltaTime;
+singleton class Slow reads Messages.fast writes Messages.slow {
+	characteristic real weight = 0.25;
+	@thread public void calc() {
+		Messages.slow = Messages.slow + weight * (Messages.fast - Messages.slow) + DeltaTime.deltaT;
+	}
+	@thread public real twice() { return Messages.fast * 2.0; }
+}
+""",
+    "Plant/Plant.app": """application { class Car.Fast class Car.Slow }
+schedule {
+	startup { process Car.Fast.init }
+	shutdown { }
+	task Slow_30ms priority 1 period 30ms delay 0ms { process Car.Slow.calc }
+	task Fast_10ms priority 0 period 10ms delay 0ms { process Car.Fast.calc }
+	task Late priority 2 period 40ms delay 20ms { process Car.Fast.rare process Car.Slow.twice }
+	task Key priority 0 { process Car.Fast.rare }
+	task Idle priority 3 period 7ms { }
 }
 """,
 }

@@ -8,6 +8,7 @@ import kennfeld as kf
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.models.ascet.declarations import SourceTree
 from kennfeld.models.ascet.importing import esdl, import_esdl
 
 SAMPLES = 400
@@ -79,6 +80,10 @@ def test_the_task_of_an_application_chains_its_processes(battery):
     shift = np.interp(temperature, [0.0, 20.0, 30.0, 40.0, 60.0], [0.17, 0.15, 0.15, 0.16, 0.19])
     estimate = np.clip((np.clip(voltage + shift, 0.5, 2.5) - 1.2) * (0.1 / 0.0006), 0.0, 100.0)
     np.testing.assert_allclose(nodes["estimate"], estimate, rtol=1e-11, atol=1e-11)
+
+
+def test_a_folder_that_cannot_be_read_has_no_declarations(battery):
+    assert SourceTree(battery).package("Gone", battery / "Gone") == {}
 
 
 def test_the_initializer_of_an_instance_sets_its_values(battery):

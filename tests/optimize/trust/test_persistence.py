@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.trust.persistence import inflation, lagged_products, persistence
+from kennfeld.optimize.trust.persistence import LaggedProducts, inflation, lagged_products, persistence
 
 
 def recordings(memory, samples, count, seed=0):
@@ -87,6 +87,18 @@ def test_products_by_blocks_are_those_of_the_definition():
     values = np.random.default_rng(0).normal(size=70_000)
     found = lagged_products(values, 3)
     assert found == pytest.approx([values[: values.size - k] @ values[k:] for k in range(4)])
+
+
+def test_products_of_pieces_are_the_sums_of_those_of_each():
+    errors = np.random.default_rng(0).normal(size=1000)
+    starts, lags = [0, 300, 600, 640, 641, 800], 250
+    pieces = np.split(errors, starts[1:])
+    expected = np.array(
+        [sum(piece[: piece.size - k] @ piece[k:] for piece in pieces if k < piece.size) for k in range(lags + 1)]
+    )
+    products = LaggedProducts.of(errors, starts, 0.0, lags)
+    np.testing.assert_allclose(products.sums, expected, atol=1e-10)
+    assert products.pairs.tolist() == [sum(max(piece.size - k, 0) for piece in pieces) for k in range(lags + 1)]
 
 
 def test_an_exact_correlation_gives_the_exact_sum():

@@ -11,7 +11,7 @@ import { SettingsButton } from "../instruments/settings-panel";
 import { openEntry, panel, showFinding } from "../navigation";
 import { setKeys } from "../settings";
 import { message, request, screen, settled, state } from "../store";
-import { upload } from "../uploads";
+import { droppedFiles, upload } from "../uploads";
 import { DataSettings } from "./data/settings";
 
 interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
@@ -52,7 +52,7 @@ export function Data() {
 
 async function drop(event: DragEvent): Promise<void> {
   event.preventDefault();
-  await addFiles([...(event.dataTransfer?.files ?? [])]);
+  await addFiles(await droppedFiles(event));
 }
 
 /** Store files beside the project, and add each as what it is: a dataset, the function, or initial values. */

@@ -5,13 +5,14 @@ import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { chosen, filter, known, loadProjects, openProject, projectFrom, selected, shownProjects, spoken, type Recent } from "../projects";
 import { request, screen, state, type Screen } from "../store";
+import { droppedFiles } from "../uploads";
 import { NewProject } from "./start/new-project";
 import { Preview } from "./start/preview";
 
 export function Start() {
   return (
     <>
-      <main class="start" onDragOver={(event) => event.preventDefault()} onDrop={(event) => { event.preventDefault(); void projectFrom([...(event.dataTransfer?.files ?? [])]); }}>
+      <main class="start" onDragOver={(event) => event.preventDefault()} onDrop={(event) => { event.preventDefault(); void droppedFiles(event).then(projectFrom); }}>
         <RecentProjects />
         <PreviewPane />
         <Steps />
@@ -105,7 +106,7 @@ function PreviewPane() {
 
 const STEPS: [Screen, string, string][] = [
   ["data", "Data", "map the channels of your recordings"],
-  ["function", "Function", "type a formula or open a Simulink model"],
+  ["function", "Function", "type a formula or open a model"],
   ["parameters", "Parameters", "axes, bounds, smoothness"],
   ["optimization", "Optimization", "check, run, watch"],
   ["results", "Results", "compare, accept, export"],

@@ -5,32 +5,49 @@ from typing import Any
 
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import confined
+from kennfeld.app.questions.program_files import main_program, place_by_package
+from kennfeld.app.session.esdl_source import EsdlSource
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.calfiles import endings, recognise
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError
+from kennfeld.project.schema import is_esdl_file
 
 FUNCTIONS = (".kf", ".slx", ".mdl")
 BOTH = (".csv", ".json", ".xlsx", ".mat", ".m")  # recordings as well as calibration files
 
 
 def add_files(session: Session, given: Given) -> Answer:
-    """Add `files` of the folder to the project, as one change: recordings, a function, or initial values."""
+    """Add `files` of the folder to the project, as one change: recordings, a function, or initial values.
+
+    Files of an ASCET project are moved into the folders of their packages; if the function is such a project already,
+    they only add to it.
+    """
     folder = session.path.parent
     names = [confined(folder, str(name)).relative_to(folder.resolve()).as_posix() for name in given["files"]]
-    kinds = {name: kind_of(folder / name) for name in names}
+    if not names:
+        raise ArgumentError("no file is chosen")
+    present = EsdlSource.of(session.settings, folder)
+    programs = [name for name in names if is_esdl_file(name)]
+    placed = place_by_package(folder, folder if present is None else present.root, programs)
+    kinds = {name: kind_of(folder / name) for name in (*placed, *(name for name in names if name not in programs))}
     settings = session.settings
     changes = [*_datasets(settings, kinds), *_function(kinds), *_initial(settings, kinds)]
-    if not changes:
-        raise ArgumentError("no file is chosen")
-    session.do(SetKeys(f"Added {', '.join(names[:3])}", session.path.name, changes))
+    if placed and (present is None or not present.path.is_file()) and (main := main_program(folder, placed)):
+        changes.append((("model", "file"), main))
+    if changes:
+        session.do(SetKeys(f"Added {', '.join([*kinds][:3])}", session.path.name, changes))
+    if placed:
+        session.refresh()  # packages that were missing
     return Answer({"kinds": kinds})
 
 
 def kind_of(path: Path) -> str:
-    """Return what a file is for: recording, function, calibration or description."""
+    """Return what a file is for: recording, function, program, calibration or description."""
     ending = path.suffix.lower()
+    if is_esdl_file(path.name):
+        return "program"
     if ending in FUNCTIONS:
         return "function"
     if ending == ".a2l":

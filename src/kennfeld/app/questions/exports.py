@@ -47,7 +47,7 @@ def formats(session: Session, given: Given) -> Answer:
     image = _image(session)
     special = (
         ".msq",
-        ".esdl",
+        *(() if _is_esdl_class(session) else (".esdl",)),
         *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending),
     )
     known = [each for each in endings() if each not in special or each in own]
@@ -59,6 +59,11 @@ def formats(session: Session, given: Given) -> Answer:
             "stored": (_folder(session) / RESULT).is_file(),
         }
     )
+
+
+def _is_esdl_class(session: Session) -> bool:
+    """Return True if values can be written into a copy of the function's file."""
+    return session.project is not None and session.project.file.model.file.lower().endswith(".esdl")
 
 
 def _image(session: Session) -> tuple[Path, Path | None] | None:

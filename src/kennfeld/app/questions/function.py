@@ -1,4 +1,4 @@
-"""The function of the project: formula text or a Simulink model, and the way from one to the other."""
+"""The function of the project: formula text, a Simulink or an ASCET model, and the way from one to the other."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import free_path
+from kennfeld.app.questions.esdl_program import converted as converted_program
+from kennfeld.app.questions.program_files import program_files
 from kennfeld.app.questions.recordings import channel_ranges
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.simulink_source import SimulinkSource
@@ -18,22 +20,25 @@ from kennfeld.formatting import most_similar, nearest
 from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
 from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
-from kennfeld.project.schema import is_simulink_file
+from kennfeld.project.schema import is_esdl_file, is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only
+    from kennfeld.models.model import Model
     from kennfeld.models.simulink.diagram import Diagram
     from kennfeld.models.simulink.import_report import ImportReport
 
-SIMULINK_KEYS = ("subsystem", "parameters", "bind", "folders")  # of [model], for Simulink models only
+SIMULINK_KEYS = ("subsystem", "parameters", "bind")  # of [model], for Simulink models only
+ESDL_KEYS = ("class", "methods", "startup", "task")  # for ASCET models only
 FUNCTIONS = (".kf", ".slx", ".mdl")
 _WORD = re.compile(r"[A-Za-z_][\w.]*")
 NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 
 
 def functions(session: Session, given: Given) -> Answer:
-    """Return the files of the project's folder that can be its function."""
+    """Return the files that can be the function: those of the project's folder, and ASCET models within it."""
     folder = session.path.parent
     known = {path.name for path in folder.iterdir() if path.suffix.lower() in FUNCTIONS}
+    known |= set(program_files(folder))
     known |= {name for name in session.state.texts if name.lower().endswith(".kf")}
     return Answer({"files": sorted(known), "chosen": _model(session).get("file", "")})
 
@@ -44,14 +49,17 @@ def _model(session: Session) -> Mapping[str, Any]:
 
 
 def choose_function(session: Session, given: Given) -> Answer:
-    """Use a `file` as the function; keys of Simulink models are removed with the model."""
+    """Use a `file` as the function; keys for the import of another model are removed."""
     session.do(_choice(session, str(given["file"])))
     return Answer()
 
 
 def _choice(session: Session, file: str, *further: tuple[tuple[str, ...], Any]) -> SetKeys:
-    same = is_simulink_file(file) and file == _model(session).get("file")
-    obsolete = () if same else (name for name in SIMULINK_KEYS if name in _model(session))
+    before = str(_model(session).get("file", ""))
+    same = file == before and (is_simulink_file(file) or is_esdl_file(file))
+    folders = () if is_esdl_file(before) and is_esdl_file(file) else ("folders",)
+    keys = () if same else (*SIMULINK_KEYS, *ESDL_KEYS, *folders)
+    obsolete = (name for name in keys if name in _model(session))
     changes = [(("model", "file"), file), *((("model", name), None) for name in obsolete), *further]
     return SetKeys(f"The function is {file}", session.path.name, changes)
 
@@ -79,30 +87,33 @@ def _free_name(session: Session, name: str) -> str:
 
 
 def convert_function(session: Session, given: Given) -> Answer:
-    """Turn the Simulink model of the project into formula text, and use it as the function.
+    """Turn the Simulink or ASCET model of the project into formula text, and use it as the function.
 
     The values of its parameters are written to a file that becomes the first of the initial files.
     """
+    is_esdl = is_esdl_file(str(_model(session).get("file", "")))
+    name, model, text = converted_program(session) if is_esdl else _converted_diagram(session)
+    file = _free_name(session, f"{Path(name).stem}.kf")
+    lines = [f"# {Path(name).name}, converted by Kennfeld", *text, ""]
+    initial: list[tuple[tuple[str, ...], Any]] = []
+    if model.values:
+        values = free_path(session.path.parent, f"{Path(file).stem}.json")
+        write_parameters(model.values, values)
+        initial.append((("calibration", "initial"), [values.name, *_initial_files(session)]))
+    commands: list[Command] = [SetText("", file, "\n".join(lines)), _choice(session, file, *initial)]
+    session.do(Several(f"Converted {name} to {file}", commands))
+    return Answer({"file": file})
+
+
+def _converted_diagram(session: Session) -> tuple[str, "Model", list[str]]:
+    """Return the name of the Simulink model, the model, and its formula text; raises `InputError` if it is stopped."""
     from kennfeld.models.simulink.formula_export import formula_lines
 
     source = _require_source(session)
     diagram = source.diagram()
     if diagram.model is None:
         raise InputError(_reasons(diagram))
-    file = _free_name(session, f"{Path(source.file).stem}.kf")
-    lines = [
-        f"# {Path(source.file).name}, converted by Kennfeld",
-        *(line.text for line in formula_lines(diagram.model)),
-        "",
-    ]
-    initial: list[tuple[tuple[str, ...], Any]] = []
-    if diagram.model.values:
-        values = free_path(session.path.parent, f"{Path(file).stem}.json")
-        write_parameters(diagram.model.values, values)
-        initial.append((("calibration", "initial"), [values.name, *_initial_files(session)]))
-    commands: list[Command] = [SetText("", file, "\n".join(lines)), _choice(session, file, *initial)]
-    session.do(Several(f"Converted {source.file} to {file}", commands))
-    return Answer({"file": file})
+    return source.file, diagram.model, [line.text for line in formula_lines(diagram.model)]
 
 
 def _initial_files(session: Session) -> list[Any]:

@@ -124,7 +124,7 @@ SCREENS = {
 
 def _screen_of(location: Location) -> str:
     """Return the screen on which a problem is solved."""
-    if location.file.endswith((".kf", ".slx", ".mdl")):
+    if location.file.lower().endswith((".kf", ".slx", ".mdl", ".esdl", ".app")):
         return "function"
     if location.file.lower().endswith(RECORDINGS) and not location.path:
         return "data"

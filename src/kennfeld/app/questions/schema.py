@@ -13,11 +13,11 @@ from kennfeld.calfiles import describe, endings
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import InputError
 from kennfeld.project.key_descriptions import describe_sections
-from kennfeld.project.schema import SIMULINK
+from kennfeld.project.schema import ESDL, SIMULINK
 
 MAX_FILES = 2000  # of the folder that are listed
 _FILES = {
-    "function file": (".kf", *SIMULINK),
+    "function file": (".kf", *SIMULINK, *ESDL),
     "surrogate file": (".json",),
     "recording": RECORDINGS,
     "calibration file": tuple(ending for ending in endings() if ending not in IMAGE_ENDINGS),

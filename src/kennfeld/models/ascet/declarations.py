@@ -56,6 +56,23 @@ class FileScope:
                 return result
         return self.tree.package(self.file.package, self.path.parent).get(name)
 
+    def missing_import(self, name: str) -> str:
+        """Return the package that an import names for a name and that has no file; empty if there is none."""
+        for imported in self.file.imports:
+            package, _, last = imported.rpartition(".")
+            if (name == imported or last in (name, "*")) and not self.tree.has_package(package):
+                return package
+        package = name.rpartition(".")[0]
+        return package if package and not self.tree.has_package(package) else ""
+
+    def remedy_for(self, name: str) -> str:
+        """Return how to make an imported name known; empty if its package is not missing, which is remembered."""
+        package = self.missing_import(name)
+        if not package:
+            return ""
+        self.tree.missing.add(package)
+        return f"The package {package} is missing: add its files, or name their folder under folders."
+
     def location(self, place: e.TextPosition, path: str = "") -> Location:
         """Return a location in this file."""
         return Location(self.path.name, place.line, path, place.column)
@@ -70,11 +87,13 @@ class SourceTree:
         folders: folders with the packages of other projects, such as the SystemLib; those beside the root are searched
             as well.
         broken: syntax errors of the files that were read.
+        missing: packages that are imported and have no files.
     """
 
     root: Path
     folders: tuple[Path, ...] = ()
     broken: dict[Path, tuple[Finding, ...]] = field(default_factory=dict)
+    missing: set[str] = field(default_factory=set)
     _packages: dict[str, Mapping[str, Declared]] = field(default_factory=dict)
     _scopes: dict[Path, FileScope] = field(default_factory=dict)
 
@@ -141,6 +160,11 @@ def read_source(path: Path) -> str:
         return raw.decode("cp1252", errors="replace")
 
 
+def package_of(path: Path) -> str:
+    """Return the package of an ESDL file, empty if it names none; raises `InputError` if it cannot be read."""
+    return scan_esdl(read_source(path), path.name).file.package
+
+
 def root_of(path: Path, package: str) -> Path:
     """Return the folder that contains the package of a file; its own folder if the names do not match."""
     parts = package.split(".") if package else []
@@ -153,7 +177,11 @@ def root_of(path: Path, package: str) -> Path:
 
 
 def _files_in(folder: Path) -> Iterable[Path]:
-    return sorted(islice((path for path in folder.iterdir() if path.suffix.lower() == SUFFIX), _MAX_FILES))
+    """Return the ESDL files of a folder; none of one that cannot be read, or was removed meanwhile."""
+    try:
+        return sorted(islice((path for path in folder.iterdir() if path.suffix.lower() == SUFFIX), _MAX_FILES))
+    except OSError:
+        return ()
 
 
 def _subfolders(folder: Path) -> Iterable[Path]:

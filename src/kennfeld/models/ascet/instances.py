@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -316,6 +317,16 @@ class Program:
                 seen.add(id(instance))
                 yield instance
                 waiting[:0] = instance.parts.values()
+
+    def sources(self) -> tuple[Path, ...]:
+        """Return the files of all instances, data interfaces and constants, those of the imported classes first."""
+        interfaces = (holder for holders in self._interfaces.values() for holder in holders.values())
+        scopes = [
+            *(instance.scope for instance in self._singletons.values()),
+            *(instance.scope for instance in self.instances()),
+            *(holder.scope for holder in (*interfaces, *self._constants.values())),
+        ]
+        return tuple(dict.fromkeys(scope.path for scope in scopes))
 
 
 _STORAGE: Final[Mapping[str, Storage]] = {

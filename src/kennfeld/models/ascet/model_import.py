@@ -3,19 +3,19 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
-from kennfeld.ascet import syntax as e
 from kennfeld.errors import Finding, Location
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
 from kennfeld.matlab import syntax as m
 from kennfeld.models.ascet.display_names import DisplayNames
 from kennfeld.models.ascet.functions import library
-from kennfeld.models.ascet.import_report import EsdlImport, EsdlReport, StateSummary
-from kennfeld.models.ascet.instances import ClassInstance, Program, ProgramVariable
+from kennfeld.models.ascet.import_report import EsdlImport, EsdlReport, StateSummary, TaskSummary
+from kennfeld.models.ascet.instances import Program, ProgramVariable
+from kennfeld.models.ascet.method_selection import MethodSelection, Process, ScheduledTask
 from kennfeld.models.ascet.method_translation import translate_method
 from kennfeld.models.ascet.program_code import RESULT, MethodCode, ProgramCode
 from kennfeld.models.ascet.program_parameters import ProgramParameters
@@ -29,6 +29,7 @@ from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
 from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
+from kennfeld.models.sample_times import sample_hit
 from kennfeld.parameter_set import ParameterSet
 
 _TYPES_NOTE: Final = (
@@ -37,27 +38,8 @@ _TYPES_NOTE: Final = (
 _MAX_SHOWN: Final = 200  # elements of an array that become nodes
 
 
-@dataclass(frozen=True)
-class Process:
-    """A method of an instance that is called in a step."""
-
-    instance: ClassInstance
-    method: e.Method
-
-    @property
-    def label(self) -> str:
-        """The label of the method."""
-        return f"{self.instance.label}.{self.method.name}"
-
-
-@dataclass(frozen=True)
-class MethodSelection:
-    """The methods of a step in their order, those that run once before, and the step in s, None for the data's."""
-
-    processes: tuple[Process, ...]
-    startup: tuple[Process, ...] = ()
-    step: float | None = None
-    remarks: tuple[Finding, ...] = ()
+# a method that was called, its code, and its results
+MethodResult: TypeAlias = tuple[Process, MethodCode, tuple[s.SymbolicValue, ...]]
 
 
 @dataclass(eq=False)
@@ -114,10 +96,9 @@ class EsdlModelImport:
         return result
 
     def _add_unsupported(self) -> None:
-        """Add what the translated methods do not support, and the elements whose types are not supported."""
-        self.findings += self.code.findings
+        """Add the elements whose types are not supported, and what the translated methods do not support."""
         if self.code.findings:
-            self.findings += self.program.findings
+            self.findings += [*self.program.findings, *self.code.findings]
 
     def _report(self) -> EsdlReport:
         selection = self.selection
@@ -127,6 +108,9 @@ class EsdlModelImport:
             tuple(process.label for process in selection.processes),
             tuple(process.label for process in selection.startup),
             selection.step,
+            tasks=_task_summaries(selection),
+            missing=tuple(sorted({name for p in selection.processes for name in p.instance.scope.tree.missing})),
+            sources=self.program.sources(),
             findings=tuple(dict.fromkeys(self.findings)),
             remarks=self._remarks(),
         )
@@ -176,10 +160,10 @@ class EsdlModelImport:
         fixed = {label: self._fixed(label) for label in sorted(self.code.read | self.code.assigned)}
         mutable = [label for label in fixed if label in self.code.assigned]
         first = {**fixed, **{label: self._initial(label) for label in mutable}}
-        begin = self._call_all(startup, self.selection.startup, first)[0] if startup else first
+        begin = self._call_all(startup, [ScheduledTask("", self.selection.startup)], first)[0] if startup else first
         reads = {label: self._opened(label, begin[label], label in self.assigned) for label in mutable}
         inputs = {label: fixed[label] for label in mutable if self._is_input(self.program.variables[label])}
-        end, results = self._call_all(main, self.selection.processes, {**begin, **fixed, **reads, **inputs})
+        end, results = self._call_all(main, self.selection.tasks, {**begin, **fixed, **reads, **inputs})
         for label, nodes in reads.items():
             self._close(nodes, begin[label], end[label])
         return self._model(builder, end, reads, results)
@@ -240,24 +224,68 @@ class EsdlModelImport:
                 self.builder.close(int(read), int(init), int(following))
 
     def _call_all(
-        self, codes: Sequence[MethodCode], processes: Sequence[Process], values: Mapping[str, Nodes]
-    ) -> tuple[dict[str, Nodes], list[tuple[Process, MethodCode, tuple[s.SymbolicValue, ...]]]]:
-        """Call methods one after the other; return the variables afterwards and the results of each."""
-        context = self._context(self.builder)
-        interpreter = StatementInterpreter(context)
+        self, codes: Sequence[MethodCode], tasks: Sequence[ScheduledTask], values: Mapping[str, Nodes]
+    ) -> tuple[dict[str, Nodes], list[MethodResult]]:
+        """Run tasks one after the other; return the variables afterwards and the results of each method."""
+        interpreter = StatementInterpreter(self._context(self.builder))
         interpreter.state.kept.update({(GLOBAL, label): nodes for label, nodes in values.items()})
-        results = []
-        for code, process in zip(codes, processes, strict=True):
-            arguments = self._arguments(code, process)
-            with _Stops(self, context):
-                values_of_call = interpreter.call(code.definition, arguments, len(code.definition.results))
-            results.append((process, code, values_of_call))
+        results: list[MethodResult] = []
+        remaining = iter(codes)
+        for task in tasks:
+            calls = [(next(remaining), process) for process in task.processes]
+            results += self._run(interpreter, task, calls)
         end = {label: interpreter.state.kept[GLOBAL, label] for label in values}
         arrays: dict[str, Nodes] = {}
         for label, value in end.items():
-            with _Stops(self, context):
+            with _Stops(self, interpreter.context):
                 arrays[label] = np.asarray(s.as_array(value, label))
         return arrays, results
+
+    def _run(
+        self, interpreter: StatementInterpreter, task: ScheduledTask, calls: Sequence[tuple[MethodCode, Process]]
+    ) -> list[MethodResult]:
+        """Run a task where it is due; all variables, and the results of its methods, keep their values elsewhere."""
+        results: list[MethodResult] = []
+
+        def run() -> None:
+            for code, process in calls:
+                arguments = self._arguments(code, process)
+                with _Stops(self, interpreter.context):
+                    values = interpreter.call(code.definition, arguments, len(code.definition.results))
+                results.append((process, code, values))
+
+        if task.rate is None:
+            run()
+            return results
+        kept = interpreter.state.kept
+        durations = [label for label, variable in self.program.variables.items() if variable.storage == "step"]
+        present = {label: kept[GLOBAL, label] for label in durations if (GLOBAL, label) in kept}
+        own = np.array([[self.builder.const(task.rate.period)]], dtype=np.int64)
+        kept.update({(GLOBAL, label): own for label in present})
+        hit = sample_hit(self.builder, task.rate, self.selection.step)
+        if hit is None:
+            run()
+        else:
+            with _Stops(self, interpreter.context):
+                interpreter.decide(hit, run)
+        interpreter.state.kept.update({(GLOBAL, label): nodes for label, nodes in present.items()})
+        return results if hit is None else [self._held(hit, result) for result in results]
+
+    def _held(self, hit: int, result: MethodResult) -> MethodResult:
+        """Return the results of a method, held between the runs of its task."""
+        process, code, values = result
+        kept = []
+        for leaf, value in zip(code.definition.results, values, strict=True):
+            with _Stops(self, None, process.instance.scope.location(process.method.place, process.method.name)):
+                nodes = np.asarray(s.as_array(value, leaf))
+            kept.append(np.array([self._held_node(hit, int(node)) for node in nodes.ravel()]).reshape(nodes.shape))
+        return process, code, tuple(kept)
+
+    def _held_node(self, hit: int, node: int) -> int:
+        before = self.builder.state()
+        value = self.builder.call("select", hit, node, before)
+        self.builder.close(before, self.builder.const(0.0), value)
+        return value
 
     def _context(self, builder: GraphBuilder) -> EvaluationContext:
         return EvaluationContext(
@@ -290,7 +318,7 @@ class EsdlModelImport:
         builder: GraphBuilder,
         end: Mapping[str, Nodes],
         reads: Mapping[str, Nodes],
-        results: Sequence[tuple[Process, MethodCode, tuple[s.SymbolicValue, ...]]],
+        results: Sequence[MethodResult],
     ) -> EsdlImport:
         names = self._name_nodes(end, results)
         if not names.visible:
@@ -326,7 +354,7 @@ class EsdlModelImport:
     def _name_nodes(
         self,
         end: Mapping[str, Nodes],
-        results: Sequence[tuple[Process, MethodCode, tuple[s.SymbolicValue, ...]]],
+        results: Sequence[MethodResult],
     ) -> _Names:
         """Name the variables that a step changes, and the results of methods."""
         names = _Names()
@@ -415,6 +443,15 @@ def _needed_states(builder: GraphBuilder, end: Mapping[str, Nodes]) -> set[int]:
             seen.add(node)
             waiting += builder.nodes[node].args
     return {node for node in seen if builder.nodes[node].op == "state"}
+
+
+def _task_summaries(selection: MethodSelection) -> tuple[TaskSummary, ...]:
+    """Return the tasks that run at periods of their own."""
+    return tuple(
+        TaskSummary(task.name, task.rate.period, task.rate.offset, tuple(process.label for process in task.processes))
+        for task in selection.tasks
+        if task.rate is not None
+    )
 
 
 class _StoppedError(Exception):

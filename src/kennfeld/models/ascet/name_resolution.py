@@ -87,7 +87,8 @@ class NameResolver:
         if self.instance.scope.tree.has_package(tree.name):
             return PackageName(tree.name)
         known = [*self.locals[0], *self.instance.holders, *self.instance.parts]
-        raise UnsupportedEsdlError(f"unknown name {tree.name}", nearest(tree.name, known), tree.place)
+        remedy = self.instance.scope.remedy_for(tree.name) or nearest(tree.name, known)
+        raise UnsupportedEsdlError(f"unknown name {tree.name}", remedy, tree.place)
 
     def _of_instance(self, instance: ClassInstance, name: str) -> Named | None:
         if name in instance.holders:

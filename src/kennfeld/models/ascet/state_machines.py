@@ -110,7 +110,8 @@ class _MachineCode:
         for path in self.by_name.values():
             if path.states[-1].keeps_history:
                 message = f"the state {path.name} keeps its history, which is not supported"
-                raise UnsupportedEsdlError(message, place=path.states[-1].place)
+                remedy = "Keep the last state in a variable, and enter it by the conditions of transitions."
+                raise UnsupportedEsdlError(message, remedy, path.states[-1].place)
         leaves = [path for path in self.by_name.values() if path.name in self.numbers]
         cases = tuple(
             ((e.Number(float(self.numbers[leaf.name]), False, place=place),), self._active(leaf)) for leaf in leaves

@@ -46,7 +46,7 @@ class TypeResolver:
         declared = scope.find(name)
         if declared is None:
             names = [*_BUILTIN, *scope.tree.package(scope.file.package)]
-            remedy = nearest(name, names) or "Import it, or name its folder under folders."
+            remedy = scope.remedy_for(name) or nearest(name, names) or "Import it, or name its folder under folders."
             raise UnsupportedEsdlError(f"unknown type {name}", remedy)
         return self.declared(declared)
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from kennfeld.errors import Finding, Location
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.sample_times import common_step
 from kennfeld.models.simulink import blocks
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
@@ -12,7 +13,6 @@ from kennfeld.models.simulink.lowering.continuous_states import SOLVERS
 from kennfeld.models.simulink.lowering.scheduling import (
     CONTINUOUS_BLOCK_TYPES,
     ModelClock,
-    common_step,
     explicit_sample_time,
 )
 from kennfeld.models.simulink.reader.model_tree import StoredSolver

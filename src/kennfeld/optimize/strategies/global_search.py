@@ -37,7 +37,8 @@ from kennfeld.optimize.solver.levenberg_marquardt import (
     levenberg_marquardt,
 )
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.strategies.output_limits import FEASIBLE, AugmentedLagrangian, OutputLimits
+from kennfeld.optimize.strategies.limit_excess import FEASIBLE
+from kennfeld.optimize.strategies.output_limits import AugmentedLagrangian, OutputLimits
 
 FEW = 30  # values up to which a search without gradients is a good idea
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
@@ -228,8 +229,8 @@ class FeasibilityFirstCost:
         cost = self._objective.cost(values)
         if not np.isfinite(cost):
             return cost
-        excess = self._outputs.excess(values)
-        return cost if self._outputs.largest(excess) <= FEASIBLE else ABOVE * sum(self._outputs.squares(excess))
+        violation = self._outputs.measure(values)
+        return cost if violation.largest <= FEASIBLE else ABOVE * violation.squares
 
     def search(self, start: Float, limits: LinearLimits, settings: GlobalSettings, report: Report) -> SolverResult:
         """Search for the lowest feasible cost, or else for the smallest violation."""

@@ -24,7 +24,7 @@ from kennfeld.free_axes import AxisKey, FreeAxis
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.limit_nodes import LimitSide
 from kennfeld.optimize.linear_limits import touching_pairs
-from kennfeld.optimize.strategies.output_limits import NearActiveSamples
+from kennfeld.optimize.strategies.limit_excess import NearActiveSamples
 from kennfeld.optimize.trust.inverse import Inverse
 from kennfeld.preprocessing.binding import BoundDataset
 

@@ -28,7 +28,7 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.strategies.output_limits import NearActiveSamples
+from kennfeld.optimize.strategies.limit_excess import NearActiveSamples
 from kennfeld.optimize.sums import Sums
 from kennfeld.optimize.trust.active_limits import ActiveOutputLimits, find_active_output_limits
 from kennfeld.optimize.trust.information_matrix import (

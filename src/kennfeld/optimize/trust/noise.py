@@ -108,8 +108,13 @@ class _Residuals:
         self.numbers = [i for i, criterion in enumerate(problem.criteria) if criterion.weight > 0]
 
     def survey_all(self) -> list["_Survey"]:
-        """Return the survey of each dataset."""
-        return [gather(self.survey, self._problem.parts(bound)) for bound in self._problem.training]
+        """Return the survey of each dataset; of steady-state points with equal weights, `sum` needs none."""
+        return [
+            _Survey([_Weighted.unknown() for _ in self.numbers])
+            if bound.dataset.time is None and not self._weighting.inputs
+            else gather(self.survey, self._problem.parts(bound))
+            for bound in self._problem.training
+        ]
 
     def classes(self, surveys: Sequence["_Survey"]) -> Classes:
         """Return the classes of weights, by the weight of the dataset and the criterion."""
@@ -176,6 +181,11 @@ class _Weighted:
         known = np.isfinite(residual)
         own = weights[known]
         return cls(Moments.of(residual[known] * np.sqrt(own)), *np.unique(own, return_counts=True))
+
+    @classmethod
+    def unknown(cls) -> "_Weighted":
+        """Return residuals that were not looked at, of samples with equal weights."""
+        return cls(Moments(), np.ones(1), np.ones(1, dtype=np.int64))
 
     def merge(self, later: "_Weighted") -> None:
         self.residuals.merge(later.residuals)

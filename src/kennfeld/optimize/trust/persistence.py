@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Bool, Complex, Float, Int
 
 SAMPLES_PER_BLOCK = 65536  # transformed at once, so that memory does not grow with the data
 MAX_LAGS = 1 << 17
@@ -73,11 +73,12 @@ class LaggedProducts:
         """
         products = cls(*np.zeros((2, lags + 1)))
         known = np.isfinite(errors)
-        centred = np.where(known, errors - mean, 0.0)
+        centred, spectra = np.where(known, errors - mean, 0.0), _CrossSpectra()
         for a, b in pairwise([*(int(start) for start in starts), errors.size]):
             reach = min(b - a, lags + 1)
-            products.sums[:reach] += lagged_products(centred[a:b], reach - 1)
+            spectra.add(centred[a:b], reach - 1)
             products.pairs[:reach] += _count_pairs(known[a:b], reach - 1)
+        spectra.add_products(products.sums)
         return products
 
     def merge(self, later: "LaggedProducts") -> None:
@@ -122,11 +123,30 @@ def inflation(sums: Float, pairs: Float) -> float:
 
 def lagged_products(values: Float, lags: int) -> Float:
     """Return the sums over i of values[i] values[i + k] for k from 0 to `lags`, blockwise by FFT."""
-    total = np.zeros(lags + 1)
-    block = max(SAMPLES_PER_BLOCK, lags)
-    for first in range(0, values.size, block):
-        left, right = values[first : first + block], values[first : first + block + lags]
-        size = 1 << int(left.size + max(right.size, lags + 1) - 1).bit_length()
-        products = np.fft.irfft(np.conj(np.fft.rfft(left, size)) * np.fft.rfft(right, size), size)
-        total += products[: lags + 1]
+    total, spectra = np.zeros(lags + 1), _CrossSpectra()
+    spectra.add(values, lags)
+    spectra.add_products(total)
     return total
+
+
+class _CrossSpectra:
+    """The spectra of lagged products, summed over pieces and blocks by the size of their FFT and their lags."""
+
+    def __init__(self) -> None:
+        self._sums: dict[tuple[int, int], Complex] = {}
+
+    def add(self, values: Float, lags: int) -> None:
+        """Add the products of a piece at lags up to `lags`."""
+        block = max(SAMPLES_PER_BLOCK, lags)
+        for first in range(0, values.size, block):
+            left, right = values[first : first + block], values[first : first + block + lags]
+            size = 1 << int(left.size + lags - 1).bit_length()
+            spectrum = np.fft.rfft(left, size)
+            product = np.conj(spectrum) * (spectrum if right.size == left.size else np.fft.rfft(right, size))
+            known = self._sums.get((size, lags))
+            self._sums[size, lags] = product if known is None else known + product
+
+    def add_products(self, total: Float) -> None:
+        """Add the products to their sums by lag."""
+        for (size, lags), spectrum in self._sums.items():
+            total[: lags + 1] += np.fft.irfft(spectrum, size)[: lags + 1]

@@ -69,9 +69,9 @@ function key(event: KeyboardEvent): void {
 function NoFunction() {
   return (
     <div class="pad empty">
-      <p>The function calculates what the criterion compares with the measurement. Write it as formula text, a line a node, or take a Simulink model.</p>
-      <p class="row"><button class="btn primary" onClick={() => request("new-function")}>New formula</button><OpenModel text="Open Simulink model…" kind="" /></p>
-      <p class="q">Files can be dropped here: .kf, .slx, .mdl.</p>
+      <p>The function calculates what the criterion compares with the measurement. Write it as formula text, a line a node, or take a Simulink or an ASCET model.</p>
+      <p class="row"><button class="btn primary" onClick={() => request("new-function")}>New formula</button><OpenModel text="Open a model…" kind="" /></p>
+      <p class="q">Files can be dropped here: .kf, .slx, .mdl, .esdl, .app, and folders of ASCET projects.</p>
     </div>
   );
 }

@@ -1,7 +1,7 @@
 // Which file is the function, and how to begin another one.
 
 import { request } from "../../store";
-import { choose, files, functionFile, openFunction } from "./source";
+import { choose, files, functionFile, takeFiles } from "./source";
 
 const NEW = "\0new"; // cannot be the name of a file
 
@@ -20,16 +20,16 @@ export function FunctionChoice() {
         {known.map((name) => <option value={name}>{name}</option>)}
         <option value={NEW}>New formula text…</option>
       </select>
-      <OpenModel text="Simulink…" />
+      <OpenModel text="Model…" />
     </span>
   );
 }
 
-/** Open a Simulink model from the user's machine. */
+/** Open a Simulink or an ASCET model from the user's machine. */
 export function OpenModel({ text, kind = "small" }: { text: string; kind?: string }) {
   return (
-    <label class={`btn ${kind}`} title="Open a Simulink model, .slx or .mdl. It is stored beside the project. Or drop it on the page.">
-      {text}<input type="file" accept=".slx,.mdl,.slxp" hidden onChange={(event) => { const [file] = event.currentTarget.files ?? []; if (file) void openFunction(file); event.currentTarget.value = ""; }} />
+    <label class={`btn ${kind}`} title="Open a Simulink model, .slx or .mdl, or files of an ASCET project, .esdl and .app. They are stored beside the project. Or drop them on the page.">
+      {text}<input type="file" accept=".slx,.mdl,.slxp,.esdl,.app" multiple hidden onChange={(event) => { void takeFiles([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />
     </label>
   );
 }

@@ -1,12 +1,12 @@
 // What an import needs and what stops it: unsupported blocks, variables and their files, ports, and what runs differently.
 
-import { MISSING, parseNumber, plain } from "../../drawing/numbers";
+import { parseNumber, plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
-import { setKeys, valueAt } from "../../settings";
-import { state } from "../../store";
+import { setKeys } from "../../settings";
 import { Binding, Bindings, binding } from "./bindings";
 import { reveal } from "./block-tree";
-import { addLibraries, addValueFiles, diagram, setTexts, textsAt, type Blocking, type Diagram, type Variable } from "./source";
+import { Folders, Ports, limits, range } from "./import-lists";
+import { addLibraries, addValueFiles, diagram, setTexts, textsAt, type Blocking, type Diagram } from "./source";
 
 const FEW = 4; // blocks with the same reason that are listed at once
 
@@ -23,7 +23,7 @@ export function ImportState() {
       {(own.loops ?? []).map((loop) => <Loop key={loop.join()} loop={loop} />)}
       <Bindings />
       {own.whole && Object.keys(own.bind).length === 0 && <p class="pad q"><Icon name="done" kind="good" /> Nothing stops it: all {own.total} blocks are supported.</p>}
-      {own.blocks !== undefined && <><Variables own={own} /><Folders /><Ports own={own} /></>}
+      {own.blocks !== undefined && <><Variables own={own} /><Folders title="Libraries" sub="searched beside the model, too" word="libraries, referenced models and functions" accept=".slx,.mdl,.m" add={addLibraries} /><Ports own={own} /></>}
       {others.length > 0 && <details class="more"><summary>{others.length} unsupported blocks that no output depends on</summary>{grouped(others).map((blocks) => <Stop key={blocks[0]!.path} blocks={blocks} />)}</details>}
       <Notes own={own} />
     </div>
@@ -94,47 +94,6 @@ function Value({ name }: { name: string }) {
     const value = parseNumber(event.currentTarget.value);
     if (value !== null) void setKeys([[["parameters", name, "initial"], value]], `${name} is ${value}`);
   }} /></span>;
-}
-
-const range = (each: Variable): string => (each.smallest === each.largest ? plain(each.smallest) : `${plain(each.smallest, 4)} … ${plain(each.largest, 4)}`);
-const limits = (each: Variable): string => (each.lower === null && each.upper === null ? "" : `limits ${each.lower ?? "−∞"} … ${each.upper ?? "∞"}`);
-
-function Folders() {
-  const folders = textsAt(["model", "folders"]);
-  return (
-    <>
-      <div class="head mid"><h2>Libraries</h2><span class="sub">searched beside the model, too</span>
-        <span class="right"><label class="btn small" title="A library, a referenced model or a function (.slx, .mdl, .m); it is stored beside the model"><Icon name="plus" />Library<input type="file" multiple accept=".slx,.mdl,.m" hidden onChange={(event) => addLibraries([...(event.currentTarget.files ?? [])])} /></label></span></div>
-      <div class="chips">
-        {folders.map((folder) => <span class="chip"><Icon name="folder" kind="q" />{folder}<button class="link" aria-label={`Remove ${folder}`} onClick={() => setTexts(["model", "folders"], folders.filter((each) => each !== folder), `${folder} is not searched`)}>×</button></span>)}
-        <span class="field small" style={{ width: "140px" }}><input aria-label="Folder of libraries" placeholder="folder to search" title="A folder with libraries, referenced models and functions, relative to the project&#10;[model] folders" onChange={(event) => {
-          const name = event.currentTarget.value.trim();
-          event.currentTarget.value = "";
-          if (name) setTexts(["model", "folders"], [...folders, name], `Libraries in ${name}`);
-        }} /></span>
-      </div>
-    </>
-  );
-}
-
-function Ports({ own }: { own: Diagram }) {
-  if (!own.inputs?.length) return null;
-  const channels = [...new Set(state.value.datasets.flatMap((data) => data.channels.map((each) => each.name)))];
-  return (
-    <>
-      <div class="head mid"><h2>Ports</h2><span class="sub">to the channels of the data</span></div>
-      <table class="list">
-        <thead><tr><th>inport</th><th>unit</th><th>channel</th><th /></tr></thead>
-        <tbody>{own.inputs.map((port) => {
-          const channel = String(valueAt(["channels", port.name]) ?? port.name);
-          return <tr key={port.name}><td><b>{port.name}</b></td><td class="q">{port.unit || MISSING}</td><td><span class="field small mono" style={{ width: "120px" }}><input aria-label={`Channel of ${port.name}`} list="channels" value={channel} title={`[channels] ${port.name}`} onChange={(event) => { const next = event.currentTarget.value.trim(); void setKeys([[["channels", port.name], next === "" || next === port.name ? null : next]], `${port.name} is read from ${next || port.name}`); }} /></span></td>
-            <td>{channels.includes(channel) ? <Icon name="done" kind="good" /> : channels.length > 0 && <span title="No recording has this channel"><Icon name="warning" kind="warn" /></span>}</td></tr>;
-        })}</tbody>
-      </table>
-      <datalist id="channels">{channels.map((name) => <option value={name} />)}</datalist>
-      <p class="pad q">Outputs: {own.outputs?.map((port) => `${port.name}${port.unit ? ` [${port.unit}]` : ""}`).join(", ") || MISSING}</p>
-    </>
-  );
 }
 
 function Notes({ own }: { own: Diagram }) {

@@ -1,4 +1,4 @@
-// Settings of the function: its file and step, what a Simulink model needs, and the files of data-driven models.
+// Settings of the function: its file and step, what a model needs, and the files of data-driven models.
 
 import { EntryForm, TableForm } from "../../instruments/entry-form";
 import { Segment } from "../../fields";

@@ -6,13 +6,15 @@ import { ErrorSplit, placeText, split } from "../../instruments/error-split";
 import { setKeys } from "../../settings";
 import { request, state } from "../../store";
 import { BlockActions } from "./block-actions";
-import { BlockTree } from "./block-tree";
+import { BlockTree, reveal } from "./block-tree";
 import { FormulaLines } from "./formula-lines";
 import { Fold } from "./fold";
 import { ImportState } from "./import-state";
 import { FunctionChoice } from "./function-choice";
 import { FunctionSettings } from "./settings";
-import { chosen, diagram, parts } from "./source";
+import { chosen, diagram, parts, type Line } from "./source";
+
+const isOf = (line: Line, path: string): boolean => path !== "" && line.path !== "" && (line.path === path || line.path.startsWith(`${path}/`));
 
 export function Simulink() {
   const own = diagram.value;
@@ -33,7 +35,7 @@ export function Simulink() {
         <div class="foot"><button class="btn primary" disabled={!own?.whole} title="Write the imported part as formula text, with the values of its parameters, and use that as the function&#10;[model] file" onClick={() => request("convert-function")}>Edit as formula text</button><button class="btn" title="Read the model, its libraries and its files of values again, after they have changed on disk" onClick={() => request("reread-function")}>Read again</button><span class="right q">{own?.parameters ? `${own.parameters.length} parameter${own.parameters.length === 1 ? "" : "s"}` : ""}</span></div>
       </section>
       <section class="pane lines">
-        <FormulaLines />
+        <FormulaLines lines={own?.lines} tables={(own?.parameters ?? []).map((each) => each.name)} part="this block" alone="No line comes from this block alone: it is part of other lines, or only passes a signal on." lit={(line) => isOf(line, chosen.value)} go={reveal} />
         <Fold title="At the cursor" sub={split.value ? placeText(split.value) : ""} name="cursor"><ErrorSplit /></Fold>
         <Findings />
         <FunctionSettings />

@@ -12,9 +12,10 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final, TypeAlias
 
+from kennfeld.models.sample_times import SampleTime
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.lowering import BLOCK_TYPES, BlockContext, UnsupportedError, block, no_feedthrough
-from kennfeld.models.simulink.lowering.scheduling import CONTINUOUS_BLOCK_TYPES, SampleTime
+from kennfeld.models.simulink.lowering.scheduling import CONTINUOUS_BLOCK_TYPES
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
 from kennfeld.models.simulink.signals import (
     CONSTANT,

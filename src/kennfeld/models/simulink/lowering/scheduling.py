@@ -1,15 +1,15 @@
 """When blocks run: sample times, holds between hits, and execution conditions of conditional subsystems."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from fractions import Fraction
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.sample_times import SampleTime, sample_hit
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource, resets_with_subsystem
 from kennfeld.models.simulink.lowering.diagnostics import BlockFailures
@@ -21,15 +21,7 @@ CONTINUOUS_BLOCK_TYPES: Final = frozenset(  # block types with continuous states
     {"Integrator", "SecondOrderIntegrator", "StateSpace", "TransferFcn", "ZeroPole"}
 )
 
-_TIME_TOLERANCE = 1e-6  # relative to the period, for rounded times
 _MIN_PERIOD = 1e-9  # s
-
-
-class SampleTime(NamedTuple):
-    """Sample time in s: the first hit at `offset`, then one every `period`."""
-
-    period: float
-    offset: float = 0.0
 
 
 def explicit_sample_time(flat: FlatBlock, expressions: ParameterExpressions) -> SampleTime | None:
@@ -59,20 +51,6 @@ def _of_chart(flat: FlatBlock) -> str:
     return chart.sample_time if chart is not None and chart.update == "DISCRETE" else ""
 
 
-def common_step(periods: Iterable[float]) -> float | None:
-    """Return the longest step in s that hits all sample times, None if there are none.
-
-    >>> common_step([0.02, 0.005, 0.01])
-    0.005
-    """
-    parts = [Fraction(period).limit_denominator(10**9) for period in periods if 0 < period < math.inf]
-    parts = [part for part in parts if part > 0]
-    if not parts:
-        return None
-    bottom = math.lcm(*(part.denominator for part in parts))
-    return float(Fraction(math.gcd(*(int(part * bottom) for part in parts)), bottom))
-
-
 @dataclass
 class ModelClock:
     """Steps of a model: `step` in s, None for that of the data, and whether there are continuous states.
@@ -87,18 +65,9 @@ class ModelClock:
 
     def hit(self, builder: GraphBuilder, rate: SampleTime) -> int | None:
         """Return the node that is 1 at a sample hit, None if every step is one."""
-        if self.step is not None and rate.offset == 0 and rate.period <= self.step * (1 + _TIME_TOLERANCE):
+        hit = sample_hit(builder, rate, self.step)
+        if hit is None:
             return None
-        near = builder.const(_TIME_TOLERANCE - rate.offset / rate.period)
-        now, before = builder.input("t"), builder.call("sub", builder.input("t"), builder.input("dt"))
-        period = builder.const(rate.period)
-        count = [
-            builder.call("floor", builder.call("add", builder.call("div", time, period), near))
-            for time in (now, before)
-        ]
-        hit = builder.call("gt", *count)
-        if rate.offset != 0:
-            hit = builder.call("and", builder.call("ge", count[0], builder.const(0.0)), hit)
         return builder.node("major", (hit,)) if self.continuous else hit
 
 

@@ -1,0 +1,129 @@
+"""Files of an ASCET project that are dropped onto the page: stored by package, and which of them is the function."""
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from kennfeld.app.folders import plain_name
+from kennfeld.ascet import syntax as e
+from kennfeld.ascet.parser import scan_esdl
+from kennfeld.errors import Finding, InputError, Location
+from kennfeld.models.ascet.declarations import read_source
+from kennfeld.project.schema import is_esdl_file
+
+APPLICATION = ".app"
+_COPY = re.compile(r"-\d+$")  # behind the name of a file whose name was taken
+_CLASS = re.compile(r"^[^\S\n]*(?:(?:public|singleton|static|stateless)\s+)*class\s+\w", re.MULTILINE)
+_MAX_DEPTH = 8  # of folders that are searched
+_MAX_FILES = 20_000  # that are looked at
+_WORD = re.compile(r"[A-Za-z_]\w*")
+
+
+@dataclass(frozen=True)
+class _DroppedFile:
+    """A file with its package, the names that it declares, its classes, and the words of its text."""
+
+    name: str
+    package: str = ""
+    declared: tuple[str, ...] = ()
+    classes: tuple[str, ...] = ()
+    words: frozenset[str] = frozenset()
+
+    @staticmethod
+    def read(folder: Path, name: str) -> "_DroppedFile":
+        """Read a file; one that cannot be read has no package."""
+        try:
+            text = read_source(folder / name)
+        except InputError:
+            return _DroppedFile(name)
+        words = frozenset(_WORD.findall(text))
+        if name.lower().endswith(APPLICATION):
+            return _DroppedFile(name, words=words)
+        file = scan_esdl(text, name).file
+        declared = tuple(item.name for item in file.declarations)
+        classes = tuple(item.name for item in file.declarations if isinstance(item, e.ClassDeclaration))
+        return _DroppedFile(name, file.package, declared, classes, words)
+
+    @property
+    def own_name(self) -> str:
+        """The name of the file without the number that was added because the name was taken."""
+        path = Path(self.name)
+        stem = _COPY.sub("", path.stem)
+        return f"{stem}{path.suffix}" if stem in self.declared else path.name
+
+
+def program_files(folder: Path) -> Iterator[str]:
+    """Yield the applications and the files with classes within a folder; hidden folders are skipped."""
+    seen = 0
+    for place, folders, names in os.walk(folder):
+        depth = len(Path(place).relative_to(folder).parts)
+        folders[:] = sorted(name for name in folders if not name.startswith(".")) if depth < _MAX_DEPTH else []
+        for name in sorted(names):
+            seen += 1
+            if seen > _MAX_FILES:
+                return
+            path = Path(place) / name
+            if is_esdl_file(name) and (name.lower().endswith(APPLICATION) or _has_class(path)):
+                yield path.relative_to(folder).as_posix()
+
+
+def _has_class(path: Path) -> bool:
+    try:
+        return _CLASS.search(read_source(path)) is not None
+    except InputError:
+        return False
+
+
+def place_by_package(folder: Path, root: Path, names: Iterable[str]) -> list[str]:
+    """Move dropped files into the folders of their packages; return their new names.
+
+    Args:
+        folder: the folder of the project, in which they are.
+        root: the folder of the packages.
+        names: names of the files.
+
+    Raises:
+        InputError: a file of the same name and another content exists in its package.
+    """
+    base = root if root.resolve().is_relative_to(folder.resolve()) else folder
+    findings: list[Finding] = []
+    result = []
+    for name in names:
+        file = _DroppedFile.read(folder, name)
+        parts = [plain_name(part) for part in file.package.split(".")] if file.package else []
+        target = base.joinpath(*parts, file.own_name) if parts else folder / name
+        label = target.resolve().relative_to(folder.resolve()).as_posix()
+        if target != folder / name and not _moved(folder / name, target):
+            message = "exists with another content, which was kept"
+            findings.append(Finding(Location(label), message, "Remove it first, or begin a new project."))
+        result.append(label)
+    if findings:
+        raise InputError(findings)
+    return result
+
+
+def _moved(path: Path, target: Path) -> bool:
+    """Move a file unless its target has another content; a file that is there already is removed."""
+    if target.exists():
+        same = target.read_bytes() == path.read_bytes()
+        path.unlink()
+        return same
+    target.parent.mkdir(parents=True, exist_ok=True)
+    path.replace(target)
+    return True
+
+
+def main_program(folder: Path, names: Sequence[str]) -> str:
+    """Return which file is the function: an application, else the class that no other file uses; empty if none is."""
+    files = [_DroppedFile.read(folder, name) for name in names]
+    if applications := [file.name for file in files if file.name.lower().endswith(APPLICATION)]:
+        return applications[0]
+    candidates = [file for file in files if file.classes]
+    unused = [
+        file
+        for file in candidates
+        if not any(set(file.classes) & other.words for other in candidates if other is not file)
+    ]
+    return next((file.name for file in (*unused, *candidates)), "")

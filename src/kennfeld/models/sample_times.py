@@ -1,0 +1,47 @@
+"""Sample times: periods with offsets, the step that hits all of them, and the condition that a step is one of them."""
+
+import math
+from collections.abc import Iterable
+from fractions import Fraction
+from typing import Final, NamedTuple
+
+from kennfeld.graph.builder import GraphBuilder
+
+_TIME_TOLERANCE: Final = 1e-6  # relative to the period, for rounded times
+
+
+class SampleTime(NamedTuple):
+    """Sample time in s: the first hit at `offset`, then one every `period`."""
+
+    period: float
+    offset: float = 0.0
+
+
+def common_step(periods: Iterable[float]) -> float | None:
+    """Return the longest step in s that hits all sample times, None if there are none.
+
+    >>> common_step([0.02, 0.005, 0.01])
+    0.005
+    """
+    parts = [Fraction(period).limit_denominator(10**9) for period in periods if 0 < period < math.inf]
+    parts = [part for part in parts if part > 0]
+    if not parts:
+        return None
+    bottom = math.lcm(*(part.denominator for part in parts))
+    return float(Fraction(math.gcd(*(int(part * bottom) for part in parts)), bottom))
+
+
+def sample_hit(builder: GraphBuilder, rate: SampleTime, step: float | None) -> int | None:
+    """Return the node that is 1 at a sample hit, None if every step is one; `step` is in s, None if it is not fixed."""
+    if step is not None and rate.offset == 0 and rate.period <= step * (1 + _TIME_TOLERANCE):
+        return None
+    near = builder.const(_TIME_TOLERANCE - rate.offset / rate.period)
+    now, before = builder.input("t"), builder.call("sub", builder.input("t"), builder.input("dt"))
+    period = builder.const(rate.period)
+    count = [
+        builder.call("floor", builder.call("add", builder.call("div", time, period), near)) for time in (now, before)
+    ]
+    hit = builder.call("gt", *count)
+    if rate.offset == 0:
+        return hit
+    return builder.call("and", builder.call("ge", count[0], builder.const(0.0)), hit)
