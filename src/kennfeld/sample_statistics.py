@@ -215,7 +215,8 @@ class QuantileSearch:
         firsts = np.cumsum(held) - held  # of the numbers of each key among those near
         places = [int(firsts[i]) + rank for i, rank in rows]
         self._near = [np.partition(np.concatenate([*self._near, np.empty(0)]), places)]
-        return self._near[0][places].tolist()  # type: ignore[no-any-return]
+        numbers: list[float] = self._near[0][places].tolist()
+        return numbers
 
     def _places(self, ranks: Iterable[int], keys: Int) -> list[tuple[int, int]]:
         """Return each rank with the index of its key."""

@@ -35,11 +35,16 @@ def write_stored(folder: Path, protocol: str = "file", text: str = STEADY + SHOR
     return path
 
 
+@pytest.fixture(autouse=True)
+def empty_memory():
+    fsspec.filesystem("memory").store.clear()
+    yield
+    fsspec.filesystem("memory").store.clear()
+
+
 @pytest.fixture(params=["file", "local", "memory"])
 def stored(request, tmp_path):
-    yield write_stored(tmp_path, request.param)
-    if request.param == "memory":
-        fsspec.filesystem("memory").store.clear()
+    return write_stored(tmp_path, request.param)
 
 
 def test_a_calibration_ends_at_the_values_of_local_files(stored, tmp_path_factory):
