@@ -141,6 +141,15 @@ def test_labels_and_variants_are_written(path, tmp_path):
     assert [item.value for item in again.others if item.name == "Plant.T"] == [9.0]
 
 
+def test_the_number_of_an_enumeration_is_written_as_its_label(tmp_path):
+    mode = Component("Mode", kind="ASCET_Enumeration", labels=("Off", "On"), folder="Lib")
+    origin = read(write_archive(tmp_path, PLANT, FILTER, mode)).origin
+    write(ParameterSet([Scalar("mode", 1.0)], origin=origin), tmp_path / "copy.axl")
+    assert read(tmp_path / "copy.axl").texts[0].text == "On"
+    with pytest.raises(InputError, match="no label for this number"):
+        write(ParameterSet([Scalar("mode", 2.0)], origin=origin), tmp_path / "new.axl")
+
+
 def test_long_names_are_those_of_the_file(path, tmp_path):
     new = ParameterSet([Scalar("Engine.Plant.gain", 1.0), Scalar("Else.K", 2.0)], origin=read(path).origin)
     findings = write(new, tmp_path / "copy.axl")

@@ -179,13 +179,21 @@ def test_convert_writes_formula_text_with_the_same_results(folder):
 def test_a_component_of_ascet_6_is_calibrated_and_written_into_a_copy_of_its_archive(tmp_path):
     drawing = Drawing()
     drawing.write("charge", drawing.value_of("shift", "getAt", "oned", x=drawing.element("T")), ("calc", 1))
+    drawing.write("on", drawing.operator("=", drawing.element("mode"), drawing.literal("On")), ("calc", 2))
     shift = parameter("shift", ([0.0, 60.0], [0.15, 0.16]), scope="exported")
-    sensor = Component("Sensor", [message("T"), message("charge", "exported"), shift], [Method("calc")], drawing)
-    write_archive(tmp_path, sensor)
+    choice = parameter("mode", "On", basic="enumeration", reference="/Engine/Mode", scope="exported")
+    elements = [message("T"), message("charge", "exported"), message("on", "exported", basic="log"), shift, choice]
+    mode = Component("Mode", kind="ASCET_Enumeration", labels=("Off", "On"))
+    write_archive(tmp_path, Component("Sensor", elements, [Method("calc")], drawing), mode)
     rows = [f"{t},{0.1 + 0.01 * t}" for t in range(0, 61, 5)]
     (tmp_path / "bench.csv").write_text("\n".join(["T,wanted", *rows, ""]))
-    text = TOML.replace("Battery/Cell/Accu.esdl", "Engine.axl").replace('["esdl", "dcm"]', '["axl", "dcm"]')
+    text = TOML.replace("Battery/Cell/Accu.esdl", "Engine.axl").replace(
+        '["esdl", "dcm"]', '["axl", "dcm"]\ninitial = "Engine.axl"'
+    )
     (tmp_path / "kennfeld.toml").write_text(text.replace("[[dataset]]", 'class = "Sensor"\n[[dataset]]', 1))
+    assert any(
+        "mode: numbers in the function" in str(finding) for finding in Project.read(tmp_path / "kennfeld.toml").check()
+    )
     assert cli.run(["calibrate", str(tmp_path / "kennfeld.toml")]) == 0
     result = read(tmp_path / "results/parameters.axl")
     np.testing.assert_allclose(result["shift"].values, [0.1, 0.7], atol=1e-6)

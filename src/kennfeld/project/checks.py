@@ -401,11 +401,15 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
 
 
 def _unread_class(file: ProjectFile) -> Iterator[_Warning]:
-    """Yield the output as ESDL if no class was read that the values can be written into."""
+    """Yield the output as a file of ASCET if none was read that the values can be written into."""
     read = (file.model.file, *file.calibration.files)
     if ".esdl" in file.calibration.output and not any(name.lower().endswith(".esdl") for name in read):
         message = "esdl requires one ESDL class as the function or among the initial files"
         yield file.location("calibration", "output"), message, "Write another format."
+    for ending in (".axl", ".amd"):
+        if ending in file.calibration.output and not any(name.lower().endswith(ending) for name in read):
+            message = f"{ending[1:]} requires such a file as the function or among the initial files"
+            yield file.location("calibration", "output"), message, "Write another format."
 
 
 def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:

@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.formatting import nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.models import bind_scalars, merge_start_values
 from kennfeld.optimize.limit_nodes import channels_of
 from kennfeld.optimize.options import Step
@@ -92,6 +92,17 @@ class ProblemBuilder:
         self.function: ProjectModel | None = None
         self.surrogates: tuple[Surrogate, ...] = ()
 
+    def _without_texts_of(self, values: ParameterSet, initial: ParameterSet) -> ParameterSet:
+        """Return initial values without the texts that are numbers in the function, such as labels of enumerations."""
+        names = [text.name for text in initial.texts if text.name in values]
+        if not names:
+            return initial
+        message = f"{join_names(names)}: numbers in the function, but texts in a file; the numbers are used"
+        location = self.file.location("calibration", "initial")
+        self.findings.add(Finding(location, message, severity="warning"))
+        texts = [text for text in initial.texts if text.name not in values]
+        return ParameterSet(initial.parameters, texts, initial.axes, initial.others, initial.origin)
+
     def problem(self) -> Problem | None:
         """Build the problem; return None if a finding is an error."""
         file, findings = self.file, self.findings
@@ -103,7 +114,7 @@ class ProblemBuilder:
         if initial is not None and self.function is not None and self.function.model.values:
             values = self.function.model.values
             origin = values.origin if initial.origin is None else initial.origin
-            initial = merge_start_values(values, initial).from_origin(origin)
+            initial = merge_start_values(values, self._without_texts_of(values, initial)).from_origin(origin)
         self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
         findings.add(*calculated.findings, *self.loaded.findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None

@@ -256,6 +256,17 @@ def test_a_step_runs_the_processes_of_several_modules_in_their_order(tmp_path):
         esdl(path, methods=["Plant.clac"])
 
 
+def test_an_element_that_two_components_export_is_taken_from_the_first_with_a_warning(tmp_path):
+    drawing = Drawing()
+    drawing.write("power", drawing.element("gain"), ("run", 1))
+    elements = [parameter("gain", None, scope="imported"), message("power", "exported")]
+    user = Component("User", elements, [Method("run")], drawing)
+    others = [Component(name, [parameter("gain", value, scope="exported")]) for name, value in (("A", 1.0), ("B", 2.0))]
+    model = esdl(write_archive(tmp_path, user, *others), "User")
+    assert model.values["gain"].value == 1.0
+    assert any("gain is exported by Engine/A, Engine/B" in str(remark) for remark in model.remarks)
+
+
 def test_a_state_machine_runs_the_methods_of_its_states(tmp_path):
     values = calculated(tmp_path, machine_component(), {"n": [0, 6, 4, 4, 2, 6]})
     assert values["torque"].tolist() == [0.0, 1.0, 11.0, 21.0, 0.0, 1.0]

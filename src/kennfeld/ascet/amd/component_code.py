@@ -103,33 +103,30 @@ class ComponentTranslation:
 
     def _methods(self) -> tuple[e.StateMachine | None, tuple[e.Method, ...], list[e.Element]]:
         """Return the state machine, the methods, and the variables that hold what tables search."""
-        parts = [] if self.specification is None else list(self.specification.walk())
-        diagrams = [read_diagram(item) for item in parts if item.tag == "BlockDiagramSpecification"]
-        machines = [state_machine(item) for item in parts if item.tag == "StateMachineSpecification"]
-        triggers = {item.get("triggerName") for item in parts if item.tag == "Transition"}
-        texts = {item.get("methodName"): item for item in parts if item.tag == "MethodBody" and _text_of(item)}
-        is_code = any(item.tag == "CCodeSpecification" for item in parts)
-        for diagram in diagrams:
+        parts = _read_parts(self.specification)
+        for diagram in parts.diagrams:
             self._add_findings(diagram)
         self._add_remarks(parts)
-        codes = [DiagramCode(self.component, diagram, self.references) for diagram in diagrams]
-        machine = machines[0] if machines and isinstance(machines[0], e.StateMachine) else None
-        methods = []
-        for method in self.component.methods:
-            body: e.Statements | None
-            is_trigger = bool(machines) and method.name in triggers
-            if is_trigger:
-                body = () if machine is not None else (e.Evaluate(machines[0]),)  # type: ignore[arg-type]
-            elif is_code or (self.specification is None):
-                body = None
-            elif method.name in texts:
-                body = self._parsed(texts[method.name])
-            else:
-                body = self._drawn(method, codes)
-            methods.append(self._method(method, body, MACHINE if is_trigger and machine is not None else ""))
+        codes = [DiagramCode(self.component, diagram, self.references) for diagram in parts.diagrams]
+        methods = tuple(self._method(method, *self._body(method, parts, codes)) for method in self.component.methods)
         searched = {name for code in codes for names in code.searched.values() for name in names}
         variables = [e.Element(name, e.TypeName("real"), place=self._place(1)) for name in sorted(searched)]
-        return machine, tuple(methods), variables
+        machine = parts.machine if isinstance(parts.machine, e.StateMachine) else None
+        return machine, methods, variables
+
+    def _body(
+        self, method: MethodSignature, parts: "_SpecificationParts", codes: Sequence[DiagramCode]
+    ) -> tuple[e.Statements | None, str]:
+        """Return the statements of a method, None if it is written in C, and the state machine that it triggers."""
+        if method.name in parts.triggers and parts.machine is not None:
+            if isinstance(parts.machine, e.StateMachine):
+                return (), MACHINE
+            return (e.Evaluate(parts.machine),), ""
+        if parts.is_code:
+            return None, ""
+        if method.name in parts.texts:
+            return self._parsed(parts.texts[method.name]), ""
+        return self._drawn(method, codes), ""
 
     def _method(self, method: MethodSignature, body: e.Statements | None, triggers: str) -> e.Method:
         result = None if method.result is None else self.elements.type(method.result, method.name)
@@ -172,13 +169,12 @@ class ComponentTranslation:
             return (e.Evaluate(e.Unsupported("the text is not that of one method", place=place)),)
         return declared.methods[0].body or ()
 
-    def _add_remarks(self, parts: Sequence[XmlElement]) -> None:
+    def _add_remarks(self, parts: "_SpecificationParts") -> None:
         """Add remarks on what a diagram leaves open."""
-        priorities = {item.get("priority") for item in parts if item.tag == "Transition"}
         texts = []
-        if len(priorities) > 1:
+        if len(parts.priorities) > 1:
             texts.append("transitions of a state are tested in the order of their priorities, 1 first")
-        if any(item.is_true("tempVar") for item in parts):
+        if parts.has_temporaries:
             texts.append("outputs with a temporary variable are calculated at each use")
         location = Location(self.file, path=self.component.name)
         self.findings += [Finding(location, text, severity="remark") for text in texts]
@@ -194,6 +190,41 @@ class ComponentTranslation:
             self.findings.append(
                 Finding(Location(self.file, step.line, self.component.name), message, severity="remark")
             )
+
+
+@dataclass(frozen=True)
+class _SpecificationParts:
+    """Parts of a `.specification.amd` file: diagrams, a state machine, texts of methods, or code in C.
+
+    `triggers` are the methods that run the state machine, `priorities` those of its transitions, and `has_temporaries`
+    says whether outputs are marked as temporary variables.
+    """
+
+    diagrams: tuple[BlockDiagram, ...] = ()
+    machine: e.StateMachine | e.Unsupported | None = None
+    triggers: frozenset[str] = frozenset()
+    texts: Mapping[str, XmlElement] = field(default_factory=dict)
+    is_code: bool = True
+    priorities: frozenset[str] = frozenset()
+    has_temporaries: bool = False
+
+
+def _read_parts(root: XmlElement | None) -> _SpecificationParts:
+    if root is None:
+        return _SpecificationParts()
+    items = list(root.walk())
+    machines = [item for item in items if item.tag == "StateMachineSpecification"]
+    of_machine = [item for machine in machines for item in machine.walk()]
+    names = ((item.tag, item.get("triggerName") or item.get("methodName")) for item in of_machine)
+    return _SpecificationParts(
+        tuple(read_diagram(item) for item in items if item.tag == "BlockDiagramSpecification"),
+        state_machine(machines[0]) if machines else None,
+        frozenset(name for tag, name in names if tag in ("Transition", "MethodBody")),
+        {item.get("methodName"): item for item in items if item.tag == "MethodBody" and _text_of(item)},
+        any(item.tag == "CCodeSpecification" for item in items),
+        frozenset(item.get("priority") for item in items if item.tag == "Transition"),
+        any(item.is_true("tempVar") for item in items),
+    )
 
 
 def _is_state(element: ComponentElement) -> bool:

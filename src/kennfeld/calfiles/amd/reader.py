@@ -42,11 +42,15 @@ _DEFAULT: Final = "default"
 
 @dataclass(frozen=True)
 class AmdValue:
-    """The numbers of a parameter: those of each axis, and the values, with their positions in the file at `path`."""
+    """The numbers of a parameter: those of each axis, and the values, with their positions in the file at `path`.
+
+    `labels` are those of its enumeration with their numbers.
+    """
 
     path: str
     item: Item
     entry: DataEntry
+    labels: tuple[tuple[str, int], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -174,9 +178,14 @@ class _AmdReader:
             except ArgumentError as error:
                 problem = str(error)
             else:
-                self.values.append((path.removesuffix(DATA), AmdValue(path, item, entry)))
+                self.values.append((path.removesuffix(DATA), AmdValue(path, item, entry, self._labels(element))))
                 return
         self._skip(path, entry, problem)
+
+    def _labels(self, element: ComponentElement) -> tuple[tuple[str, int], ...]:
+        """Return the labels of the enumeration of an element; none if it is missing."""
+        path = self.library.locate(element.reference) if element.basic_type == "enumeration" else None
+        return () if path is None else self.library.component(path).labels
 
     def _skip(self, path: str, entry: DataEntry, problem: str) -> None:
         location = Location(file_name(path), entry.line, entry.element)
@@ -200,7 +209,7 @@ class _AmdReader:
                 self._skip(value.path, value.entry, "it has several values in one data set")
                 continue
             item = value.item.changed(name=name) if not isinstance(value.item, Text) else _renamed(value.item, name)
-            result[key] = AmdValue(value.path, item, value.entry)
+            result[key] = replace(value, item=item)
         return result
 
     def prefixes(self) -> Iterator[str]:

@@ -17,7 +17,7 @@ from kennfeld.calfiles.amd.reader import AmdOrigin, AmdReference, AmdValue
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.formatting import count_labels, holds_control_characters, join_names
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Text
+from kennfeld.parameters import Parameter, Text
 
 _ZIP: Final = b"PK\x03\x04"
 _ATTRIBUTE: Final = rb"\s+[\w:.-]+\s*=\s*(?:\"[^\"]*\"|'[^']*')"
@@ -93,12 +93,15 @@ class _AmdUpdate:
     def take(self, item: Item) -> None:
         """Take the values of a parameter or text."""
         value = self.origin.value(item.name, item.variant)
-        if value is None:
+        before = None if value is None else value.item
+        if value is None or before is None:
             self.others.append(item.name)
-        elif isinstance(item, Text) or isinstance(value.item, Text):
-            self._take_text(item, value)
-        elif item.kind != value.item.kind or item.values.shape != value.item.values.shape:
-            shapes = (f"{p.kind} {' x '.join(map(str, p.values.shape))}".strip() for p in (item, value.item))
+        elif isinstance(before, Text):
+            self._take_text(item, value) if isinstance(item, Text) else self._take_number(item, value)
+        elif isinstance(item, Text):
+            self.findings.error(0, item.name, "is a text in one file and a number in the other")
+        elif item.kind != before.kind or item.values.shape != before.values.shape:
+            shapes = (f"{p.kind} {' x '.join(map(str, p.values.shape))}".strip() for p in (item, before))
             message = "is a {}, but a {} in the file".format(*shapes)
             self.findings.error(0, item.name, message, "Keep the size of the table, or write another format.")
         else:
@@ -106,13 +109,21 @@ class _AmdUpdate:
             for points, axis in zip(value.entry.axes, item.axes, strict=True):
                 self._replace(item.name, value, points, axis.breakpoints)
 
-    def _take_text(self, item: Item, value: AmdValue) -> None:
-        if not isinstance(item, Text) or not isinstance(value.item, Text):
-            self.findings.error(0, item.name, "is a text in one file and a number in the other")
-        elif item.text != value.item.text:
+    def _take_number(self, item: Parameter, value: AmdValue) -> None:
+        """Take the label of a number."""
+        labels = {float(number): label for label, number in value.labels}
+        label = labels.get(float(item.values)) if item.values.ndim == 0 else None
+        if label is None:
+            self.findings.error(0, item.name, "is an enumeration, of which the file has no label for this number")
+        elif label != value.entry.values[0].text:
+            self._put(item.name, value, value.entry.values[0], escape(label))
+
+    def _take_text(self, item: Text, value: AmdValue) -> None:
+        known = value.entry.values[0]
+        if item.text != known.text:
             if holds_control_characters(item.text):
                 self.findings.error(0, item.name, f"{item.text[:60]!r} is not a valid word")
-            self._put(item.name, value, value.entry.values[0], escape(item.text))
+            self._put(item.name, value, known, escape(item.text))
 
     def _replace(self, name: str, value: AmdValue, before: Sequence[DataValue], now: Float) -> None:
         """Replace the numbers that changed."""

@@ -4,18 +4,28 @@ from collections.abc import Collection, Iterable
 
 from kennfeld.ascet import syntax as e
 from kennfeld.errors import Finding, InputError, Location
-from kennfeld.models.ascet.component_tree import ComponentTree, choose_component, code_components, open_components
+from kennfeld.models.ascet.component_tree import (
+    ComponentScope,
+    ComponentTree,
+    choose_component,
+    code_components,
+    open_components,
+)
 from kennfeld.models.ascet.method_choice import MethodChooser
 from kennfeld.models.ascet.method_selection import MethodSelection, Process, ScheduledTask
 
 
 class ComponentMethodChooser(MethodChooser):
-    """Chooses the methods of a step of components.
+    """Chooses the methods of a step of components."""
 
-    `findings` are those on the components that were read so far.
-    """
+    warnings: Collection[Finding] = ()
 
-    findings: Collection[Finding] = ()
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The findings on the components whose instances take part, once they are imported."""
+        scopes = dict.fromkeys(instance.scope for instance in self.program.instances())
+        own = [finding for scope in scopes if isinstance(scope, ComponentScope) for finding in scope.findings]
+        return (*own, *self.warnings)
 
     def of_component(self, name: str, methods: list[str], startup: list[str]) -> MethodSelection:
         """Return the methods of a component of an `.axl` or `.amd` file, or those named with several components."""
@@ -27,7 +37,7 @@ class ComponentMethodChooser(MethodChooser):
             message = "tasks of ASCET 6 projects are not read"
             raise InputError.of(location, message, "Name the methods of a step.")
         tree = open_components(self.path)
-        self.findings = tree.findings
+        self.warnings = tree.findings
         if not name and any("." in method for method in methods):
             processes = self._of_components(tree, methods)
             first = self._of_components(tree, startup)

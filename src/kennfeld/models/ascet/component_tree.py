@@ -30,9 +30,13 @@ class SharedElement(Declared):
 
 @dataclass(frozen=True, eq=False)
 class ComponentScope(FileScope):
-    """The names that a component knows: its shared elements, those of others, and all components."""
+    """The names that a component knows: its shared elements, those of others, and all components.
+
+    `findings` are those on its files.
+    """
 
     component: AscetComponent = field(default_factory=lambda: AscetComponent("", "", ""))
+    findings: tuple[Finding, ...] = ()
 
     def find(self, name: str) -> Declared | None:
         """Return the shared element or the component of a name; None if unknown."""
@@ -60,7 +64,7 @@ class ComponentTree(SourceTree):
     Attributes:
         library: the components.
         main: path of the component that an `.amd` file belongs to; empty for an archive.
-        findings: findings on components that were translated.
+        findings: warnings on elements that several components export.
     """
 
     library: ComponentLibrary = field(kw_only=True)
@@ -82,9 +86,10 @@ class ComponentTree(SourceTree):
         """Return the scope of the component at a path; raises `InputError` if a file of it cannot be read."""
         if path not in self._component_scopes:
             code = self.library.code(path)
-            self.findings |= dict.fromkeys(code.findings)
             file = self.root / (path + SPECIFICATION)
-            self._component_scopes[path] = ComponentScope(self, code.file, file, self.library.component(path))
+            self._component_scopes[path] = ComponentScope(
+                self, code.file, file, self.library.component(path), code.findings
+            )
         return self._component_scopes[path]
 
     def note_exporters(self, name: str, paths: tuple[str, ...]) -> None:

@@ -112,7 +112,7 @@ def _import(
         raise InputError.of(Location(name or file.name, line), error.message, error.remedy) from None
     except RecursionError:
         raise InputError.of(Location(file.name), "the program is nested too deeply", "Split its expressions.") from None
-    result = _with_remarks(result, tuple(chooser.findings))
+    result = _with_remarks(result, chooser.findings)
     if result.model is None or file.suffix.lower() == APPLICATION:
         return result
     values = result.model.values.from_origin(_origin(file, result.report.classes))
