@@ -1,11 +1,11 @@
 """Constraints of a calibration in addition to bounds and locks: shapes of tables, equalities, and output limits."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from kennfeld.arrays import ArrayLike
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import array, number
 
 UNBOUNDED = float("inf")

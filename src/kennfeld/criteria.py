@@ -1,10 +1,10 @@
 """Criteria of a calibration: nodes, their targets, losses and weights."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import number
 
 Loss = Literal["square", "huber", "soft_l1", "excess"]

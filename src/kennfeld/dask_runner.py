@@ -10,13 +10,14 @@ import ssl
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import import_module
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from kennfeld.errors import Finding, InputError, KennfeldError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.task_runner import Receiver, RunnerLostError, Task, as_worker, connected
 
 AHEAD = 4  # tasks for each worker that are handed out beforehand

@@ -1,7 +1,7 @@
 """Datasets: recorded channels of equal length, with or without time stamps, in one or more pieces."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import array, number, truths
 
 Use = Literal["training", "test"]

@@ -13,10 +13,12 @@ import re
 import sys
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Literal
+
+from kennfeld.lazy_dataclass import dataclass
 
 Severity = Literal["error", "warning", "remark"]
 

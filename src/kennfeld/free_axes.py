@@ -4,13 +4,13 @@ A group axis is a single axis, however many tables share it; any other axis belo
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import join_names, nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
 

@@ -1,7 +1,7 @@
 """Sets of parameters by name, with texts, group axes and variants."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TypeVar
@@ -10,6 +10,7 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Parameter, Text
 
 _FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only when needed: the import takes time

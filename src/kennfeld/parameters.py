@@ -4,7 +4,7 @@ All types are frozen. `Map.values[i, j]` belongs to x breakpoint i and y breakpo
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import ArrayLike, Bool, Float, readonly
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import array, truths
 
 Extrapolation = Literal["clip", "linear"]

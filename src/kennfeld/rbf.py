@@ -5,7 +5,7 @@ its values, so that they can be calibrated, for example in place of a large map.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float, readonly
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Parameter
 
 BELLS_PER_BLOCK = 1 << 18  # 2 MB, which stays in the cache

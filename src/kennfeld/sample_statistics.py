@@ -4,13 +4,14 @@ Parts may therefore be processed by several threads or machines, and none has to
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import reduce
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.threads import map_in_order
 
 _KEY_BITS = 14  # numbers with the same sign, exponent and first two bits of the mantissa share a key

@@ -1,9 +1,9 @@
 """Settings of a search that a project file and the Python API share; loading them is fast."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from kennfeld.file_keys import key
+from kennfeld.lazy_dataclass import dataclass
 
 MAX_STARTS = 10_000  # each keeps its values until the end
 

@@ -1,12 +1,12 @@
 """Autocorrelation of the errors of a recording."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.persistence import MIN_SAMPLES, LaggedProducts, inflation
 
 MAX_LAGS = 1000

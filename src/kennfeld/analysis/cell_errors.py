@@ -1,13 +1,14 @@
 """Errors by table cell, and the number of samples at each grid point."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Use
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, cell_shape
 from kennfeld.parameter_set import ParameterSet
 

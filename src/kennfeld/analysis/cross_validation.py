@@ -8,7 +8,7 @@ points at random.
 
 import pickle
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from kennfeld.arrays import Bool
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.formatting import join_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.partitions import Partition

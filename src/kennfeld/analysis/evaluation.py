@@ -1,13 +1,13 @@
 """Simulation of all criteria of a problem on all its datasets."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph.traversal import with_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet

@@ -2,7 +2,7 @@
 
 import pickle
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset, Use
 from kennfeld.formatting import count_noun
 from kennfeld.graph.traversal import with_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.partitions import StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem, partitions_of
 from kennfeld.optimize.quality import NodeSimulator

@@ -1,12 +1,13 @@
 """Leverage of samples: the influence of each on the values that are fitted to it."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups
 from kennfeld.optimize.problem import Problem
 from kennfeld.preprocessing.sample_weights import sample_weights

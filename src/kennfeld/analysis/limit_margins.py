@@ -1,7 +1,7 @@
 """Active limits at given values, and the range of limited outputs."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from kennfeld.constraints import Equality, Limit, Shape
 from kennfeld.errors import Location
 from kennfeld.free_axes import free_axes, with_fixed_axes
 from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula import extend
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.problem import Problem

@@ -2,7 +2,6 @@
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -11,6 +10,7 @@ import numpy as np
 from kennfeld.analysis.evaluation import CriterionSeries, Evaluator
 from kennfeld.arrays import Float
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
 from kennfeld.optimize.partitions import StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem, partitions_of

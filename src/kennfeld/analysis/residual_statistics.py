@@ -4,12 +4,13 @@ The first pass counts and sums, the second finds quantiles around those counts, 
 largest errors, and scaled errors that are rare. All of them can be merged with those of other parts.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.quality import ErrorSums
 from kennfeld.optimize.trust.persistence import LaggedProducts
 from kennfeld.sample_statistics import Moments, QuantileSearch, Ranks

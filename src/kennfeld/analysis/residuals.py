@@ -1,7 +1,6 @@
 """Residuals of a parameter set: absolute, relative and studentized, with summaries and the worst samples."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -33,6 +32,7 @@ from kennfeld.analysis.residual_statistics import (
 )
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Use
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.trust.persistence import LaggedProducts
 from kennfeld.parameter_set import ParameterSet

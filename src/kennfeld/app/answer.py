@@ -1,13 +1,14 @@
 """Answers to the questions of a page."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 
 Given = Mapping[str, Any]  # the details of a question
 Arrays = Mapping[str, NDArray[Any]]

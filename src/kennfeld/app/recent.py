@@ -4,11 +4,12 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
 from kennfeld.atomic_files import write_whole
+from kennfeld.lazy_dataclass import dataclass
 
 MAX_PROJECTS = 20
 

@@ -5,7 +5,7 @@ reported at once. Representations say how numbers are stored in a control unit; 
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 from kennfeld.ascet import syntax as e
@@ -13,6 +13,7 @@ from kennfeld.ascet.expression_parser import EsdlSyntaxError
 from kennfeld.ascet.lexer import MAX_CHARACTERS, tokens_of
 from kennfeld.ascet.state_machine_parser import DeclarationHead, StateMachineParser
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 
 _MAX_ERRORS: Final = 40
 _KINDS: Final = ("characteristic", "const", "sysconst")

@@ -1,10 +1,10 @@
 """Parser of what stands before declarations, and of state machines."""
 
-from dataclasses import dataclass
 from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.statement_parser import EsdlStatementParser
+from kennfeld.lazy_dataclass import dataclass
 
 _MODIFIERS: Final = frozenset(
     {"public", "private", "protected", "static", "singleton", "stateless", "extern", "virtual", "final", "volatile"}

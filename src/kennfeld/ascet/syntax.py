@@ -3,8 +3,10 @@
 A file has a package, imports and declarations: classes, data interfaces, types, units and constants.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
+
+from kennfeld.lazy_dataclass import dataclass
 
 
 class TextPosition(NamedTuple):

@@ -1,7 +1,7 @@
 """Compares two parameter sets: values, axes, units, and labels that only one of them has."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import size_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter, Text
 

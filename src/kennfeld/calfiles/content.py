@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import nan
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import FileFindings, Item, Key
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Text
 
 

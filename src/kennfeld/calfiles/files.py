@@ -4,7 +4,6 @@ import gc
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_co
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 

@@ -6,7 +6,7 @@ one row per x, is a curve or map. Common other names of these fields are support
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import takewhile
 from math import prod
 from typing import Any
@@ -17,6 +17,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.content import drop_trailing_ones
 from kennfeld.calfiles.format import FileFindings, Item, Key, build_set
 from kennfeld.formatting import count_noun, join_names, size_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Scalar, Text, TextKind, parameter
 

@@ -1,7 +1,7 @@
 """Merges several calibrations; later ones replace values of earlier ones."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from kennfeld.calfiles.comparison import Difference, compare
 from kennfeld.calfiles.format import Item
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import count_labels
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 

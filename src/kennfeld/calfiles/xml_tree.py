@@ -6,10 +6,10 @@ makes a Python object for each element.
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from xml.parsers import expat
 
 from kennfeld.calfiles.format import FileFindings
+from kennfeld.lazy_dataclass import dataclass
 
 SEPARATOR = "\x1f"  # of the texts of equal elements that were joined; no XML can hold it
 

@@ -8,13 +8,14 @@ zero is zero even if the other factor is not finite, so values of a branch not t
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors
+from kennfeld.lazy_dataclass import dataclass
 
 SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope"}
 

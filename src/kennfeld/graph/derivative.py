@@ -12,7 +12,6 @@ switch adjoints instead of multiplying them, so a non-finite value in a branch n
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
 
@@ -22,6 +21,7 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.traversal import ancestors, dependents
+from kennfeld.lazy_dataclass import dataclass
 
 MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
 SHARED = 1.4  # rows that see a node, on the average, from which they share one pull-back

@@ -7,7 +7,6 @@ condition changes is located, and outputs and next states are compared on both s
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
@@ -17,6 +16,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.graph.node import Graph, Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors, dependents
+from kennfeld.lazy_dataclass import dataclass
 
 POINTS = 256  # random points, between neighbours of which a condition may change
 HALVINGS = 22  # of the way between two points, after which its ends are compared; and again after as many more

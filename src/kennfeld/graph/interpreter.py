@@ -1,7 +1,6 @@
 """Reference interpreter of graphs in numpy, one node after the other. All other backends are tested against it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from kennfeld.graph.interpolation import (
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef, lower_lookups
 from kennfeld.graph.node import Graph, Node, State
 from kennfeld.graph.operations import OPERATIONS
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF
 

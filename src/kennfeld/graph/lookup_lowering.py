@@ -4,7 +4,6 @@ Axes with equal breakpoints are merged, so tables over the same axes share their
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ from kennfeld.free_axes import AxisKey, free_axes, key_of
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node
 from kennfeld.graph.traversal import dependents, rewrite
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Extrapolation, Parameter
 from kennfeld.rbf import RBF

@@ -5,9 +5,11 @@ a value that is read `latency` steps after it was written. `prev` is latency 1, 
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 from typing import Any, NamedTuple
+
+from kennfeld.lazy_dataclass import dataclass
 
 CLOCK = ("dt", "t")
 

@@ -5,10 +5,11 @@ at 0 is 0, and step functions (`floor`, comparisons, ...) have slope 0.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+
+from kennfeld.lazy_dataclass import dataclass
 
 
 class Writer(Protocol):

@@ -1,7 +1,7 @@
 """Layout of all parameter values and free breakpoints in one vector p, as the native code reads it."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from kennfeld.arrays import Float
 from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.lookup_lowering import Free
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 
 

@@ -1,11 +1,13 @@
 """The content of MATLAB data files in one form for all versions: arrays, texts, structs and unreadable values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from kennfeld.lazy_dataclass import dataclass
 
 MAX_BYTES = 4_000_000_000  # of all arrays
 MAX_NODES = 100_000

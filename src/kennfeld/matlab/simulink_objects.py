@@ -4,11 +4,11 @@ In a script they are structs with the name of their class; `to_calibration_param
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import values as v
 
 _TABLE, _POINTS = "Simulink.lookuptable.Table", "Simulink.lookuptable.Breakpoint"

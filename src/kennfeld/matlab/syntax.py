@@ -3,8 +3,10 @@
 `f(x)` is a `Call` whether f is a function or an array: that depends on the variables in scope.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
+
+from kennfeld.lazy_dataclass import dataclass
 
 
 class SourcePosition(NamedTuple):

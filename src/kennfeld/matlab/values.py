@@ -5,7 +5,7 @@ are never changed in place; an assignment to a part makes a new one.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Float
 from kennfeld.formatting import size_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab.syntax import Expression
 
 Array: TypeAlias = NDArray[Any]

@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, field, fields
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,6 +24,7 @@ from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.arrow_numbers import array_of, view_of
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently

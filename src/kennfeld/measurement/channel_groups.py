@@ -5,7 +5,7 @@ to the next time column.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +14,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.resampling import even_grid, resample_all
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import assemble, check_columns, readonly_view, to_channels

@@ -2,10 +2,10 @@
 
 import itertools
 import mmap
-from dataclasses import dataclass
 
 import numpy as np
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.csv_dialect import Dialect
 
 _WINDOW = 4096  # bytes that are searched at once for the end of a line

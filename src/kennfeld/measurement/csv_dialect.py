@@ -3,10 +3,11 @@
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.header import Header, find_header
 from kennfeld.measurement.table import is_mark

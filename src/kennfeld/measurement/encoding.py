@@ -2,7 +2,8 @@
 
 import codecs
 from collections.abc import Container
-from dataclasses import dataclass
+
+from kennfeld.lazy_dataclass import dataclass
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 _MOST_COMMON = 0.8  # of the characters of two bytes

@@ -5,13 +5,13 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
+from kennfeld.lazy_dataclass import dataclass
 
 _T = TypeVar("_T")
 _HEAD = 4096  # bytes

@@ -2,9 +2,9 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import takewhile
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, is_missing, parse_number
 from kennfeld.measurement.unit_text import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
 

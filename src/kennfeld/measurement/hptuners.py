@@ -5,12 +5,13 @@ without quotes) and one of units, [Channel Data] the rows. A cell is empty if it
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from kennfeld.arrays import Bool
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.csv_dialect import split_line
 from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile

@@ -6,12 +6,13 @@ none. Source: National Instruments, "Specification for the LabVIEW Measurement F
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile

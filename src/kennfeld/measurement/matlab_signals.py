@@ -7,12 +7,13 @@ ControlDesk (X.Data, Y.Data, Y.XIndex); the matrix of a To File block (its first
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from os.path import commonprefix
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab.mat_nodes import (
     MatCells,
     MatNumbers,

@@ -10,7 +10,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import StringIO
 from tempfile import TemporaryDirectory
 from threading import Lock
@@ -21,6 +21,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Findings, InputError
 from kennfeld.formatting import join_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError

@@ -9,7 +9,6 @@ names of bits, the information, and the records.
 import re
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import MAX_MARKS, Column, Selection, Table, describe_marks, unique_names

@@ -9,13 +9,14 @@ import struct
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from kennfeld.lazy_dataclass import dataclass
 
 _HEAD = struct.Struct("<4s4xQQ")  # kind, length and number of links of a block
 _FIRST = 64  # where the header block begins

@@ -6,7 +6,7 @@ so they become NaN), and of the markers that a driver or the logger set while re
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import replace_infinite
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, parse_numbers, parse_stamps, quote_cell
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.unit_text import may_be_time

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset, concatenate
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import join_names, nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.resampling import even_grid, resample_all, samples_on
 from kennfeld.measurement.table import Column, Selection, Table, text_findings, without_infinite

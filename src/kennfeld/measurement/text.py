@@ -12,12 +12,13 @@ import codecs
 import io
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import islice
 
 import numpy as np
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split_line
 from kennfeld.measurement.encoding import GUESSED_ENCODINGS, detect_encoding

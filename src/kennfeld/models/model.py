@@ -1,7 +1,7 @@
 """`Model`: the graph of one time step together with the name, step and parameters of its source."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ from kennfeld.errors import Finding, Location
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.traversal import rewrite
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 

@@ -1,10 +1,10 @@
 """Inputs, outputs and parameters of an imported model, as reports of imports list them."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Parameter
 
 

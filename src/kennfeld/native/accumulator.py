@@ -13,13 +13,13 @@ threads.
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
 from kennfeld.native.symmetric import SymmetricMatrix

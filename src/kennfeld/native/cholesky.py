@@ -13,12 +13,13 @@ Systems, 1981):
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, aligned_zeros
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 from kennfeld.native.addresses import INT64, address, is_strided, strided

@@ -5,7 +5,7 @@ LLVM's passes grows faster than the length of a block; values used across functi
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Node
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef
 from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.engine import SharedFunction, shared_function
 from kennfeld.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, load_sample

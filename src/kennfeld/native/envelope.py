@@ -6,12 +6,12 @@ George, 1971). Rows are grouped in blocks, as in `cholesky`.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Int, Sparse
+from kennfeld.lazy_dataclass import dataclass
 
 BLOCK = 8
 BUSY = (np.inf, 4.0, 2.0)  # times the median number of neighbours from which a value comes last; the best is taken

@@ -6,11 +6,11 @@ adjoint program (`PulledRows`).
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from math import prod
 
 from kennfeld.graph.derivative import Linearization, Written
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.ir import ZERO, literal
 from kennfeld.native.adjoint_loop import PullProgram
 from kennfeld.native.elementwise import guarded_product

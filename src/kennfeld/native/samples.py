@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.column_table import BLOCK, ColumnTable, Order, Row
 
 

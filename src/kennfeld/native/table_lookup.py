@@ -9,9 +9,9 @@ polynomials here and not calls of the C library. Search and window do not depend
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from kennfeld.graph.interpolation import WINDOW
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.engine import shared_function
 from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 

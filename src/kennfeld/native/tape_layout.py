@@ -1,11 +1,11 @@
 """Layout of the slopes between states on a tape of linearised steps."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
 
 from kennfeld.graph.derivative import Linearization
+from kennfeld.lazy_dataclass import dataclass
 
 MANY = 8  # states beyond which loops over them are faster than code for each
 

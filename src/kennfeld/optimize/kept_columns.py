@@ -1,13 +1,14 @@
 """Columns that belong to the samples of a compiled problem and are needed again: in memory, or next to a partition."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
 from kennfeld.column_file import read_columns
 from kennfeld.content_digest import digest_of
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.prepared_files import PreparedFiles, touch
 
 RECENT = 2  # entries in memory

@@ -1,12 +1,12 @@
 """Graph nodes for the sides of output limits: each must not exceed a number."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.constraints import Limit
 from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.formula import extend
 

@@ -1,7 +1,6 @@
 """Coordinates, cells and grid points at which a function looks up its tables, over the data."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import product
 
@@ -12,6 +11,7 @@ from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import position
 from kennfeld.graph.traversal import dependents, with_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet

@@ -1,7 +1,7 @@
 """Options of a search, and the steps of a sequence."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fnmatch import fnmatchcase
 from typing import Any, Literal, TypeVar
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import number
 from kennfeld.optimize.problem import Factor, Smoothness
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings

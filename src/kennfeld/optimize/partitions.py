@@ -6,7 +6,7 @@ order of the files. So one process and any number of workers compute the same, b
 
 import pickle
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, overload
@@ -15,6 +15,7 @@ import numpy as np
 
 from kennfeld.dataset import Dataset, concatenate
 from kennfeld.errors import Finding, InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFiles, cut
 from kennfeld.preprocessing.recording_sources import RecordingSource

@@ -1,12 +1,13 @@
 """Some recordings of data in partitions, evenly spaced, as partitions of their own: a search begins with them."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.samples import Samples, pick_evenly
 from kennfeld.optimize.partitions import Part, Partitions, group_parts
 from kennfeld.preprocessing.binding import BoundDataset

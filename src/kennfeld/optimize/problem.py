@@ -2,7 +2,7 @@
 
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -15,6 +15,7 @@ from kennfeld.criteria import Criterion, Target
 from kennfeld.dataset import Dataset
 from kennfeld.free_axes import AxisKey, FreeAxis, free_axes, key_of
 from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.optimize.limit_nodes import keeps_pieces
 from kennfeld.optimize.partitions import (

@@ -1,7 +1,6 @@
 """Simulation of the nodes of a model, and the errors of its criteria in numbers."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
@@ -11,6 +10,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Channel, Dataset
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameter_set import ParameterSet

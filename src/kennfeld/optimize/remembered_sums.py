@@ -1,10 +1,9 @@
 """Sums that remember their last results: a fit asks several times for those at its start and at its end."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.optimize.sums import NormalEquations, Sums
 

@@ -1,7 +1,7 @@
 """The result of a calibration, its trace, and the checkpoints from which a search can resume."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
 from kennfeld.free_axes import free_axes
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.quality import Quality, r2_text
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet

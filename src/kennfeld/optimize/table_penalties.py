@@ -9,7 +9,6 @@ penalty on differences between neighbours flattens them. Both are too weak to ma
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.free_axes import key_of
 from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import SymmetricMatrix, add_entries
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter

@@ -7,11 +7,11 @@ other than 0.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project

@@ -1,7 +1,6 @@
 """Binding of datasets to the inputs of a model: gaps are bridged, pieces are split, time steps are computed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +9,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import PAUSE, Dataset, time_steps
 from kennfeld.errors import InputError, Location
 from kennfeld.graph import Graph
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
 TIME_TOLERANCE = 1e-6  # s; time stamps are no closer

@@ -5,13 +5,14 @@ memory are divided anywhere. Parts depend on the data alone, so that what is sum
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from kennfeld.arrays import Int
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.binding import BoundDataset
 
 

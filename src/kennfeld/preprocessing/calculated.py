@@ -1,7 +1,6 @@
 """Calculated channels and conditions: formula text over the channels of a dataset."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from types import MappingProxyType
 
@@ -13,6 +12,7 @@ from kennfeld.errors import Finding, InputError, Location
 from kennfeld.graph import Graph
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula import expression
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet

@@ -1,13 +1,14 @@
 """Several recordings joined into one dataset while they are read, so that no recording is kept beside it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.units import compare_units, is_unit_missing
 

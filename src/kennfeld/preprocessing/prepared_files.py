@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from kennfeld.column_file import ColumnFile, read_columns, write_columns
 from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.dataset import Channel, Clock, Dataset, Settling
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import prepare_dataset
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings

@@ -6,12 +6,12 @@ values at once, however they are divided; what is sent are counts.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 
 BITS = 16
 _DIGITS = 1 << BITS

@@ -1,13 +1,13 @@
 """Settings of datasets: their files, and how they are prepared."""
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
 from kennfeld.dataset import Use
 from kennfeld.errors import Location
 from kennfeld.file_keys import KeyProblem, key
+from kennfeld.lazy_dataclass import dataclass
 
 _EXAMPLE = 'Write steady = { channel = "Speed", window = 5.0, tolerance = 10 }.'
 

@@ -6,13 +6,13 @@ that has changed is another one.
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recordings import find_recordings
 
 _MARK = "://"

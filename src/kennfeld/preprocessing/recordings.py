@@ -5,7 +5,7 @@ all files without it, what needs it, and similar names that the files have.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.formatting import join_names, nearest, quoted
 from kennfeld.graph import Graph
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import describe, list_columns, read_leniently
 from kennfeld.preprocessing.calculated import Calculated, parse_expression

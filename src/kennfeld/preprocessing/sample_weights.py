@@ -5,7 +5,7 @@ The weight of a sample multiplies its loss, so that a robust loss still sees the
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula import expression
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import holds

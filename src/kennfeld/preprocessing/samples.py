@@ -6,7 +6,6 @@ usual table but need little memory.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +16,7 @@ from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.node import extract
 from kennfeld.graph.partition import GraphPartition
 from kennfeld.graph.traversal import dependents
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.column_table import Order
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Piece, Samples

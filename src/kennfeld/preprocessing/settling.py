@@ -13,7 +13,6 @@ restarted inside the graph, by the age of a sample in its point, and many points
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
@@ -23,6 +22,7 @@ from kennfeld.dataset import Dataset, Settling
 from kennfeld.errors import InputError, Location
 from kennfeld.graph import Graph, GraphBuilder, State
 from kennfeld.graph.node import extract
+from kennfeld.lazy_dataclass import dataclass
 
 SHARE, KEEP = AVERAGING = ("\0share", "\0keep")  # inputs that no formula text can name
 AGE = "\0age"  # steps since the point began; infinite in data that are not held

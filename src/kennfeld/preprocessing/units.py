@@ -7,7 +7,7 @@ registry of units. Angles are a quantity of their own here, so that revolutions 
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -16,6 +16,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names, nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, time_unit
 from kennfeld.preprocessing.recipe import DataSettings
 

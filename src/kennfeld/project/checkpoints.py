@@ -9,7 +9,7 @@ import json
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.result import Checkpoint, StartResult
 from kennfeld.optimize.search.start_runner import with_values
 from kennfeld.parameter_set import ParameterSet

@@ -1,13 +1,13 @@
 """Builds the criteria and constraints of a project: pins, shapes of tables, equalities, and output limits."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from kennfeld.constraints import Equality, Limit, Pin, Shape, Term
 from kennfeld.criteria import Criterion, Region, Target
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, Findings, Location
 from kennfeld.formatting import count_noun, nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.project.model import ProjectModel

@@ -1,11 +1,12 @@
 """A column of the data that an axis is looked up with: a channel, or a node that depends on data alone."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.graph import Graph
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.calculated import evaluate_expression
 
 

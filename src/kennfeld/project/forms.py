@@ -7,13 +7,14 @@ the field names one.
 import re
 import types
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from typing import Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.section import Section, as_finite, list_words, show
 
 INFINITE = {"type": ["number", "string"], "pattern": r"^\s*[+-]?[iI][nN][fF]\s*$"}

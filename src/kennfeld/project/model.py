@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.formatting import count_noun, nearest
 from kennfeld.graph import Graph
 from kennfeld.graph.factors import factors
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.formula import extend, read
 from kennfeld.models.formula.functions import FUNCTIONS

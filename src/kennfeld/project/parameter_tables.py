@@ -2,7 +2,7 @@
 
 import glob
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fnmatch import fnmatchcase
 from types import MappingProxyType
 from typing import Any
@@ -14,6 +14,7 @@ from kennfeld.errors import ArgumentError, Findings
 from kennfeld.file_keys import KeyProblem
 from kennfeld.formatting import nearest
 from kennfeld.graph.interpolation import regrid
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, parameter
 from kennfeld.project.axes import Axes, free_breakpoints

@@ -6,12 +6,13 @@ depends on all samples, such as quantiles, is computed by passes over the partit
 
 import pickle
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.compiled import even_step
 from kennfeld.optimize.limit_nodes import keeps_pieces
 from kennfeld.optimize.partitions import (

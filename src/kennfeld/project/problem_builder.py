@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import join_names, nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import bind_scalars, merge_start_values
 from kennfeld.optimize.limit_nodes import channels_of
 from kennfeld.optimize.options import Step

@@ -1,13 +1,14 @@
 """A project: a file that defines the function, its data, and how to calibrate it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import ProjectFile, read_project
 from kennfeld.search_settings import SearchSettings

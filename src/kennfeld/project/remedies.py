@@ -1,7 +1,6 @@
 """Remedies of undetermined values as changes of a project file."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from kennfeld.arrays import Bool
 from kennfeld.formatting import count_noun
 from kennfeld.free_axes import free_axes
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.parameters import Parameter

@@ -5,12 +5,13 @@ Reading, writing, the JSON schema and the tables of the documentation all come f
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.file_keys import KeyProblem, key
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project.forms import (
     EitherForm,

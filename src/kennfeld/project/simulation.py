@@ -2,13 +2,14 @@
 
 import pickle
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.arrays import Int
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.partitions import Part, Partition, Partitions, StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator

@@ -1,7 +1,7 @@
 """Reads training files, `kennfeld surrogate train`: the recordings and settings of a surrogate."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +12,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError
 from kennfeld.file_keys import KeyProblem, key
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import load_datasets
 from kennfeld.preprocessing.recipe import DatasetEntry

@@ -1,7 +1,6 @@
 """The sections of tables in a project file: `[parameters.NAME]` and `[axes.NAME]`."""
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Location
 from kennfeld.file_keys import KeyProblem, key
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Extrapolation
 from kennfeld.project.forms import EitherForm, NumberForm, TableOfForm, TextForm
 from kennfeld.project.value_forms import (

@@ -3,9 +3,9 @@
 import re
 import tomllib
 from bisect import bisect_right
-from dataclasses import dataclass
 from typing import Literal
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.section import KeyPath
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")  # also comments

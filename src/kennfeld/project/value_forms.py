@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +10,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles import endings
 from kennfeld.file_keys import key
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.forms import (
     INFINITE,
     Form,

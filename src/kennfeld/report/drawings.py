@@ -4,7 +4,7 @@ Their number is bounded, whatever the number of samples. What is drawn of a part
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +14,7 @@ from kennfeld.analysis.part_evaluation import EvaluatedPart, PartEvaluator, Part
 from kennfeld.analysis.residual_statistics import TAILS, ErrorRange
 from kennfeld.analysis.residuals import Fit
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.sample_statistics import QuantileSearch
 
 TOTAL_POINTS = 120_000  # of all time plots and scatter plots together

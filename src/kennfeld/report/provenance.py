@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.formatting import size_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, size_in_store
 from kennfeld.project import Project
 from kennfeld.project.value_forms import TargetEntry

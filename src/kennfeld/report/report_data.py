@@ -1,7 +1,6 @@
 """The data of a report, computed once."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +12,7 @@ from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Result

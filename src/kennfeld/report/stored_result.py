@@ -4,7 +4,7 @@ import csv
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.errors import Finding, Findings, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine

@@ -1,12 +1,13 @@
 """Summary of a result in a sentence per criterion, and observations to read before it is used."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.report.markup import decimal, percent, quantity
 from kennfeld.report.report_data import ReportData, Score
 

@@ -10,11 +10,10 @@ C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 200
 O. Dubrule: Cross validation of kriging in a unique neighborhood, 1983: the residual is (P y)_i / P_ii.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.surrogate.gp_kernel import Plane, bells, scaled_second_moment
 
 

@@ -6,11 +6,11 @@ mean, no sparse approximation and no leave-one-out residuals. See `docs/surrogat
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.exact_gp import Exact
 from kennfeld.surrogate.gp_kernel import greedy_centres

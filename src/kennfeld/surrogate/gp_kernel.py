@@ -4,11 +4,10 @@ The kernel is the squared-exponential one with a length scale per input (automat
 a plane, an offset and a slope per input, with a vague prior.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 
 RANK = 1e-10  # share of the largest singular value below which inputs are collinear
 ROUNDS = 30  # of k-means

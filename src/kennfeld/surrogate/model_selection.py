@@ -7,12 +7,13 @@ may then move by a sample. The length scales and the regularisation are selected
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.narx_training import (
     HORIZONS,

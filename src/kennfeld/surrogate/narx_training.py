@@ -16,7 +16,6 @@ horizon are simulated in parallel.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
@@ -24,6 +23,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters

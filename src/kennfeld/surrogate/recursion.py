@@ -4,12 +4,12 @@ Pieces of recordings are simulated in parallel; steps after the end of a short o
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 
 UNLIMITED = (-np.inf, np.inf)

@@ -9,11 +9,11 @@ plane, the noise across it is unchanged):
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.surrogate.gp_kernel import Plane, bells, factor, scaled_second_moment
 
 BLOCK = 4096

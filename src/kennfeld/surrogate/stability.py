@@ -1,10 +1,9 @@
 """Stability of a dynamic surrogate in free run, checked by simulation and by linearisation."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import Recording, Runs, simulate
 

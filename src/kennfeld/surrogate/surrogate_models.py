@@ -5,7 +5,7 @@ nonlinear autoregressive model with exogenous inputs, NARX). In both, f is an `E
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.validity import Validity

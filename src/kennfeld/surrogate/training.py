@@ -1,7 +1,7 @@
 """Training of a data-driven model from datasets, as `kennfeld surrogate train` does it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.surrogate.gaussian_process import gaussian_process
 from kennfeld.surrogate.model_selection import MIDDLE, ModelChoice, choose_regularisation, folds, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, one_step_lengths, train_over_horizons

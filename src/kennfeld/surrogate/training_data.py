@@ -1,7 +1,6 @@
 """Training data from datasets: complete points, or recordings with a fixed step, and their scaling to unit spread."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.resampling import even_grid, resample
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import Recording

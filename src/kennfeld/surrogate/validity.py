@@ -1,11 +1,12 @@
 """Validity range of a data-driven model: the neighbourhood of its training data."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, readonly
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.surrogate.gp_kernel import bells, greedy_centres
 
 THRESHOLD = 0.2  # share of the prior deviation

@@ -5,7 +5,7 @@ What only one kind needs is imported inside its function.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from kennfeld import calfiles, measurement
 from kennfeld.errors import InputError
 from kennfeld.formatting import number_text, size_text
 from kennfeld.graph.events import events
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.terminal.model_selection import EsdlSelection, SimulinkSelection
 from kennfeld.terminal.output import align, separate

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource
 from kennfeld.calfiles.unsupported_files import explain_unsupported
 from kennfeld.errors import InputError
 from kennfeld.file_errors import convert_errors
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.file_kind import FileKind, detect_kind
 from kennfeld.models.simulink.reader.recognition import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml

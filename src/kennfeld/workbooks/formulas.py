@@ -3,10 +3,10 @@
 import re
 import zipfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from html import unescape
 
 from kennfeld.archives import iterate_chunks
+from kennfeld.lazy_dataclass import dataclass
 
 _OVERLAP = 20_000  # bytes; more than a cell with the longest formula
 _BOOK, _LINKS = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"

@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from kennfeld.app.folders import plain_name
@@ -11,6 +10,7 @@ from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.files import ARCHIVE
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import read_source
 from kennfeld.project.schema import COMPONENTS, is_esdl_file
 

@@ -21,11 +21,11 @@ import stat
 import time
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from kennfeld.atomic_files import write_whole
+from kennfeld.lazy_dataclass import dataclass
 
 MAX_AGE = 30 * 86_400  # s after which a key is forgotten
 MAX_SERVERS = 50  # files that are kept

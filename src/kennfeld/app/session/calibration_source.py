@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from kennfeld.calfiles import endings, read, read_several, recognise
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.graph.interpolation import regrid
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project.checkpoints import FOLDER as SAVES

@@ -1,12 +1,12 @@
 """The ASCET model of a project as its files describe it, also if the project cannot be read otherwise."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kennfeld.app.session.simulink_source import texts
 from kennfeld.errors import InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import is_esdl_file
 

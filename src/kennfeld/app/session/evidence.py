@@ -1,7 +1,6 @@
 """Linked evidence: the samples that inform a grid point, and the grid points that samples pass through."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from kennfeld.app.session.live_model import LiveDataset, LiveModel
 from kennfeld.app.session.lookup_index import LookupIndex
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.lookup_coverage import Lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter

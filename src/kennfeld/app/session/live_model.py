@@ -1,13 +1,13 @@
 """A problem compiled once and evaluated for any values of its parameters, as fast as they are dragged."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from kennfeld.app.session.lookup_index import LookupIndex
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.lookup_coverage import Lookups, unmoved_tables
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.quality import NodeSimulator

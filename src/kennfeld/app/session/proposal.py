@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from kennfeld.errors import InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
 from kennfeld.project.model import coordinates_of

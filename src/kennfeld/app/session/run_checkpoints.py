@@ -6,12 +6,12 @@ seconds of a run are kept beside the recovery file, and removed once the run has
 
 import shutil
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from kennfeld.app.session.recovery import FOLDER
 from kennfeld.errors import InputError
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.result import Checkpoint
 from kennfeld.project.checkpoints import FOLDER as SAVES
 from kennfeld.project.checkpoints import ResumePoints, Saves

@@ -6,7 +6,7 @@ The worker reports accepted steps, and the values of the best one, a few times p
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from kennfeld.analysis.cross_validation import CrossValidation, Kind
@@ -15,6 +15,7 @@ from kennfeld.app.session.run_checkpoints import INTERVAL, RunCheckpoints
 from kennfeld.arrays import Float
 from kennfeld.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.errors import Finding, InputError, KennfeldError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Checkpoint, Result, TraceLine

@@ -5,7 +5,7 @@ import queue
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,6 +31,7 @@ from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.dask_runner import DaskRunner
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, TraceLine

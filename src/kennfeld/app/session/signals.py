@@ -1,7 +1,6 @@
 """Signals that can be drawn: channels, nodes of the function, and errors, over the samples of a dataset."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from kennfeld.app.session.envelope import PixelEnvelope
 from kennfeld.app.session.live_model import Evaluation, LiveDataset, LiveModel
 from kennfeld.arrays import Bool, Float
+from kennfeld.lazy_dataclass import dataclass
 
 Kind = Literal["channel", "target", "node", "start", "error", "start error"]
 MOVING = ("node", "error")  # kinds that change with the values

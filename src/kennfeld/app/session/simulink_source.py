@@ -1,11 +1,11 @@
 """The Simulink model of a project as its file describes it, also if the project cannot be read otherwise."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.schema import is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only

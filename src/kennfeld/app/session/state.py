@@ -5,7 +5,7 @@ computed from a state; nothing else is edited.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.document import ProjectDocument
 
 Texts = Mapping[str, str]

@@ -1,13 +1,13 @@
 """Data of a strip chart: samples where they fit, else the extremes of each pixel."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.signals import SampleSelection, SignalName, Signals
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

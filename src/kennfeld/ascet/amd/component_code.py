@@ -1,7 +1,7 @@
 """A component as the syntax tree of an ESDL file: a class with its elements and methods, and its shared elements."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 from kennfeld.ascet import syntax as e
@@ -14,6 +14,7 @@ from kennfeld.ascet.amd.state_machine import MACHINE, state_machine
 from kennfeld.ascet.amd.xml_document import XmlElement
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.errors import Finding, Location
+from kennfeld.lazy_dataclass import dataclass
 
 _CASTS: Final = ("cast", "implementationCast")
 _HEAD: Final = "class C { void m() {"

@@ -1,11 +1,11 @@
 """Declarations of a component: its elements, methods and enumerators, from its `.main.amd` file."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final
 
 from kennfeld.ascet.amd.xml_document import XmlElement
 from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 
 CLASS: Final = "ASCET_Class"
 PROJECT: Final = "ASCET_Project"

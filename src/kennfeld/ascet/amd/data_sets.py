@@ -6,11 +6,11 @@ the default. A map has a row of values for each breakpoint of y.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 from kennfeld.ascet.amd.xml_document import XmlElement
+from kennfeld.lazy_dataclass import dataclass
 
 _VALUES: Final = ("Numeric", "Logic", "Enumeration")
 _MAX_VALUES: Final = 1_000_000  # of an element

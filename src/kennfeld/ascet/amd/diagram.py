@@ -6,11 +6,12 @@ that are joined form a net, which has one output.
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 from kennfeld.ascet.amd.components import whole
 from kennfeld.ascet.amd.xml_document import XmlElement
+from kennfeld.lazy_dataclass import dataclass
 
 _OUTPUTS: Final = ("ReturnPort", "MemberGetPort")
 _BLOCKS: Final = ("SimpleElement", "ComplexElement", "Operator", "Literal", "Control", "ImplementationCast")

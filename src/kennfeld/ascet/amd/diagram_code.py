@@ -6,13 +6,14 @@ steps below a control block. The value at an input follows from its connection b
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.components import TABLES, AscetComponent, MethodSignature
 from kennfeld.ascet.amd.diagram import BlockDiagram, BlockPort, SequenceStep, interface_ports
 from kennfeld.ascet.amd.xml_document import XmlElement
+from kennfeld.lazy_dataclass import dataclass
 
 RESULT: Final = "%result"  # the variable of the result of a method; no element has this name
 _MAX_DEPTH: Final = 120  # blocks behind each other

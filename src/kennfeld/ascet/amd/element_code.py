@@ -1,13 +1,13 @@
 """Elements of components with their types and values, in the syntax tree of ESDL."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.components import ComponentElement
 from kennfeld.ascet.amd.data_sets import DataEntry, DataValue
 from kennfeld.ascet.amd.ranges import PhysicalRange, Ranges
+from kennfeld.lazy_dataclass import dataclass
 
 SHARED: Final = "shared"  # annotation of elements that all components know by their names
 _UNSIGNED: Final = (0.0, 2.0**32 - 1)

@@ -9,7 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from io import BytesIO
 from itertools import islice
 from pathlib import Path, PurePosixPath
@@ -19,6 +19,7 @@ from kennfeld.archives import find_oversized
 from kennfeld.ascet.amd.xml_document import MAX_BYTES, XmlElement, parse_amd
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.lazy_dataclass import dataclass
 
 ARCHIVE: Final = ".axl"
 ENDING: Final = ".amd"

@@ -1,7 +1,7 @@
 """The components of an archive or folder, translated when first needed."""
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 from kennfeld.ascet import syntax as e
@@ -19,6 +19,7 @@ from kennfeld.ascet.amd.element_code import ElementCode
 from kennfeld.ascet.amd.files import DATA, IMPLEMENTATION, MAIN, SPECIFICATION, AmdFiles, file_name
 from kennfeld.ascet.amd.ranges import read_ranges
 from kennfeld.errors import Finding, InputError
+from kennfeld.lazy_dataclass import dataclass
 
 _DEFAULT_PROJECT: Final = ".data.dp.amd"
 

@@ -1,10 +1,10 @@
 """Physical ranges of elements, from the `.implementation.amd` file of a component."""
 
 import math
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from kennfeld.ascet.amd.xml_document import XmlElement
+from kennfeld.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True)

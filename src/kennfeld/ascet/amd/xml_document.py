@@ -4,11 +4,12 @@ The position of an element is kept so that a number in one of its attributes can
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 from xml.parsers import expat
 
 from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 
 MAX_BYTES: Final = 64_000_000  # of a file
 _MAX_LEVELS: Final = 200  # hierarchies of diagrams take three each

@@ -15,7 +15,6 @@ e or 10; formulas with them are not supported.
 import ast
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -23,6 +22,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.a2l.objects import A2l, CompuMethod, CompuTab, CompuVtab
 from kennfeld.calfiles.a2l.syntax import A2lError
+from kennfeld.lazy_dataclass import dataclass
 
 Formula = Callable[[Float], Float]
 

@@ -5,7 +5,7 @@ of scalars is a value block; another array is one label per element: `name[0]`, 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from math import prod
@@ -15,6 +15,7 @@ from kennfeld.calfiles.a2l.characteristics import parse_axis_pts, parse_characte
 from kennfeld.calfiles.a2l.objects import AxisDescr, AxisPts, Characteristic
 from kennfeld.calfiles.a2l.syntax import A2lBlock, A2lError, Cursor
 from kennfeld.calfiles.format import FileFindings
+from kennfeld.lazy_dataclass import dataclass
 
 _WORDS = "ADDRESS_TYPE CALIBRATION_ACCESS DISPLAY_IDENTIFIER ECU_ADDRESS_EXTENSION LAYOUT MODEL_LINK SYMBOL_TYPE_LINK"
 _OPTIONS = dict.fromkeys(_WORDS.split(), 1)

@@ -5,7 +5,7 @@ returned in ascending order; `falling` records that the memory has them in desce
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, prod
 from typing import Any, TypeVar
 
@@ -29,6 +29,7 @@ from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.verbal_values import kind_of_words
 from kennfeld.formatting import holds_control_characters
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
 
 _AXES = {"CURVE": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}

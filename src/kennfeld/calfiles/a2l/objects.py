@@ -1,10 +1,11 @@
 """The objects of an A2L file, with the names of ASAM MCD-2 MC (ASAP2), and a summary of its labels."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import inf
 
 from kennfeld.calfiles.content import drop_trailing_ones
+from kennfeld.lazy_dataclass import dataclass
 
 DIRECTIONS = ("X", "Y", "Z", "4", "5")  # as keywords of record layouts name the axes
 

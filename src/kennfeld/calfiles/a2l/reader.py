@@ -1,6 +1,6 @@
 """Reads the parameters of an image as its A2L file describes them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from kennfeld.calfiles.flash.origin import FlashOrigin
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import count_labels, count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 

@@ -8,7 +8,7 @@ than their maximum.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import prod
 
 import numpy as np
@@ -17,6 +17,7 @@ from kennfeld.arrays import Int
 from kennfeld.calfiles.a2l.objects import Component, RecordLayout
 from kennfeld.calfiles.a2l.storage import NUMBERS, SIZES, alignment_of
 from kennfeld.calfiles.a2l.syntax import A2lError
+from kennfeld.lazy_dataclass import dataclass
 
 _ROWS, _COLUMNS = "ROW_DIR", "COLUMN_DIR"
 _ALTERNATING = {"ALTERNATE_WITH_X": "X", "ALTERNATE_WITH_Y": "Y"}

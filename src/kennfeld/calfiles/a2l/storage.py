@@ -1,7 +1,7 @@
 """Storage of numbers in a control unit: bytes, raw values and physical values, and rounding to storable values."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from math import inf
 from typing import Any
@@ -14,6 +14,7 @@ from kennfeld.calfiles.a2l.conversion import CompuConversion
 from kennfeld.calfiles.a2l.objects import open_limit
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 
 Raw = NDArray[Any]  # whole numbers of 64 bits, or floats
 

@@ -7,7 +7,7 @@ backslash, comments as in C, other files by `/include`. The content of IF_DATA a
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import takewhile
 from math import isnan
@@ -16,6 +16,7 @@ from pathlib import Path
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
 from kennfeld.formatting import one_line
+from kennfeld.lazy_dataclass import dataclass
 
 # The path and the content of an included file, by its name and the path of the file that includes it, which is None for
 # the main file; None if there is no such file.

@@ -5,7 +5,7 @@ control unit are not updated.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import count_labels, count_noun, join_names, size_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 

@@ -6,7 +6,7 @@ other than the default one are variants.
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,6 +33,7 @@ from kennfeld.ascet.amd.xml_document import parse_amd
 from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Scalar, Text, parameter
 
 _ROOTS: Final = (b"<ComponentData", b"<ComponentMain", b"<ComponentImplementation", b"<Specifications", b"<Project ")

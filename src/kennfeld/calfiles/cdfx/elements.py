@@ -1,7 +1,7 @@
 """Instances of a CDFX file, nested or in variants, and their values (V, VH, VF in groups VG, x running fastest)."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import isfinite, nan, prod
 from typing import Any
 
@@ -12,6 +12,7 @@ from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.calfiles.xml_tree import SEPARATOR, Element
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import LABELS
 
 _VARIANTS, _VARIANT = "SW-INSTANCE-PROPS-VARIANTS", "SW-INSTANCE-PROPS-VARIANT"

@@ -7,7 +7,6 @@ same lookup, or if the file states them.
 """
 
 import re
-from dataclasses import dataclass
 from math import prod
 
 import numpy as np
@@ -18,6 +17,7 @@ from kennfeld.calfiles.content import describe_fall, drop_trailing_ones
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import Element, has_root, parse_xml
 from kennfeld.formatting import count_labels, count_noun, size_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
 
 _VERSION = re.compile(r"CDF(\d)(\d)")

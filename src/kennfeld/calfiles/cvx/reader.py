@@ -7,7 +7,7 @@ specification leaves "axis name information" to the free text of the type line, 
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import isfinite
 from typing import Any
 
@@ -18,6 +18,7 @@ from kennfeld.calfiles.content import ItemCollector, describe_fall, parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 _TITLE = "CALIBRATION VALUES V"

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite, prod
 from typing import Any
 
@@ -14,6 +14,7 @@ from kennfeld.calfiles.dcm.lines import DcmBlock, DcmLines, split_blocks, unquot
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
 _AXES = (("x", "ST/X", "EINHEIT_X", "SSTX"), ("y", "ST/Y", "EINHEIT_Y", "SSTY"))

@@ -7,7 +7,7 @@ braces are value blocks. Enumerations and structs are skipped: their types may b
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from kennfeld.ascet import syntax as e
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, parameter
 

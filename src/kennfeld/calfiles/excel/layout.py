@@ -14,7 +14,6 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from datetime import date, time, timedelta
 from io import BytesIO
 from math import isfinite, nan
@@ -22,6 +21,7 @@ from math import isfinite, nan
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings
 from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import TextKind
 from kennfeld.workbooks import Workbook, column_letters, open_workbook
 

@@ -1,6 +1,6 @@
 """Reads a calibration workbook: its index lists the parameters and the sheets of their values."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from kennfeld.calfiles.excel.tables import read_grid
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 from kennfeld.workbooks import Workbook, open_workbook
 

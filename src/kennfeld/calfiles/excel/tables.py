@@ -1,6 +1,6 @@
 """Reads the numbers of a table from its sheet and reports every wrong cell."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import product
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.excel.layout import AXIS_HEADING, CORNERS, AxisCells, Sheet
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import AXIS_LETTERS
 
 

@@ -1,6 +1,5 @@
 """Images as calibration files: finds the A2L file that describes an image, and reads and writes both together."""
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.formatting import join_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 
 _INTEL_ENDINGS = (".hex", ".ihex")

@@ -2,10 +2,10 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 from kennfeld.errors import ArgumentError
+from kennfeld.lazy_dataclass import dataclass
 
 _MAX_LINE_LENGTH = 600  # characters of a line
 

@@ -1,7 +1,8 @@
 """The image that a set was read from."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from kennfeld.lazy_dataclass import dataclass
 
 if TYPE_CHECKING:
     from kennfeld.calfiles.a2l.objects import A2l

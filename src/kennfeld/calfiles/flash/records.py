@@ -12,11 +12,11 @@ is accepted and kept.
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from kennfeld.calfiles.flash.image import Image, Record
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 
 _MAX_LISTED = 20  # findings of one kind that are listed
 _FILLER = b" \t\r\n\x1a\0"  # between lines and after the last one

@@ -9,7 +9,7 @@ Speeduino, MS2/Extra, MS3 and rusEFI are tried, as their public definition files
 import re
 from bisect import bisect
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from html import unescape
 from math import isfinite
 from pathlib import Path
@@ -22,6 +22,7 @@ from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import has_root, parse_xml
 from kennfeld.formatting import count_noun, size_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
 
 _MAX_FILE_BYTES = 20_000_000

@@ -1,10 +1,10 @@
 """The registry of MATLAB functions on numeric values; each returns a value or a tuple of several."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import values as v
 from kennfeld.matlab.errors import Budget
 

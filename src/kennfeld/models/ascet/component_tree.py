@@ -1,6 +1,6 @@
 """Components of ASCET 5 and 6 as declarations that classes, types and messages are found in."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +12,7 @@ from kennfeld.ascet.amd.xml_document import MAX_BYTES
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import join_names, nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import Declared, FileScope, SourceTree
 
 COMPONENT_FILES: Final = (ARCHIVE, ENDING)

@@ -1,7 +1,7 @@
 """Declarations of ESDL packages: files found by package, names resolved by imports."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -11,6 +11,7 @@ from kennfeld.ascet.lexer import MAX_CHARACTERS
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.lazy_dataclass import dataclass
 
 _MAX_FILES: Final = 3_000  # of a package
 _MAX_FOLDERS: Final = 400  # beside the folder of a project

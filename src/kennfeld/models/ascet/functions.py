@@ -5,12 +5,12 @@ towards zero, as in the code that ASCET generates by default.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from kennfeld.graph import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError

@@ -1,10 +1,11 @@
 """Report of an ESDL import: what is calculated and calibrated, and what is not supported."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import Finding
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.model import Model
 from kennfeld.models.quantities import CalibratableParameter, Quantity
 

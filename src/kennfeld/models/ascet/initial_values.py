@@ -1,13 +1,13 @@
 """Initial values of elements as arrays of numbers, by the fields of structs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.ascet import syntax as e
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import FileScope
 from kennfeld.models.ascet.resolved_types import (
     ArrayType,

@@ -1,7 +1,7 @@
 """Instances of classes with their variables, by labels such as `SOCClasses.SOC.accu.temp_curve`."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.ascet import syntax as e
 from kennfeld.errors import Finding, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import Declared, FileScope
 from kennfeld.models.ascet.initial_values import InitialValues, Leaves, TableValues
 from kennfeld.models.ascet.resolved_types import (

@@ -1,9 +1,8 @@
 """Selected methods of a program: those of a step by task, and those that run once before."""
 
-from dataclasses import dataclass
-
 from kennfeld.ascet import syntax as e
 from kennfeld.errors import Finding
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.instances import ClassInstance
 from kennfeld.models.sample_times import SampleTime
 

@@ -1,7 +1,7 @@
 """Import of the methods of a step: translation, lowering to the graph, and the model with its report."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.errors import Finding, Location
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.models.ascet.display_names import DisplayNames
 from kennfeld.models.ascet.functions import library

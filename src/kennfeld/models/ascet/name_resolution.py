@@ -1,11 +1,11 @@
 """Resolution of names in methods: local variables, elements, instances, interfaces, enumerations and constants."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
 from kennfeld.ascet import syntax as e
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import Declared
 from kennfeld.models.ascet.instances import ClassInstance, Holder, Program, state_label
 from kennfeld.models.ascet.program_code import Place

@@ -1,9 +1,9 @@
 """Choices that an ESDL file or an application offers, without importing it."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from kennfeld.ascet.schedule import Task
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.importing import classes_of
 from kennfeld.models.ascet.method_choice import APPLICATION, read_schedule
 

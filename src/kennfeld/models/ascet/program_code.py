@@ -1,11 +1,12 @@
 """The code of a program: each method of an instance that is called, as a function of the shared syntax tree."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final, TypeAlias
 
 from kennfeld.ascet import syntax as e
 from kennfeld.errors import Finding
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.models.ascet.declarations import FileScope
 from kennfeld.models.ascet.instances import ClassInstance, Program

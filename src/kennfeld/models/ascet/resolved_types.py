@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+
+from kennfeld.lazy_dataclass import dataclass
 
 if TYPE_CHECKING:
     from kennfeld.models.ascet.declarations import Declared

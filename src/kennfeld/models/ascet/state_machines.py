@@ -7,10 +7,10 @@ actions run from the inner to the outer state. The first state is entered withou
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from kennfeld.ascet import syntax as e
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import FileScope
 from kennfeld.models.ascet.resolved_types import NumberType
 from kennfeld.models.ascet.type_resolution import TypeResolver

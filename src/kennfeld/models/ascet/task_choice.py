@@ -1,12 +1,12 @@
 """Choice of tasks of an application, and the step in which several of them run."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from kennfeld.ascet.schedule import Task
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest, number_text
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.sample_times import common_step
 
 ALL_TASKS: Final = "*"

@@ -4,12 +4,13 @@ If the end of a loop depends on signals, each pass is one side of a decision wit
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import count
 from typing import TypeAlias
 
 import numpy as np
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_context import MAX_PASSES, MAX_STATEMENTS
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError

@@ -1,13 +1,14 @@
 """Context shared by all code of a block: graph, callable functions, parameters, and limits on unrolled code."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final, Protocol
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.operations import OPERATIONS
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes, Numbers

@@ -1,10 +1,10 @@
 """Integer types of a given number of bits, with rounding, saturation and wrapping."""
 
 import re
-from dataclasses import dataclass
 from typing import Final
 
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, elementwise, truncate
 
 EXACT: Final = 52  # bits of words whose numbers doubles know exactly

@@ -1,7 +1,6 @@
 """Operations on arrays of graph nodes: elementwise with broadcasting, reductions, matrix products."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Final, TypeAlias
 
@@ -9,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 
 Nodes: TypeAlias = npt.NDArray[np.int64]

@@ -4,12 +4,12 @@ All are immutable: an assignment to an element creates a new value.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from kennfeld.graph import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.values import trim_dimensions
 from kennfeld.models.imperative.evaluation_errors import ProgramError

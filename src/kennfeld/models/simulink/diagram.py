@@ -1,11 +1,11 @@
 """The block diagram of an imported system as a tree, with the state of each block."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.import_report import ImportReport
 from kennfeld.models.simulink.loaded_model import LoadedModel

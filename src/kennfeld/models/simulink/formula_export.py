@@ -2,12 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 from kennfeld.errors import InputError
 from kennfeld.graph import CLOCK, Graph
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula import to_lines
 from kennfeld.models.formula_file import check_formula_target, write_formula_file
 from kennfeld.models.model import Model

@@ -1,9 +1,10 @@
 """Import report: supported and unsupported blocks with reasons, substitutions, and parameters."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from typing import Any
 
 from kennfeld.errors import Finding, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.quantities import CalibratableParameter, Quantity
 
 TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"

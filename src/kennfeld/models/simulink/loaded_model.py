@@ -1,12 +1,12 @@
 """A model file that has been read, with links resolved and variables collected."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.active_blocks import active_content
 from kennfeld.models.simulink.flattening.flat_model import FlatModel

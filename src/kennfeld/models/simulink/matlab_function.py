@@ -1,13 +1,13 @@
 """MATLAB Function blocks: arguments, results and persistent variables."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 import numpy as np
 
 from kennfeld.errors import ArgumentError, InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_script
 from kennfeld.matlab.traversal import declares_persistent

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -11,6 +11,7 @@ from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.builder import GraphTooLargeError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.model import Model

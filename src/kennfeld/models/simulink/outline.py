@@ -2,11 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.block_ports import port_number
 from kennfeld.models.simulink.reader.document import read_document
 from kennfeld.models.simulink.reader.library_links import LibraryResolver, ResolvedModel, is_of_simulink

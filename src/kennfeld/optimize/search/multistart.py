@@ -3,13 +3,14 @@
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.arrays import Float, ignore_floating_errors
 from kennfeld.errors import Findings, Location
 from kennfeld.free_axes import breakpoints_by_name
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem, bound_time_constants

@@ -1,7 +1,7 @@
 """Running a single start through the steps of a sequence, or through one step if there is no sequence."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
 from kennfeld.free_axes import breakpoints_by_name, free_axes, key_of, with_fixed_axes, with_labelled
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.linear_limits import linear_limits

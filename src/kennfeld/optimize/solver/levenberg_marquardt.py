@@ -11,12 +11,13 @@ does not depend on the units of the values. A secant model adds the learnt secon
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.solver.gauss_newton_model import DampedModel, GaussNewtonModel, Objective, SecantCorrection
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import QpSolution, QuadraticProgram

@@ -1,11 +1,12 @@
 """Bounds and linear rows that the values keep at every iterate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.lazy_dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ The dual problem of the multipliers is min 1/2 m'Sm - e'm, with m >= 0 except fo
 depend on each other, such as the four slopes around a flat cell of a map.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.cholesky import Factor
 from kennfeld.native.gram import Gram
 from kennfeld.native.limit_rows import ChosenLimits

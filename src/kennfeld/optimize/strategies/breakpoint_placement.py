@@ -11,7 +11,7 @@ matrix, and both z and C under the equality follow in closed form. The cheapest 
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any, Protocol
@@ -21,6 +21,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph.interpolation import cell_weights, position
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits

@@ -15,13 +15,14 @@ and a feasible point over an infeasible one (K. Deb: An efficient constraint han
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.formatting import count_noun
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.gauss_newton_model import Objective

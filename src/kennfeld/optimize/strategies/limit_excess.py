@@ -8,7 +8,7 @@ process has to own them. They are kept where they are not 0, and computed again 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +18,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.dataset import SAMPLES_PER_BLOCK
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.samples import Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.strategies.limited_problem import LimitedProblem

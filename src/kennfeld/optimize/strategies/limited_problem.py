@@ -1,6 +1,6 @@
 """A problem whose limits of outputs are criteria, so that they are evaluated like any other, over any samples."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.criteria import Criterion
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.limit_nodes import LimitSide, add_limit_nodes, limit_sides
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator

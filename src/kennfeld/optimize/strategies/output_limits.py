@@ -10,13 +10,14 @@ samples and with states, in one piece or in partitions.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Findings
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem

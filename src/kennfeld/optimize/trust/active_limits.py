@@ -15,13 +15,13 @@ whichever samples are involved; a limit that is reached in few of the repetition
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.free_axes import AxisKey, FreeAxis
 from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.limit_nodes import LimitSide
 from kennfeld.optimize.linear_limits import touching_pairs
 from kennfeld.optimize.strategies.limit_excess import NearActiveSamples

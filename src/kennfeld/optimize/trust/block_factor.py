@@ -11,12 +11,12 @@ matrix even where it is not positive definite.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int, Sparse
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.envelope import first_blocks, places_of, sparse_orders
 from kennfeld.threads import blas_threads
 

@@ -17,12 +17,13 @@ estimated from the residuals, with n - trace(H^-1 H_data) degrees of freedom.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import SymmetricMatrix, as_array, as_sparse, zero, zeros_like
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective

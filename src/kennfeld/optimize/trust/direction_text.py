@@ -1,7 +1,6 @@
 """Sentences that describe poorly determined directions of a result, each with a remedy."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.constraints import Pin
 from kennfeld.graph import Graph
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.remedies import Remedy
 from kennfeld.optimize.trust.table_changes import TableChange, WeakDirection
 from kennfeld.parameter_set import ParameterSet

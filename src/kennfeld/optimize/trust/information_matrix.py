@@ -4,11 +4,11 @@ Bases of null spaces and of repeated eigenvalues are chosen so that they do not 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, Sparse
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse

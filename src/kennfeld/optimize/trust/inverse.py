@@ -1,12 +1,12 @@
 """The inverse of an information matrix, as an array or by a sparse factor."""
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int, Sparse
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale
 

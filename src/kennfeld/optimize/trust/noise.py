@@ -12,7 +12,7 @@ The loss is applied before the weight, so each group has its own moments as well
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from itertools import pairwise
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.criteria import Criterion
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.samples import Samples
 from kennfeld.optimize.compiled import CompiledProblem

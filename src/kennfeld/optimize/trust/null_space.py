@@ -1,13 +1,14 @@
 """Combinations of values that nothing determines: their number, and a smallest set of values to fix."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.constraints import Pin
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.active_limits import combinations_of_values
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Describer, join_items

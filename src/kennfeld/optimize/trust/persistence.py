@@ -13,12 +13,12 @@ and J. A. Pope: Bias in the estimation of autocorrelations, Biometrika 41, 1954)
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Complex, Float, Int
+from kennfeld.lazy_dataclass import dataclass
 
 SAMPLES_PER_BLOCK = 65536  # transformed at once, so that memory does not grow with the data
 MAX_LAGS = 1 << 17

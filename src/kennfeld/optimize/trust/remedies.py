@@ -1,10 +1,11 @@
 """Remedies as data: what to change in a calibration so that something undetermined becomes determined."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from kennfeld.arrays import Bool
 from kennfeld.constraints import Pin
+from kennfeld.lazy_dataclass import dataclass
 
 Marks = Mapping[str, Bool]  # by parameter, of the shape of its values
 

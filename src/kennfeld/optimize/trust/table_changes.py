@@ -4,7 +4,6 @@ A poorly determined direction is described by them, if it is a combination of fe
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.graph import Graph
 from kennfeld.graph.interpolation import regrid
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 

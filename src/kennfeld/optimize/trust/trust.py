@@ -1,7 +1,7 @@
 """Uncertainty of the values of a result."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.active_limits import ActiveLimit
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Direction

@@ -6,12 +6,12 @@ of a table are scaling, an offset, stretching, a shift along an axis, and a mult
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.matrices import Matrix, part

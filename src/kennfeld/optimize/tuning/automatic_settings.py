@@ -6,10 +6,11 @@ smoothness is then chosen once more there, followed by a plain descent.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.options import Options

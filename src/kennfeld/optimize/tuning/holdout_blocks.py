@@ -8,7 +8,6 @@ pass counts, and each partition then numbers its own samples.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Dataset
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.samples import Piece, Samples
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem

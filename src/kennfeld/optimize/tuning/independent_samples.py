@@ -4,12 +4,12 @@ Errors in time are correlated, and counting every sample as independent would le
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.partitions import dataset_numbers
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Scorer

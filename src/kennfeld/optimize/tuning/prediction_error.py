@@ -14,12 +14,12 @@ blocks do not but are few.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock

@@ -8,12 +8,13 @@ Generalized Additive Models, 2017, section 6.4, on Gauss-Newton.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.fit import CHOICE

@@ -4,13 +4,14 @@ A new function is a rule decorated with `@function("name", least, most)` in the 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext, SymbolicEvaluator
 from kennfeld.models.imperative.evaluation_errors import ProgramError

@@ -5,8 +5,8 @@ The ideal form multiplies the whole sum by P. Supported in addition: limits of o
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.blocks.continuous import external_reset, has_external_reset, limit_output
 from kennfeld.models.simulink.flattening.flat_model import is_triggered
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block

@@ -6,10 +6,11 @@ first. If neither decides, a reader gets the value of the previous step.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property, cmp_to_key
 from typing import NamedTuple, TypeAlias
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
 from kennfeld.models.simulink.variables.mask_scope import Scope
 

@@ -6,9 +6,9 @@ Function imported alone is wrapped in a system with ports.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.simulink.flattening.active_blocks import (
     active_choice,

@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TypeAlias
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.models.simulink.reader.block_ports import port_number
 from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, System, join_path

@@ -5,9 +5,10 @@ loop and broken by a placeholder signal.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from kennfeld.graph.builder import BoundedGraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.flattening.flat_model import DataStoreOrder, FlatBlock, resets_with_subsystem
 from kennfeld.models.simulink.lowering.diagnostics import BlockFailures, placeholder_outputs
 from kennfeld.models.simulink.lowering.pass_state import PendingCompletions

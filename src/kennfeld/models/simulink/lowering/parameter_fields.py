@@ -1,11 +1,12 @@
 """Block fields that are one parameter as a whole, and index option fields."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.errors import InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.traversal import field_path

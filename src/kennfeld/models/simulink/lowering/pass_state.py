@@ -2,13 +2,14 @@
 
 from collections import deque
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TypeAlias
 
 import numpy as np
 
 from kennfeld.graph import CLOCK
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.reader.block_ports import port_label
 from kennfeld.models.simulink.signals import CONTINUOUS, ExternalBus, Signal

@@ -5,9 +5,9 @@ gets a `BlockContext` and returns its output, or a tuple of outputs.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
 from kennfeld.models.simulink.signals import SignalOrBus

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.sample_times import SampleTime, sample_hit
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions

@@ -6,8 +6,9 @@ variables, values and so on (before).
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.model_tree import (
     Endpoint,
     LibraryLink,

@@ -2,11 +2,12 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from kennfeld.errors import Finding, InputError, Location, Severity
 from kennfeld.formatting import nearest
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.document import read_document
 from kennfeld.models.simulink.reader.model_tree import Mask, ModelBlock, ModelDocument, System, split_path
 

@@ -7,9 +7,10 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from kennfeld.archives import find_oversized
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
 _PACKAGE = re.compile(rb"^__MWOPC_PACKAGE_BEGIN__[ \t]*(\S*)", re.MULTILINE)

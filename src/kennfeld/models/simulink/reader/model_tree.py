@@ -5,12 +5,13 @@ Nothing is evaluated and no default is filled in.
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 from kennfeld.errors import Finding
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.section_tree import normalize_name
 
 

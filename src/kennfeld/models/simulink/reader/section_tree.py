@@ -11,11 +11,12 @@ import contextlib
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 from xml.parsers import expat
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 
 MAX_DEPTH = 200  # nested sections; a subsystem takes two, and models nest about ten subsystems
 MAX_SECTIONS = 1_000_000  # in one part of a file; a model of 10 000 blocks has about 30 000

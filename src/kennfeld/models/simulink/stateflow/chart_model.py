@@ -1,8 +1,9 @@
 """The linked model of a chart: nested states, transitions at their sources, names in their scopes."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.reader.model_tree import (

@@ -6,13 +6,14 @@ or constant there. They prune parts that cannot run, and reveal variables that a
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.operations import OPERATIONS
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError
 from kennfeld.models.simulink.stateflow.chart_model import StateNode

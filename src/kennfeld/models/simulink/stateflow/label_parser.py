@@ -5,9 +5,10 @@ event [condition] {condition action} / transition action
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from kennfeld.errors import InputError
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression, parse_script
 from kennfeld.models.simulink.lowering.diagnostics import UnsupportedError

@@ -4,9 +4,10 @@ Transitions are tried in their order, with backtracking if none leads on. Paths 
 backtracking are merged there, so that a flow chart is built once, and a loop is unrolled pass by pass.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY
 from kennfeld.models.imperative.node_arrays import Nodes

@@ -9,7 +9,7 @@ import binascii
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 from kennfeld.arrays import readonly
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab.mat_nodes import MatFileError
 from kennfeld.matlab.values import INTEGERS
 from kennfeld.models.simulink.reader.document import solver_from

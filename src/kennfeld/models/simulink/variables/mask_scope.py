@@ -1,12 +1,13 @@
 """Name resolution in block fields: mask parameters from the innermost mask outwards, then model variables."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, TypeAlias, Union
 
 import numpy as np
 
 from kennfeld.errors import Finding
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression

@@ -1,12 +1,13 @@
 """Variables stored in a model workspace, data dictionary or MAT-file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeAlias, Union
 
 import numpy as np
 
 from kennfeld.arrays import Float, readonly
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import mat_nodes as n
 from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.mcos import read_array, read_workspace
