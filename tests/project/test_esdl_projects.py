@@ -63,6 +63,19 @@ def test_values_of_calibration_files_replace_those_of_the_class(folder):
     assert float(problem.parameters["base"].upper) == 5.0
 
 
+def test_values_that_start_from_a_calibration_file_are_written_into_copies_of_both_files(folder):
+    values = esdl(folder / "Battery/Cell/Accu.esdl").values
+    write(values.with_parameters(values["shift"].with_values(np.full(5, 0.3))), folder / "start.dcm")
+    (folder / "start.dcm").write_text(f"* by hand\n{(folder / 'start.dcm').read_text()}")
+    (folder / "kennfeld.toml").write_text(TOML.replace("[calibration]", '[calibration]\ninitial = "start.dcm"'))
+    assert cli.run(["calibrate", str(folder / "kennfeld.toml")]) == 0
+    for name in ("parameters.esdl", "parameters.dcm"):
+        shift = read(folder / "results" / name)["shift"].values
+        np.testing.assert_allclose(shift, [0.15, 0.16, 0.155, 0.15, 0.17], atol=1e-6)
+    assert "class Accu" in (folder / "results/parameters.esdl").read_text()
+    assert "* by hand" in (folder / "results/parameters.dcm").read_text()
+
+
 def test_keys_choose_class_methods_and_task(folder):
     for keys, inputs in (
         ('file = "Battery/Cell/Accu.esdl"\nclass = "Accu"\nmethods = ["charge"]', {"U", "T"}),

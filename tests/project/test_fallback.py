@@ -21,6 +21,9 @@ class Line:
     surrogates = ()
     is_partitioned = False
 
+    def change_of_function(self, parameters, ending):
+        return parameters
+
     def simulation(self, parameters=None, shifts=None):
         return SimulatedDatasets(Dataset.of("bench", {"y": [1.0, 2.0]}))
 

@@ -10,7 +10,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.project.schema import ProjectFile, read_project
+from kennfeld.project.schema import ProjectFile, is_esdl_file, read_project
 from kennfeld.search_settings import SearchSettings
 
 if TYPE_CHECKING:
@@ -84,6 +84,17 @@ class Project:
 
             return isinstance(self.load, PartitionedLoading)
         return bool(self.file.cluster.partition_size)
+
+    def change_of_function(self, parameters: ParameterSet, ending: str) -> ParameterSet:
+        """Return parameters as a change of the function's file, if files with this ending are copies of it.
+
+        An initial file with the ending takes precedence.
+        """
+        problem, initial = self._assembly.problem, self.file.calibration.files
+        if problem is None or not is_esdl_file(ending) or any(name.lower().endswith(ending) for name in initial):
+            return parameters
+        own = self.file.model.file.lower().endswith(ending)
+        return parameters.from_origin(problem.model.values.origin) if own else parameters
 
     @property
     def seconds_read(self) -> float:

@@ -110,6 +110,9 @@ class ResultSource(Protocol):
     def is_partitioned(self) -> bool:
         """True if data are evaluated in partitions; their simulation is not a part of the results."""
 
+    def change_of_function(self, parameters: ParameterSet, ending: str) -> ParameterSet:
+        """Return parameters as a change of the function's file, if files with this ending are copies of it."""
+
     def simulation(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
     ) -> Simulation:
@@ -145,7 +148,8 @@ def write(
     simulation = None if project.is_partitioned else project.simulation(result.parameters, result.shifts)
     with _scratch(target) as scratch:
         for ending in dict.fromkeys((".json", *project.formats)):
-            remarks = _write_values(result.parameters.without(project.surrogates), scratch / f"parameters{ending}")
+            values = project.change_of_function(result.parameters.without(project.surrogates), ending)
+            remarks = _write_values(values, scratch / f"parameters{ending}")
             if findings is not None:
                 findings.add(*remarks)
         _write_trace(result.trace, scratch / "trace.csv")

@@ -108,8 +108,9 @@ def _export(session: Session, project: Project | None, given: Given) -> Answer:
     for ending in given.get("formats", ()):
         path, (image, a2l) = folder / f"parameters{ending}", _image(session) or (None, None)
         image = image if is_image(path.name) else None
-        findings += [*write_parameters(values, path, image, a2l), *losses(values, path)]
-        rounding += rounded(values, path, a2l)
+        own = project.change_of_function(values, ending)
+        findings += [*write_parameters(own, path, image, a2l), *losses(own, path)]
+        rounding += rounded(own, path, a2l)
         written.append(path)
     if given.get("simulation"):
         written.append(_write_simulation(session, project, str(given["simulation"])))
