@@ -114,6 +114,18 @@ def test_a_class_inherits_fields_and_properties():
     assert len({Point(1.0), Point(1.0), Point(2.0)}) == 2
 
 
+def test_classes_of_the_standard_library_inherit_as_from_their_own():
+    @dataclasses.dataclass(frozen=True)
+    class Weighted(Point):
+        weight: float = 2.0
+
+    assert repr(Weighted(1.0)).endswith("Weighted(x=1.0, y=1.0, names=(), weight=2.0)")
+    with pytest.raises(TypeError, match="cannot inherit non-frozen dataclass from a frozen one"):
+        dataclasses.dataclass(type("Loose", (Point,), {}))
+    with pytest.raises(TypeError, match="cannot inherit non-frozen dataclass from a frozen one"):
+        dataclass(type("Loose", (Point,), {}))
+
+
 def test_instances_are_replaced_copied_and_pickled():
     named = Named(3.0, name="q")
     assert replace(named, x=1.0) == Named(1.0, name="q")

@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 Writer = Callable[[type], Callable[..., Any]]
+_SETTINGS = "__dataclass_params__"
 
 
 class _FactoryDefault:
@@ -43,7 +44,9 @@ def _deferred_dataclass(
     if slots:
         return standard_dataclass(init=init, eq=eq, frozen=frozen, kw_only=kw_only, slots=True)(cls)
     own = set(vars(cls))
-    standard_dataclass(init=False, repr=False, eq=False, kw_only=kw_only)(cls)
+    inherits = frozen and any(getattr(base, _SETTINGS).frozen for base in cls.__mro__[1:] if hasattr(base, _SETTINGS))
+    standard_dataclass(init=False, repr=False, eq=False, kw_only=kw_only, frozen=inherits)(cls)
+    getattr(cls, _SETTINGS).frozen = frozen  # so that the standard library knows it if another class inherits
     writers: dict[str, Writer] = {"__repr__": _write_repr}
     if init:
         writers["__init__"] = _write_frozen_init if frozen else _write_init
