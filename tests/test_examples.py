@@ -15,6 +15,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from amd_files import Component, Drawing, Method, message, parameter, write_archive
 from esdl_projects import BATTERY, write_project
 from flash_files import A2L, hex_of
 from simulink_data import entry, sldd
@@ -51,6 +52,7 @@ def workplace(tmp_path, monkeypatch):
             add_image(folder)
             add_model(folder)
             write_project(folder, BATTERY)
+            add_components(folder)
         monkeypatch.chdir(folder)
         return folder
 
@@ -62,6 +64,14 @@ def add_image(folder):
     (folder / "ecu.a2l").write_text(A2L)
     (folder / "ecu.hex").write_text(hex_of(100, 200, 300, 50))
     (folder / "new.dcm").write_text("FESTWERT offset\n WERT 7.5\nEND\n")
+
+
+def add_components(folder):
+    """An archive of ASCET 6 with one module."""
+    drawing = Drawing()
+    drawing.write("mass", drawing.value_of("gain", "getAt", "oned", x=drawing.element("Speed")), ("Injection_calc", 1))
+    elements = [message("Speed"), message("mass", "exported"), parameter("gain", ([0.0, 6000.0], [1.0, 2.0]))]
+    write_archive(folder, Component("Injection", elements, [Method("Injection_calc")], drawing))
 
 
 def add_model(folder):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from kennfeld.lazy_dataclass import _deferred_dataclass as deferred
 from kennfeld.lazy_dataclass import dataclass
 
-NAMES = ("alpha", "beta", "gamma", "delta", "epsilon")
+NAMES = ("missing", "beta", "method", "set_field", "default_beta")
 
 
 @dataclass(frozen=True)

@@ -89,15 +89,15 @@ def _write_init(cls: type) -> Callable[..., Any]:
 
 
 def _write_frozen_init(cls: type) -> Callable[..., Any]:
-    return _compile_init(cls, "set_field(self, {name!r}, {value})")
+    return _compile_init(cls, "__set_field__(self, {name!r}, {value})")
 
 
 def _compile_init(cls: type, assignment: str) -> Callable[..., Any]:
     """Write `__init__`, which assigns each field by a line such as `self.{name} = {value}`."""
-    names: dict[str, Any] = {"set_field": object.__setattr__, "missing": _FACTORY}
+    names: dict[str, Any] = {"__set_field__": object.__setattr__, "__missing__": _FACTORY}  # unlike fields
     own, lines = fields(cls), []
     for field in own:
-        names[f"default_{field.name}"], names[f"factory_{field.name}"] = field.default, field.default_factory
+        names[f"__default_{field.name}__"], names[f"__factory_{field.name}__"] = field.default, field.default_factory
         value = _value_of(field)
         if value:
             lines.append(assignment.format(name=field.name, value=value))
@@ -113,16 +113,16 @@ def _compile_init(cls: type, assignment: str) -> Callable[..., Any]:
 
 def _argument_of(field: Field[Any]) -> str:
     if field.default is not MISSING:
-        return f"{field.name}=default_{field.name}"
-    return field.name if field.default_factory is MISSING else f"{field.name}=missing"
+        return f"{field.name}=__default_{field.name}__"
+    return field.name if field.default_factory is MISSING else f"{field.name}=__missing__"
 
 
 def _value_of(field: Field[Any]) -> str:
     """Return the value that is assigned to a field; empty if there is none, since the class has the default."""
     if field.default_factory is MISSING:
         return field.name if field.init else ""
-    made = f"factory_{field.name}()"
-    return f"{made} if {field.name} is missing else {field.name}" if field.init else made
+    made = f"__factory_{field.name}__()"
+    return f"{made} if {field.name} is __missing__ else {field.name}" if field.init else made
 
 
 def _write_repr(cls: type) -> Callable[..., Any]:
