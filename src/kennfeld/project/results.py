@@ -265,15 +265,15 @@ def _save(simulation: Simulation, path: Path) -> None:
 def _table_writer(path: Path, schema: Any) -> Any:
     """Return a writer of tables by the extension of `path`.
 
-    Measured numbers hardly repeat, so that a dictionary of them takes twice the time. Byte by byte, they compress well.
+    Measured numbers hardly repeat, so that a dictionary of them takes twice the time. They are not split by byte, since
+    older readers fail if such a column has missing values.
     """
     from pyarrow import csv, parquet, types
 
     if path.suffix.lower() == ".csv":
         return csv.CSVWriter(path, schema)
-    numbers = [column.name for column in schema if types.is_float64(column.type)]
-    repeated = [name for name in schema.names if name not in numbers]
-    return parquet.ParquetWriter(path, schema, use_dictionary=repeated, use_byte_stream_split=numbers)
+    repeated = [column.name for column in schema if not types.is_float64(column.type)]
+    return parquet.ParquetWriter(path, schema, use_dictionary=repeated)
 
 
 def _batches(parts: Iterable[SimulatedPart]) -> Iterator[list[SimulatedPart]]:
