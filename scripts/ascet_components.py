@@ -37,9 +37,9 @@ class Counts:
     reasons: Counter[str] = field(default_factory=Counter)
 
 
-def distinct_files(folder: Path, seen: set[str]) -> Iterator[Path]:
-    """Yield the archives of a folder, and the components of its `.amd` files, whose content was not seen yet."""
-    for path in sorted([*folder.rglob(f"*{ARCHIVE}"), *folder.rglob(f"*{MAIN}")]):
+def distinct_files(folder: Path, endings: tuple[str, ...], seen: set[str]) -> Iterator[Path]:
+    """Yield the files of a folder with these endings whose content was not seen yet."""
+    for path in sorted(path for ending in endings for path in folder.rglob(f"*{ending}")):
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         if content not in seen:
             seen.add(content)
@@ -105,7 +105,7 @@ def table(folders: list[Path]) -> str:
     lines = [HEAD, "|---" * 7 + "|"]
     for folder in folders:
         counts = Counts()
-        for path in distinct_files(folder, files):
+        for path in distinct_files(folder, (ARCHIVE, MAIN), files):
             count(path, counts, seen)
         if counts.files:
             reasons = "; ".join(f"{text} ({number})" for text, number in counts.reasons.most_common())

@@ -7,11 +7,9 @@ methods, in the order of the file. The second table is that of `ascet_components
 """
 
 import argparse
-import hashlib
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -38,15 +36,6 @@ class Counts:
     classes: int = 0
     graphs: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
-
-
-def distinct_files(folder: Path, seen: set[str]) -> Iterator[Path]:
-    """Yield the ESDL files of a folder whose content was not seen yet."""
-    for path in sorted(folder.rglob("*.esdl")):
-        content = hashlib.sha256(path.read_bytes()).hexdigest()
-        if content not in seen:
-            seen.add(content)
-            yield path
 
 
 def count(path: Path, counts: Counts) -> None:
@@ -85,7 +74,7 @@ def table(folders: list[Path]) -> str:
     total = Counts()
     for folder in folders:
         counts = Counts()
-        for path in distinct_files(folder, seen):
+        for path in ascet_components.distinct_files(folder, (".esdl",), seen):
             count(path, counts)
         lines.append(_row(folder.name, counts))
         for name in ("files", "parsed", "classes", "graphs"):

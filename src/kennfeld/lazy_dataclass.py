@@ -121,8 +121,8 @@ def _value_of(field: Field[Any]) -> str:
     """Return the value that is assigned to a field; empty if there is none, since the class has the default."""
     if field.default_factory is MISSING:
         return field.name if field.init else ""
-    made = f"__factory_{field.name}__()"
-    return f"{made} if {field.name} is __missing__ else {field.name}" if field.init else made
+    default = f"__factory_{field.name}__()"
+    return f"{default} if {field.name} is __missing__ else {field.name}" if field.init else default
 
 
 def _write_repr(cls: type) -> Callable[..., Any]:

@@ -212,8 +212,8 @@ class QuantileSearch:
         rows = [(i, int(rank - self.before[keys[i]])) for rank, i in self._places(ranks, keys)]
         if self._inner is not None:
             return [self._inner.number(i, rank) for i, rank in rows]
-        held = np.diff(np.append(self.before, self.count))[keys]
-        firsts = np.cumsum(held) - held  # of the numbers of each key among those near
+        counts = np.diff(np.append(self.before, self.count))[keys]
+        firsts = np.cumsum(counts) - counts  # of the numbers of each key among those near
         places = [int(firsts[i]) + rank for i, rank in rows]
         self._near = [np.partition(np.concatenate([*self._near, np.empty(0)]), places)]
         numbers: list[float] = self._near[0][places].tolist()

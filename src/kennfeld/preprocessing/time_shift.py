@@ -94,8 +94,8 @@ def resample_channel(time: Float, values: Float, at: Float, *, stepped: bool | N
     exact = np.abs(time[near] - at) <= _SAME_INSTANT * step
     inside = (at >= time[0]) & (at <= time[-1])
     width = np.where(after > before, time[after] - time[before], 1.0)
-    held = is_stepped(values) if stepped is None else stepped
-    share = 0.0 if held else (at - time[before]) / width
+    is_held = is_stepped(values) if stepped is None else stepped
+    share = 0.0 if is_held else (at - time[before]) / width
     between = values[before] + share * (values[after] - values[before])
     result: Float = np.where(exact, values[near], np.where(inside, between, np.nan))
     return result

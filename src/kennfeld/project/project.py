@@ -90,11 +90,11 @@ class Project:
 
         An initial file with the ending takes precedence.
         """
-        problem, initial = self._assembly.problem, self.file.calibration.files
-        if problem is None or not is_esdl_file(ending) or any(name.lower().endswith(ending) for name in initial):
+        function, initial = self.file.model.file, self.file.calibration.files
+        own = is_esdl_file(ending) and function.lower().endswith(ending)
+        if not own or any(name.lower().endswith(ending) for name in initial) or self._assembly.problem is None:
             return parameters
-        own = self.file.model.file.lower().endswith(ending)
-        return parameters.from_origin(problem.model.values.origin) if own else parameters
+        return parameters.from_origin(self._assembly.problem.model.values.origin)
 
     @property
     def seconds_read(self) -> float:

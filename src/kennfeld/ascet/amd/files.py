@@ -140,9 +140,9 @@ def open_folder(path: Path) -> tuple[AmdFiles, str]:
     first = next((child for child in root.children if "nameSpace" in child.attributes), None)
     folder = _root_of(path.parent, first.get("nameSpace") if first is not None else "")
     own = folder == path.parent
-    found = path.parent.glob(f"*{ENDING}") if own else folder.rglob(f"*{ENDING}")
+    files = path.parent.glob(f"*{ENDING}") if own else folder.rglob(f"*{ENDING}")
     with convert_errors(folder, "cannot be read"):
-        names = sorted(item.relative_to(folder).as_posix() for item in islice(found, _MAX_MEMBERS))
+        names = sorted(item.relative_to(folder).as_posix() for item in islice(files, _MAX_MEMBERS))
     return AmdFiles(folder.name, tuple(names), folder), main.relative_to(folder).as_posix().removesuffix(MAIN)
 
 

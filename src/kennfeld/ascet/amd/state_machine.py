@@ -27,8 +27,8 @@ def state_machine(specification: XmlElement) -> e.StateMachine | e.Unsupported:
     if strange is not None or nested is not None:
         item = strange or nested
         assert item is not None
-        what = f"the element {item.tag}" if nested is None else "states within states"
-        return e.Unsupported(f"{what} of a state machine is not supported", place=e.TextPosition(item.line, 0))
+        part = f"the element {item.tag}" if nested is None else "states within states"
+        return e.Unsupported(f"{part} of a state machine is not supported", place=e.TextPosition(item.line, 0))
     owners = {
         port.get("graphicOID"): state.get("name")
         for state in states for part in state.all("Interfaces") for port in part.all("Connector")
