@@ -12,6 +12,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from kennfeld.threads import available_cores
+
 __all__ = ["apart", "environment_of_users", "installed", "peak", "repeated", "reset_peak", "threads"]
 
 ROOT = Path(__file__).parents[1]
@@ -20,7 +22,7 @@ POOLS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_M
 
 def threads(cores: int | None) -> int:
     """Return the number of threads for a measurement on so many cores, None for all."""
-    return cores or os.cpu_count() or 1
+    return cores or available_cores()
 
 
 def installed(*packages: str) -> bool:

@@ -13,6 +13,13 @@ _Item = TypeVar("_Item")  # Python 3.11
 _Outcome = TypeVar("_Outcome")
 
 
+def available_cores() -> int:
+    """Return how many processor cores this process may use, which may be fewer than the machine has."""
+    if hasattr(os, "sched_getaffinity"):  # not known on all systems
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def let_blas_threads_sleep() -> None:
     """Let idle threads of OpenBLAS sleep at once instead of spinning; to be called before numpy is loaded.
 
@@ -43,7 +50,7 @@ def map_in_order(work: Callable[[_Item], _Outcome], items: Sequence[_Item]) -> I
     >>> list(map_in_order(abs, [-1, 2, -3]))
     [1, 2, 3]
     """
-    count = min(os.cpu_count() or 1, len(items))
+    count = min(available_cores(), len(items))
     if count < 2:
         yield from map(work, items)
         return

@@ -9,6 +9,7 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
+from kennfeld import threads
 from kennfeld.errors import InputError
 from kennfeld.preprocessing import bound_parts
 from kennfeld.project import Project
@@ -126,6 +127,7 @@ def test_points_may_lie_in_one_file_or_in_many(project):
 def test_memory_is_that_of_the_data(project, monkeypatch):
     """Beside the channels and their time there is a copy of the target for the search, and room for a few parts."""
     samples, files = 20_000, 30
+    monkeypatch.setattr(threads, "available_cores", lambda: 2)  # each core has a part of its own
     monkeypatch.setattr(bound_parts, "SAMPLES_PER_BLOCK", samples)
     drives = [drive(samples, seed) for seed in range(files)]
     few, many = project("few", drives[:2]), project("many", drives)

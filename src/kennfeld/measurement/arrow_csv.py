@@ -1,6 +1,5 @@
 """Reader of delimited text with columns of numbers, truth values and text, by the CSV parser of Arrow."""
 
-import os
 from collections.abc import Iterable
 from concurrent.futures import Executor
 
@@ -14,11 +13,12 @@ from kennfeld.measurement.csv_dialect import Dialect
 from kennfeld.measurement.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import BLOCK, Column, ColumnBuilder
+from kennfeld.threads import available_cores
 
 
 def read_mixed(body: CsvBody, header: Header, pool: Executor) -> list[Column] | None:
     """Return the columns of `body.types`; None if a cell or a row does not fit."""
-    tables = list(pool.map(lambda part: _parse(part, body), body.split(os.cpu_count() or 1)))
+    tables = list(pool.map(lambda part: _parse(part, body), body.split(available_cores())))
     if any(table is None for table in tables):
         return None
     table = pa.concat_tables(tables)

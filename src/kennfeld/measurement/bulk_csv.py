@@ -5,7 +5,6 @@ reader, which knows the line of each cell.
 """
 
 import mmap
-import os
 import sys
 from concurrent.futures import Executor, ThreadPoolExecutor
 
@@ -20,6 +19,7 @@ from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.plain_csv import read_numbers
 from kennfeld.measurement.table import Column, Selection, Table
+from kennfeld.threads import available_cores
 
 _LINE = 1 << 24  # bytes
 _SAMPLE = 200  # lines
@@ -45,7 +45,7 @@ def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -
     tail = content[max(len(content) - _TAIL, 0) :]
     data = memoryview(content)[begin : len(content) - len(tail) + len(tail.rstrip(b"\r\n"))]
     body = CsvBody(data, dialect, width, types)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # threads of Arrow itself can abort a process that ends early
+    with ThreadPoolExecutor(available_cores()) as pool:  # threads of Arrow itself can abort a process that ends early
         columns = _read_numbers(body, header, pool) or _read_mixed(body, header, pool)
     if columns is None or _has_empty_row([column.values for column in columns]):  # perhaps a blank line
         return None

@@ -10,7 +10,6 @@ into shares for threads. Shares and their order depend only on the problem, so r
 threads.
 """
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
@@ -24,6 +23,7 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Chunk, Samples, shares
 from kennfeld.native.symmetric import SymmetricMatrix
 from kennfeld.native.workspace import Workspace, stores_blocks
+from kennfeld.threads import available_cores
 
 TAPE_BYTES = 512 * 1024  # of a chunk; of half of it, the calls take a tenth of the time
 SHARES = 4
@@ -79,7 +79,7 @@ class Accumulator:
         self._memory = np.zeros((len(self.chunks), kernel.layout.memory))
         self._rings = np.zeros((len(self.chunks), len(kernel.layout.latencies)), dtype=np.int64)
         self._last: tuple[Float, Float] | None = None  # values and widths of the states kept at the chunks' starts
-        threads = min(os.cpu_count() or 1, len(self._shares))
+        threads = min(available_cores(), len(self._shares))
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def prepare(self) -> None:

@@ -1,6 +1,5 @@
 """Calibration from several starts, through the steps of a sequence, and resumed from checkpoints."""
 
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -21,6 +20,7 @@ from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
 from kennfeld.optimize.solver.levenberg_marquardt import STOPPED, SolverResult, Status
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.threads import available_cores
 
 COST_TOLERANCE = 1e-9  # relative difference of equal costs, from rounding
 
@@ -75,9 +75,7 @@ class _Multistart:
 
     def __post_init__(self) -> None:
         self.whole = sequence_problem(self.problem, self.options.steps)
-        # the processor cores that this process may use; not known on all systems
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        self.workers = min(self.options.workers or cores, self.options.starts)
+        self.workers = min(self.options.workers or available_cores(), self.options.starts)
         self._cluster = self.options.cluster
         if self.problem.partitions is not None:  # each start uses all workers
             self.workers, self._cluster = 1, None
