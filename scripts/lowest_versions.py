@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 __all__ = ["lowest"]
@@ -15,7 +16,7 @@ _REQUIREMENT = re.compile(r"([\w.-]+)>=([\w.]+)")
 
 
 def lowest(text: str) -> Iterator[str]:
-    r"""Yield a constraint such as `numpy==1.26` for each dependency.
+    r"""Yield a constraint such as `numpy==1.26` for each dependency, extras included.
 
     Raises `ValueError` if one states no lowest version, or more than that.
 
@@ -23,7 +24,10 @@ def lowest(text: str) -> Iterator[str]:
     ['numpy==1.26']
     """
     project = tomllib.loads(text)["project"]
-    for requirement in (*project["dependencies"], *project.get("optional-dependencies", {}).get("dev", ())):
+    extras = project.get("optional-dependencies", {}).values()
+    for requirement in dict.fromkeys(chain(project["dependencies"], *extras)):
+        if requirement.startswith(f"{project.get('name')}["):  # extras that an extra consists of
+            continue
         match = _REQUIREMENT.fullmatch(requirement)
         if match is None:
             raise ValueError(f"{requirement!r} must have the form name>=version")

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from kennfeld.errors import Finding, InputError, KennfeldError, Location
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.optional_packages import optional_package
 from kennfeld.task_runner import Receiver, RunnerLostError, Task, as_worker, connected
 
 AHEAD = 4  # tasks for each worker that are handed out beforehand
@@ -30,7 +31,6 @@ POLL_INTERVAL = 0.5  # s
 LOSS_CHECKS = 10  # in this interval
 NO_WORKER_TIMEOUT = 60.0  # s
 TLS_KEYS = ("tls_authority", "tls_certificate", "tls_key")
-REMEDY = "Install it: pip install kennfeld[cluster]"
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,8 @@ class DaskRunner:
         Raises:
             InputError: Dask is missing, or the scheduler does not answer.
         """
-        try:
+        with optional_package(Location("[cluster]"), "cluster"):
             distributed = import_module("distributed")
-        except ImportError as error:
-            raise InputError.of(Location("[cluster]"), f"dask.distributed is missing ({error})", REMEDY) from error
         _require_files(address)
         cluster = None
         try:

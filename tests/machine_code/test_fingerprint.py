@@ -29,7 +29,17 @@ ROOT = Path(module.__file__).parents[1]
 WRITE = kernels._kernel_code
 # modules whose classes and functions the packages use; the content of their objects is in the arguments
 DATA = {
-    *("arrays", "atomic_files", "criteria", "errors", "free_axes", "lazy_dataclass", "lazy_names", "parameter_set"),
+    *(
+        "arrays",
+        "atomic_files",
+        "criteria",
+        "errors",
+        "free_axes",
+        "lazy_dataclass",
+        "lazy_names",
+        "optional_packages",
+        "parameter_set",
+    ),
     "parameters",
 }
 

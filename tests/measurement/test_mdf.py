@@ -3,6 +3,7 @@
 import contextlib
 import random
 import struct
+import sys
 import tempfile
 import warnings
 
@@ -224,6 +225,18 @@ def test_missing_and_text_channels_are_findings(mdf):
         read(path, ["Note"])
     assert list(read(path)) == ["Speed"]
     assert describe(path).tables[0].left_out == ("Note",)
+
+
+def test_without_the_library_files_of_plain_layout_are_read_and_others_name_its_command(mdf, monkeypatch):
+    time = np.arange(3.0)
+    channels = [signal("Speed", time, time)]
+    plain, old = mdf(("a", channels), name="plain.mf4"), mdf(("a", channels), version="2.14", name="old.mdf")
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    assert read(plain)["Speed"].values.tolist() == [0.0, 1.0, 2.0]
+    with pytest.raises(
+        InputError, match=r'^old\.mdf: the package asammdf is not installed\. Run: pip install "kennfeld\[mdf\]"$'
+    ):
+        read(old)
 
 
 def test_a_channel_of_varying_length_is_left_out(mdf):

@@ -253,7 +253,7 @@ def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path, monkeypatch):
 def test_without_the_library_the_remedy_is_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     (finding,) = in_partitions(write_short(tmp_path), 400, scheduler="tcp://127.0.0.1:1").check()
-    assert "pip install kennfeld[cluster]" in str(finding)
+    assert str(finding) == '[cluster]: the package distributed is not installed. Run: pip install "kennfeld[cluster]"'
 
 
 def test_the_command_joins_the_scheduler_that_it_is_given(tmp_path, cluster, capsys):

@@ -28,6 +28,7 @@ from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, plain_unit
+from kennfeld.optional_packages import optional_package
 
 _TIME = "time"
 _AT_ONCE = 50_000_000  # values in memory for a description
@@ -122,7 +123,8 @@ def _open(source: MeasurementFile) -> Iterator[Any]:
     ):
         warnings.simplefilter("ignore")
         try:
-            from asammdf import MDF
+            with optional_package(source.location, "mdf"):
+                from asammdf import MDF
 
             with MDF(source.path, temporary_folder=folder) as file:
                 file.configure(raise_on_multiple_occurrences=False)
