@@ -41,6 +41,7 @@ DATA = {
         "parameter_set",
     ),
     "parameters",
+    "threads",
 }
 
 
