@@ -32,7 +32,11 @@ from kennfeld.measurement.reader import read_leniently
 _NOTES = b"kennfeld"
 _STORED = ("name", "channels", "time", "starts", "clock", "findings")  # what is written of a dataset
 
-_WORTH = {FileKind.PARQUET: math.inf, FileKind.CSV: 0.5}  # s of reading that make an entry worthwhile
+_WORTH = {
+    FileKind.PARQUET: math.inf,
+    FileKind.FEATHER: math.inf,
+    FileKind.CSV: 0.5,
+}  # s of reading that make an entry worthwhile
 _WORTH_ELSE = 0.2
 _MAX_SIZE = 2_000_000_000  # bytes of a folder
 _SETTLED = 2_000_000_000  # ns; a file that was changed shorter before it was hashed may change unnoticed
@@ -298,7 +302,7 @@ def _readers() -> list[Any]:
     """Return the hash of the readers' source and the versions of their libraries; a change makes entries invalid."""
     texts = [file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))]
     libraries = []
-    for library in ("asammdf", "python_calamine", "pyarrow", "h5py"):
+    for library in ("asammdf", "python_calamine", "pyarrow", "h5py", "nptdms"):
         with contextlib.suppress(ImportError, ValueError, OSError):
             spec = find_spec(library)
             stat = Path(spec.origin).stat() if spec and spec.origin else None

@@ -23,6 +23,9 @@ class FileKind(Enum):
     CSV = "CSV"
     EXCEL = "Excel"
     PARQUET = "Parquet"
+    FEATHER = "Feather"
+    TDMS = "TDMS"
+    NETCDF = "netCDF"
     MDF = "MDF"
     MLG = "MLG"
     MSL = "MSL"
@@ -46,6 +49,11 @@ class FileKind(Enum):
 
 _MAGIC = (
     (b"PAR1", FileKind.PARQUET),
+    (b"ARROW1", FileKind.FEATHER),
+    (b"\xff\xff\xff\xff", FileKind.FEATHER),  # a stream of Arrow
+    (b"TDSm", FileKind.TDMS),
+    (b"CDF\x01", FileKind.NETCDF),
+    (b"CDF\x02", FileKind.NETCDF),
     (b"MDF     ", FileKind.MDF),
     (b"UnFinMF", FileKind.MDF),
     (b"MLVLG", FileKind.MLG),
@@ -106,7 +114,6 @@ _FOREIGN = (
         _RECORDING,
     ),
     (rb"\ACANape PAR\s", "a parameter file of CANape", "Name the recording instead, as MDF or CSV."),
-    (rb"\ATDSm", "a TDMS file of National Instruments", _EXPORT),
     (rb"\A(?:<\?xml[^>]*>)?\s*<(?:usi:)?tdm[\s>]", "a TDM file of National Instruments", _EXPORT),
 )
 

@@ -20,6 +20,9 @@ _READERS = {
     FileKind.CSV: "text",
     FileKind.EXCEL: "excel",
     FileKind.PARQUET: "parquet",
+    FileKind.FEATHER: "feather",
+    FileKind.TDMS: "tdms",
+    FileKind.NETCDF: "netcdf",
     FileKind.MDF: "mdf",
     FileKind.MATLAB: "matlab",
     FileKind.HDF5: "matlab",
@@ -31,7 +34,9 @@ _READERS = {
 _TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds that may be compressed by gzip
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
-_RASTERS = {FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS}
+_RASTERS = {
+    FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS, FileKind.TDMS, FileKind.NETCDF,
+}  # fmt: skip
 _SPOKEN = ("A", "E", "I", "O", "MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML")  # begin with a vowel
 
 
@@ -43,7 +48,7 @@ def read(
     sheet: str | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Dataset:
-    """Read a measurement file: CSV, Excel, Parquet, MDF, MATLAB or a log of a tuning tool, recognised by its content.
+    """Read a measurement file, recognised by its content: CSV, Excel, Parquet, MDF, MATLAB, HDF5, TDMS, ...
 
     A time column becomes the dataset's time, in seconds; without one the samples are steady-state points. Columns
     without a name and columns of text are skipped. Channels of different rasters need a `raster`; they are read over
@@ -151,7 +156,9 @@ def _locate_readable(path: str | Path, sheet: str | None) -> MeasurementFile:
     refuse_foreign(source)
     if source.kind not in _READERS:
         message = f"this is {kind_with_article} file, which cannot be read as a measurement"
-        remedy = "CSV, Excel, Parquet, MDF, MATLAB, MLG, MSL, HP Tuners and LabVIEW files can."
+        remedy = (
+            "CSV, Excel, Parquet, Feather, MDF, MATLAB, HDF5, netCDF, TDMS, MLG, MSL, HP Tuners and LabVIEW files can."
+        )
         raise InputError.of(source.location, message, remedy)
     if source.packed and source.kind not in _TEXT:
         raise InputError.of(source.location, f"this is a compressed {kind} file", "Unpack it first.")

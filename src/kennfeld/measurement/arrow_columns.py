@@ -1,0 +1,62 @@
+"""Columns of Arrow tables, as the files of Parquet and Feather hold them."""
+
+from collections import Counter
+from typing import Any
+
+from kennfeld.arrays import Float
+from kennfeld.measurement.arrow_numbers import numbers_of
+from kennfeld.measurement.header import Header
+from kennfeld.measurement.table import Column
+from kennfeld.measurement.unit_text import split_name
+
+_INDEX = "__index_level_"  # how pandas calls an index without a name
+
+
+def header_of(schema: Any) -> Header:
+    """Return names and units of the columns; a unit is in the metadata of the field, or in brackets in its name."""
+    import pyarrow as pa
+
+    names, units = [], []
+    split = [split_name(field.name) for field in schema]
+    short = Counter(name for name, _ in split)
+    for field, (name, unit) in zip(schema, split, strict=True):
+        notes = {key.decode(errors="replace").casefold(): value for key, value in (field.metadata or {}).items()}
+        stated = notes.get("unit", notes.get("units", b"")).decode(errors="replace")
+        if name.startswith(_INDEX):
+            name = "time" if pa.types.is_timestamp(field.type) and "time" not in short else ""
+        names.append(field.name if short[name] > 1 else name)
+        units.append(stated or unit)
+    return Header(0, 0, tuple(names), tuple(units))
+
+
+def is_numeric(kind: Any) -> bool:
+    """Return whether values of a type of Arrow are numbers, dates or durations."""
+    import pyarrow as pa
+
+    plain = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
+    return bool(plain or pa.types.is_decimal(kind) or pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
+
+
+def column_of(chunked: Any, header: Header, index: int) -> Column:
+    """Return a chunked array of a numeric type as a column; dates count from the first one."""
+    import pyarrow as pa
+
+    dated = pa.types.is_timestamp(chunked.type) or pa.types.is_duration(chunked.type)
+    values = _seconds(chunked) if dated else numbers_of(chunked)
+    name = header.names[index]
+    return Column(name, "s" if dated else header.units[index], name, values, dated=dated)
+
+
+def text_column(schema: Any, header: Header, index: int, samples: int) -> Column:
+    """Return a column that holds no numbers."""
+    return Column.without_numbers(header.names[index], samples, f"a value of type {schema.field(index).type}")
+
+
+def _seconds(chunked: Any) -> Float:
+    import pyarrow as pa
+
+    scale = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[chunked.type.unit]
+    ticks = chunked.cast(pa.int64())
+    # counted from the first stamp before they become floats: nanoseconds since 1970 need more than 53 bits
+    first = next((value for value in ticks[:1].to_pylist() if value is not None), 0)
+    return numbers_of(pa.compute.subtract(ticks, first)) / scale

@@ -1,0 +1,134 @@
+"""Groups of channels with a common time, as files with a directory hold them: TDMS, HDF5, netCDF, DIAdem."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import Findings, Location
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.header import Header
+from kennfeld.measurement.table import Column, Selection, Table, unique_names
+
+_TIME = "time"
+_MAX_LISTED = 8  # channels in a message
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedChannel:
+    """A channel of a file.
+
+    Attributes:
+        name: its own name.
+        path: its name with that of its group.
+        unit: as the file states it.
+        load: reads the values, Float[samples].
+        description: as the file states it.
+        dated: the values are dates, in s.
+        content: what a channel holds that is no numbers, as messages say it: "a text".
+    """
+
+    name: str
+    path: str
+    unit: str
+    load: Callable[[], Float]
+    description: str = ""
+    dated: bool = False
+    content: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedGroup:
+    """Channels of equal length.
+
+    Attributes:
+        path: name of the group; empty if the file has one only.
+        samples: number of samples.
+        channels: the channels.
+        time: the time stamps in s, if the format itself defines them, Float[samples].
+    """
+
+    path: str
+    samples: int
+    channels: Sequence[RecordedChannel]
+    time: Callable[[], Float] | None = None
+
+
+def tables_of(location: Location, groups: Sequence[RecordedGroup], selection: Selection) -> list[Table]:
+    """Return a table for each group that has a requested channel; other channels are not read.
+
+    A channel has its own name, or its path if another one has the same name; it may be requested by either.
+
+    Raises:
+        InputError: a requested name is that of several channels.
+    """
+    names = _unique_names(groups)
+    chosen = _choose(location, names, selection)
+    tables = [_table(location, group, names, chosen, selection) for group in groups]
+    kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
+    return kept or tables[:1]
+
+
+def _has_channel(table: Table, asked: Sequence[str]) -> bool:
+    return any(column.name in asked for column in table.columns)
+
+
+def _unique_names(groups: Sequence[RecordedGroup]) -> dict[RecordedChannel, str]:
+    channels = [channel for group in groups for channel in group.channels]
+    count = Counter(channel.name for channel in channels)
+    own = [channel.name if count[channel.name] == 1 else channel.path for channel in channels]
+    return dict(zip(channels, unique_names(own), strict=True))
+
+
+def _choose(location: Location, names: dict[RecordedChannel, str], selection: Selection) -> dict[RecordedChannel, str]:
+    """Return the requested channels with the names by which they were requested."""
+    if selection.channels is None:
+        return names
+    chosen: dict[RecordedChannel, str] = {}
+    findings = Findings()
+    for asked in selection.channels:
+        matches = [c for c, name in names.items() if name == asked] or [c for c in names if asked in (c.path, c.name)]
+        if len(matches) > 1:
+            others = ", ".join(names[channel] for channel in matches[:_MAX_LISTED])
+            findings.error(location, f"{len(matches)} channels are named {asked}", f"Name one of them: {others}.")
+        elif matches:
+            chosen[matches[0]] = asked
+    findings.finish()
+    return chosen
+
+
+def _table(
+    location: Location,
+    group: RecordedGroup,
+    names: dict[RecordedChannel, str],
+    chosen: dict[RecordedChannel, str],
+    selection: Selection,
+) -> Table:
+    labels = [chosen.get(channel, names[channel]) for channel in group.channels]
+    header = Header(0, 0, tuple(labels), tuple(channel.unit for channel in group.channels))
+    wanted = set(selection.wants(header)) | {i for i, channel in enumerate(group.channels) if channel in chosen}
+    columns = [_column(group.channels[i], labels[i], group.samples) for i in sorted(wanted)]
+    clock = list(_clock(group, labels))
+    return Table(
+        location.within(group.path) if group.path else location,
+        (*clock, *columns),
+        np.arange(1, group.samples + 1),
+        "sample",
+        (*(column.name for column in clock), *labels),
+        details=(("group", group.path),) if group.path else (),
+        clock_index=0 if clock else None,
+    )
+
+
+def _clock(group: RecordedGroup, labels: Sequence[str]) -> Iterator[Column]:
+    if group.time is not None:
+        name = unique_names([*labels, _TIME])[-1]
+        yield Column(name, "s", name, group.time())
+
+
+def _column(channel: RecordedChannel, name: str, samples: int) -> Column:
+    if channel.content:
+        return Column.without_numbers(name, samples, channel.content)
+    unit = "s" if channel.dated else channel.unit
+    return Column(name, unit, name, channel.load(), dated=channel.dated, description=channel.description)

@@ -1,0 +1,115 @@
+"""Reader of TDMS files of National Instruments: LabVIEW, FlexLogger, VeriStand."""
+
+import logging
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import InputError
+from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
+from kennfeld.measurement.table import Selection, Table
+from kennfeld.measurement.table_conversion import TableDescription, describe_table
+from kennfeld.optional_packages import optional_package
+
+_STEP, _OFFSET, _START = "wf_increment", "wf_start_offset", "wf_start_time"
+_UNITS = ("unit_string", "NI_UnitDescription", "unit")
+
+
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
+    """Return a table for each raster that holds a requested channel.
+
+    The channels of a group with equal length, increment and start have one raster. Channels with an increment have time
+    stamps of their own; these count from the earliest start in the file.
+    """
+    with optional_package(source.location, "tdms"):
+        from nptdms import TdmsFile
+    logging.getLogger("nptdms").setLevel(logging.CRITICAL + 1)  # it logs what is reported as a finding here
+    try:
+        with source.path.open("rb") as stream, TdmsFile.open(stream) as file:
+            groups = list(_groups(file))
+            if not groups:
+                raise InputError.of(source.location, "holds no channels with samples", "Is it the right file?")
+            return tables_of(source.location, groups, selection)
+    except InputError:
+        raise
+    except Exception as error:  # of many kinds: the library trusts what it reads
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+    message = f"the TDMS file is damaged or cut off ({reason})"
+    raise InputError.of(source.location, message, "Copy or export it again.")
+
+
+def describe_tables(source: MeasurementFile) -> list[TableDescription]:
+    """Return a description of each raster."""
+    return [describe_table(table) for table in read_tables(source, Selection())]
+
+
+def _groups(file: Any) -> Iterator[RecordedGroup]:
+    starts = [
+        channel.properties[_START] for group in file.groups() for channel in group.channels() if _is_even(channel)
+    ]
+    first = min(starts, default=None)
+    several = len(file.groups()) > 1
+    for group in file.groups():
+        rasters: dict[tuple[int, float, float], list[Any]] = defaultdict(list)
+        for channel in group.channels():
+            if len(channel):
+                rasters[(len(channel), *_raster(channel, first))].append(channel)
+        for (samples, step, start), members in rasters.items():
+            path = group.name if len(rasters) == 1 else f"{group.name}, {samples} samples"
+            yield RecordedGroup(
+                path if several or len(rasters) > 1 else "",
+                samples,
+                [_channel(channel) for channel in members],
+                partial(_stamps, samples, step, start) if step > 0 else None,
+            )
+
+
+def _is_even(channel: Any) -> bool:
+    return _step(channel) > 0 and isinstance(channel.properties.get(_START), np.datetime64)
+
+
+def _step(channel: Any) -> float:
+    step = channel.properties.get(_STEP, 0.0)
+    return float(step) if isinstance(step, int | float) and np.isfinite(step) else 0.0
+
+
+def _raster(channel: Any, first: Any) -> tuple[float, float]:
+    """Return step and start of the time stamps in s; step 0 if the channel has none."""
+    step = _step(channel)
+    if step <= 0:
+        return 0.0, 0.0
+    offset = float(channel.properties.get(_OFFSET, 0.0))
+    if _is_even(channel):
+        offset += float((channel.properties[_START] - first) / np.timedelta64(1, "ns")) * 1e-9
+    return step, offset
+
+
+def _stamps(samples: int, step: float, start: float) -> Float:
+    return np.asarray(start + step * np.arange(samples), dtype=np.float64)
+
+
+def _channel(channel: Any) -> RecordedChannel:
+    notes = channel.properties
+    unit = next((str(notes[name]) for name in _UNITS if notes.get(name)), "")
+    dated = channel.dtype.kind == "M"
+    content = (
+        "" if dated or channel.dtype.kind in "fiub" else "a text" if channel.dtype.kind in "OSU" else "a complex number"
+    )
+    path = f"{channel.group_name}/{channel.name}"
+    load = partial(_dates if dated else _numbers, channel)
+    return RecordedChannel(channel.name, path, unit, load, str(notes.get("description", "")), dated, content)
+
+
+def _numbers(channel: Any) -> Float:
+    return np.asarray(channel[:], dtype=np.float64)
+
+
+def _dates(channel: Any) -> Float:
+    stamps = channel[:].astype("datetime64[ns]")
+    elapsed = (stamps - stamps[0]).astype(np.float64) * 1e-9
+    return np.asarray(np.where(np.isnat(stamps), np.nan, elapsed), dtype=np.float64)

@@ -1,0 +1,75 @@
+"""Feather and Arrow streams: units, kinds of numbers, selection, damage."""
+
+import random
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import feather, ipc
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+TABLE = pa.table(
+    [
+        np.arange(4) / 10,
+        np.array([900, 1000, 1100, 1200], dtype=np.int16),
+        ["a", "b", "c", "d"],
+        [True, False, None, True],
+    ],
+    schema=pa.schema(
+        [
+            pa.field("time", pa.float64()),
+            pa.field("Speed", pa.int16(), metadata={"unit": "rpm"}),
+            pa.field("note", pa.string()),
+            pa.field("on [-]", pa.bool_()),
+        ]
+    ),
+)
+
+
+@pytest.fixture(params=["plain", "zstd", "stream"])
+def path(request, tmp_path):
+    if request.param == "stream":
+        with ipc.new_stream(tmp_path / "bench.arrows", TABLE.schema) as writer:
+            writer.write_table(TABLE, max_chunksize=2)
+        return tmp_path / "bench.arrows"
+    feather.write_feather(TABLE, tmp_path / "bench.feather", compression=request.param.replace("plain", "uncompressed"))
+    return tmp_path / "bench.feather"
+
+
+def test_numbers_with_their_units_and_the_time_are_read(path):
+    data = read(path)
+    assert {name: channel.unit for name, channel in data.items()} == {"Speed": "rpm", "on": "-"}
+    assert data.time.tolist() == [0.0, 0.1, 0.2, 0.3]
+    np.testing.assert_array_equal(data["on"].values, [1.0, 0.0, np.nan, 1.0])
+    assert describe(path).kind == "Feather"
+
+
+def test_only_requested_channels_are_read(path):
+    assert list(read(path, ["Speed"])) == ["Speed"]
+    with pytest.raises(InputError, match="the column holds text"):
+        read(path, ["note"])
+    with pytest.raises(InputError, match=r"Did you mean Speed\?"):
+        read(path, ["Sped"])
+
+
+def test_a_file_without_rows_is_a_finding(tmp_path):
+    feather.write_feather(TABLE.slice(0, 0), tmp_path / "empty.feather", compression="uncompressed")
+    with pytest.raises(InputError, match="holds no rows"):
+        read(tmp_path / "empty.feather")
+
+
+def test_damaged_files_are_read_or_refused(path):
+    content, generator = path.read_bytes(), random.Random(3)
+    refused = 0
+    for _ in range(300):
+        mutant = bytearray(content[: generator.choice([len(content), generator.randrange(8, len(content))])])
+        for _ in range(generator.randint(0, 4)):
+            mutant[generator.randrange(8, len(mutant))] = generator.randrange(256)
+        path.write_bytes(mutant)
+        try:
+            read(path)
+        except InputError:
+            refused += 1
+    assert refused > 50

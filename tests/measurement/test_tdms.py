@@ -1,0 +1,101 @@
+"""TDMS: rasters, time stamps, units, scaled and dated channels, damage."""
+
+import random
+import sys
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+nptdms = pytest.importorskip("nptdms", reason="nptdms is not installed: pip install kennfeld[tdms]")
+START = np.datetime64("2026-11-27T10:00:00")
+
+
+@pytest.fixture
+def tdms(tmp_path):
+    """Writes channels (group, name, values, properties) as a TDMS file."""
+
+    def write(*channels):
+        path = tmp_path / "bench.tdms"
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment([nptdms.ChannelObject(*channel) for channel in channels])
+        return path
+
+    return write
+
+
+def even(step, offset=0.0, start=START, **more):
+    return {"wf_increment": step, "wf_start_offset": offset, "wf_start_time": start, **more}
+
+
+def test_time_follows_from_the_increment(tdms):
+    values = np.array([1.0, 2.0, 3.0])
+    data = read(tdms(("bench", "Speed", values, even(0.5, 1.0, unit_string="rpm", description="crankshaft"))))
+    assert data.time.tolist() == [1.0, 1.5, 2.0]
+    assert (data["Speed"].unit, data["Speed"].description) == ("rpm", "crankshaft")
+
+
+def test_groups_are_rasters_whose_starts_differ(tdms):
+    later = START + np.timedelta64(500, "ms")
+    path = tdms(
+        ("fast", "Speed", np.arange(21.0), even(0.1)),
+        ("slow", "Temperature", np.arange(3.0), even(0.5, start=later)),
+    )
+    assert [table.name for table in describe(path).tables] == ["fast", "slow"]
+    data = read(path, raster=0.5)
+    assert data.time.tolist() == [0.5, 1.0, 1.5]
+    assert data["Temperature"].values.tolist() == [0.0, 1.0, 2.0]
+    np.testing.assert_allclose(data["Speed"].values, [5.0, 10.0, 15.0])
+    with pytest.raises(InputError, match="different rasters"):
+        read(path)
+    assert read(path, ["Temperature"]).samples == 3
+
+
+def test_a_channel_may_be_the_time(tdms):
+    stamps = START + np.arange(3) * np.timedelta64(20, "ms")
+    data = read(tdms(("log", "Timestamp", stamps), ("log", "Speed", np.array([1, 2, 3], dtype=np.int32))))
+    assert data.time.tolist() == [0.0, 0.02, 0.04]
+    assert data["Speed"].values.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_equal_names_are_told_apart_by_their_groups(tdms):
+    path = tdms(("left", "Speed", np.arange(3.0)), ("right", "Speed", np.arange(3.0) + 5))
+    assert [table.channels[0].name for table in describe(path).tables] == ["left/Speed", "right/Speed"]
+    assert read(path, ["right/Speed"])["right/Speed"].values.tolist() == [5.0, 6.0, 7.0]
+    with pytest.raises(InputError, match="2 channels are named Speed"):
+        read(path, ["Speed"])
+
+
+def test_texts_are_left_out_and_points_have_no_time(tdms):
+    path = tdms(("bench", "Note", ["a", "b"]), ("bench", "Torque", np.array([10.0, np.inf])))
+    data = read(path)
+    assert list(data) == ["Torque"]
+    assert data.time is None
+    assert np.isnan(data["Torque"].values[1])
+
+
+def test_without_the_library_its_command_is_named(tdms, monkeypatch):
+    path = tdms(("bench", "Torque", np.arange(3.0)))
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    with pytest.raises(InputError, match=r'the package nptdms is not installed\. Run: pip install "kennfeld\[tdms\]"'):
+        read(path)
+
+
+def test_damaged_files_are_read_or_refused(tdms):
+    path = tdms(
+        ("a", "x", np.arange(50.0), even(0.1)), ("a", "y", np.arange(50.0), even(0.1)), ("b", "z", np.arange(5))
+    )
+    content, generator = path.read_bytes(), random.Random(5)
+    refused = 0
+    for _ in range(300):
+        mutant = bytearray(content[: generator.choice([len(content), generator.randrange(4, len(content))])])
+        for _ in range(generator.randint(0, 4)):
+            mutant[generator.randrange(4, len(mutant))] = generator.randrange(256)
+        path.write_bytes(mutant)
+        try:
+            read(path, raster=0.1)
+        except InputError:
+            refused += 1
+    assert refused > 50
