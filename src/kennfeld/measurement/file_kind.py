@@ -166,14 +166,16 @@ class MeasurementFile:
 
 
 def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
-    """Return the file at `path`, which may name a sheet after a `#`; raise `InputError` if there is none.
+    """Return the file at `path`; raise `InputError` if there is none.
+
+    A `#` may follow, and the name of a sheet or of a member of an archive.
 
     >>> locate("missing/bench.csv")
     Traceback (most recent call last):
     kennfeld.errors.InputError: missing/bench.csv: there is no such file. Check the path: the folder does not exist.
     """
     file = Path(path)
-    if sheet is None and "#" in file.name and not file.exists():
+    if sheet is None and "#" in str(path) and not file.exists():
         whole, _, sheet = str(path).rpartition("#")
         file = Path(whole)
     if not file.exists():

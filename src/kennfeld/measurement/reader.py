@@ -1,7 +1,8 @@
 """Read any measurement file: detect its kind by its content and call the reader of that kind."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, re
 from kennfeld.measurement.table import Selection, Table, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, describe_table
 from kennfeld.measurement.time_column import drop_untimed
+from kennfeld.measurement.unpacking import unpacked
 
 # each module offers read_tables(source, selection)
 _READERS = {
@@ -25,13 +27,13 @@ _READERS = {
     FileKind.NETCDF: "netcdf",
     FileKind.MDF: "mdf",
     FileKind.MATLAB: "matlab",
-    FileKind.HDF5: "matlab",
+    FileKind.HDF5: "hdf5",
     FileKind.MLG: "mlg",
     FileKind.MSL: "text",
     FileKind.HPTUNERS: "hptuners",
     FileKind.LVM: "lvm",
 }
-_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds that may be compressed by gzip
+_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds whose readers unpack gzip
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {
@@ -76,14 +78,16 @@ def read(
         raise ArgumentError(f"raster={raster} must be a time in s > 0")
     if isinstance(channels, str):
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
-    return _read(_locate_readable(path, sheet), channels, raster, units or {}, strict=True)
+    with _readable(path, sheet) as source:
+        return _read(source, channels, raster, units or {}, strict=True)
 
 
 def read_leniently(
     path: str | Path, channels: Sequence[str] | None, raster: float | None, units: Mapping[str, str]
 ) -> Dataset:
     """Read a file as `read` does, but ignore units of columns that it lacks, since other files may have them."""
-    return _read(_locate_readable(path, None), channels, raster, units, strict=False)
+    with _readable(path, None) as source:
+        return _read(source, channels, raster, units, strict=False)
 
 
 def _read(
@@ -121,7 +125,11 @@ def describe(path: str | Path) -> Description:
     >>> describe("bench.csv").tables[0].channels[0].unit  # doctest: +SKIP
     'rpm'
     """
-    source = _locate_readable(path, None)
+    with _readable(path, None) as source:
+        return _describe(source)
+
+
+def _describe(source: MeasurementFile) -> Description:
     if source.kind in _RASTERS:
         descriptions = run_guarded(source.name, lambda: tuple(_reader(source).describe_tables(source)))
         return Description(source.name, source.kind.value, descriptions)
@@ -139,20 +147,25 @@ def list_columns(path: str | Path) -> list[str] | None:
     Raises:
         InputError: the file cannot be read or holds no table.
     """
-    source = _locate_readable(path, None)
-    if source.kind not in (FileKind.CSV, FileKind.MSL):
-        return None
-    names: list[str] = run_guarded(source.name, lambda: _reader(source).list_columns(source))
-    return names
+    with _readable(path, None) as source:
+        if source.kind not in (FileKind.CSV, FileKind.MSL):
+            return None
+        names: list[str] = run_guarded(source.name, lambda: _reader(source).list_columns(source))
+        return names
 
 
-def _locate_readable(path: str | Path, sheet: str | None) -> MeasurementFile:
-    source = run_guarded(Path(path).name, lambda: locate(path, sheet))
+@contextmanager
+def _readable(path: str | Path, sheet: str | None) -> Iterator[MeasurementFile]:
+    """Yield a file that a reader can open; raise `InputError` if there is none for its kind."""
+    whole = run_guarded(Path(path).name, lambda: locate(path, sheet))
+    with unpacked(whole, whole.kind in _TEXT) as source:
+        _check_kind(source)
+        yield source
+
+
+def _check_kind(source: MeasurementFile) -> None:
     kind = source.kind.value
     kind_with_article = f"{'an' if kind.startswith(_SPOKEN) else 'a'} {kind}"
-    if source.kind is FileKind.PACKED:
-        remedy = "Unpack it first; gzip is the only compression that can be read."
-        raise InputError.of(source.location, "this is a compressed file", remedy)
     refuse_foreign(source)
     if source.kind not in _READERS:
         message = f"this is {kind_with_article} file, which cannot be read as a measurement"
@@ -160,12 +173,9 @@ def _locate_readable(path: str | Path, sheet: str | None) -> MeasurementFile:
             "CSV, Excel, Parquet, Feather, MDF, MATLAB, HDF5, netCDF, TDMS, MLG, MSL, HP Tuners and LabVIEW files can."
         )
         raise InputError.of(source.location, message, remedy)
-    if source.packed and source.kind not in _TEXT:
-        raise InputError.of(source.location, f"this is a compressed {kind} file", "Unpack it first.")
     if source.sheet is not None and source.kind is not FileKind.EXCEL:
         message = f"sheet {source.sheet} is requested, but {kind_with_article} file has no sheets"
         raise InputError.of(source.location, message, "Omit the sheet.")
-    return source
 
 
 def _reader(source: MeasurementFile) -> Any:

@@ -134,7 +134,9 @@ def state_of(address: str) -> str:
 
 
 def _without_sheet(address: str) -> str:
-    return address.rpartition("#")[0] if "#" in address.rpartition("/")[2] else address
+    whole, _, inner = address.rpartition("#")
+    is_member = "/" not in inner or whole.lower().endswith(".zip")  # else a folder has the mark in its name
+    return whole if whole and is_member else address
 
 
 @contextmanager
