@@ -5,6 +5,7 @@ import random
 import re
 import sys
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -99,6 +100,10 @@ def _recordings(seed: int) -> Iterator[Sample]:
         ".txt": _german,
         ".xlsx": _excel,
         ".parquet": _parquet,
+        ".feather": _feather,
+        ".tdms": _tdms,
+        ".h5": _hdf5,
+        ".nc": _netcdf,
         ".mf4": _mdf("4.10"),
         ".mdf": _mdf("3.30"),
         ".mlg": _mlg,
@@ -109,6 +114,8 @@ def _recordings(seed: int) -> Iterator[Sample]:
         ".mat73": _mat73,
         ".xls": _xls,
         ".csv.gz": _gzipped(_csv),
+        ".parquet.gz": _gzipped(_parquet),
+        ".csv.zip": _zipped(_csv),
         ".txt.gz": _gzipped(_german),
         ".msl.gz": _gzipped(_msl),
         ".gbk.csv": _chinese,
@@ -151,6 +158,16 @@ def _gzipped(write: Callable[[Path, np.random.Generator], None]) -> Callable[[Pa
     return write_packed
 
 
+def _zipped(write: Callable[[Path, np.random.Generator], None]) -> Callable[[Path, np.random.Generator], None]:
+    def write_packed(path: Path, numbers: np.random.Generator) -> None:
+        write(path, numbers)
+        content = path.read_bytes()
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(zipfile.ZipInfo("sample.csv"), content)
+
+    return write_packed
+
+
 def _xls(path: Path, numbers: np.random.Generator) -> None:
     from xls_files import Formula, xls
 
@@ -184,6 +201,44 @@ def _parquet(path: Path, numbers: np.random.Generator) -> None:
     from pyarrow import parquet
 
     parquet.write_table(pa.table(_columns(numbers)), path)
+
+
+def _feather(path: Path, numbers: np.random.Generator) -> None:
+    import pyarrow as pa
+    from pyarrow import feather
+
+    feather.write_feather(pa.table(_columns(numbers)), path)
+
+
+def _tdms(path: Path, numbers: np.random.Generator) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    even = {"wf_increment": 0.1, "wf_start_time": np.datetime64("2020-01-01T00:00:00"), "unit_string": "rpm"}
+    with TdmsWriter(path) as writer:
+        for group, rows in (("fast", 40), ("slow", 7)):
+            columns = _columns(numbers, rows).items()
+            writer.write_segment([ChannelObject(group, name, values, even) for name, values in columns])
+
+
+def _hdf5(path: Path, numbers: np.random.Generator) -> None:
+    import h5py
+
+    with h5py.File(path, "w", track_order=False) as file:
+        for group, rows in (("fast", 40), ("slow", 7)):
+            for name, values in _columns(numbers, rows).items():
+                file[f"{group}/{name}"] = values
+                file[f"{group}/{name}"].attrs["units"] = "s" if name == "time" else "rpm"
+
+
+def _netcdf(path: Path, numbers: np.random.Generator) -> None:
+    from scipy.io import netcdf_file
+
+    with netcdf_file(path, "w") as file:
+        file.createDimension("time", 40)
+        for name, values in _columns(numbers).items():
+            variable = file.createVariable(name, "d", ("time",))
+            variable[:] = values
+            variable.units = "s" if name == "time" else "rpm"
 
 
 def _mdf(version: str) -> Callable[[Path, np.random.Generator], None]:

@@ -45,7 +45,6 @@ DIADEM = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n1,WINDOWS 32Bit\n#ENDGLOB
             "a fragment of an A2L description, which",
         ),
         ("CANape PAR V3.2: engine.a2l 1 0 ECU\n;Parameter file\nK 1 2 3\n", "a parameter file of CANape"),
-        (b"TDSm" + bytes(60), "a TDMS file of National Instruments"),
         ('<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x"></usi:tdm>', "a TDM file of National Instruments"),
         (gzip.compress(ASC.encode()), "a Vector ASC file"),
     ],

@@ -126,11 +126,12 @@ class MeasurementFile:
     kind: FileKind
     packed: bool = False  # gzip
     sheet: str | None = None
+    label: str = ""  # of a file that was unpacked
 
     @property
     def name(self) -> str:
         """The file's name, as messages give it."""
-        return self.path.name
+        return self.label or self.path.name
 
     @property
     def location(self) -> Location:

@@ -20,7 +20,7 @@ from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
-from kennfeld.measurement.unit_text import may_be_time
+from kennfeld.measurement.unit_text import may_be_time, split_name
 from kennfeld.measurement.variable_attributes import description_of, unit_of, unpack_numbers
 
 _MAX_OBJECTS = 100_000
@@ -28,6 +28,7 @@ _MAX_DEPTH = 20
 _MAX_RATIO = 1000  # bytes of numbers for each byte of the file
 _HARMLESS = 1_000_000_000  # bytes of numbers that are read from any file
 _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
+_RESOLUTIONS = {"datetime64[s]": 1.0, "datetime64[ms]": 1e-3, "datetime64[us]": 1e-6}  # s; else ns
 _FRAME = b"frame"  # as pandas marks a DataFrame of its fixed format
 
 
@@ -149,8 +150,9 @@ class _Content:
         if self._room < 0:
             raise ValueError("it claims to hold far more numbers than its size allows")
         content = "" if kind.kind in "fiub" else "a text" if kind.kind in "OSU" else "a value of another kind"
-        unit, description = unit_of(attributes), description_of(attributes)
-        vectors[length].append(RecordedChannel(name, path, unit, load, description, content=content))
+        short, unit = split_name(name)
+        unit = unit_of(attributes) or unit
+        vectors[length].append(RecordedChannel(short, path, unit, load, description_of(attributes), content=content))
 
 
 def _members(group: Any) -> Iterator[tuple[str, Any]]:
@@ -194,8 +196,9 @@ def _is_frame(group: Any) -> bool:
 def _frame(group: Any, path: str) -> dict[int, list[RecordedChannel]]:
     """Return the channels of a DataFrame as pandas stores it: its index, then blocks of columns of one type."""
     index = group["axis1"]
-    stamped = np.bytes_(index.attrs.get("kind", b"")).startswith(b"datetime64")
-    load = partial(_stamps, index) if stamped else partial(_vector, index, {})
+    kind = _decode(index.attrs.get("kind", b""))
+    stamped = kind.startswith("datetime64")
+    load = partial(_stamps, index, _RESOLUTIONS.get(kind, 1e-9)) if stamped else partial(_vector, index, {})
     name = "time" if stamped else _decode(index.attrs.get("name", b"")) or "index"
     channels = [RecordedChannel(name, f"{path}/{name}", "s" if stamped else "", load, dated=stamped)]
     for number in range(int(group.attrs.get("nblocks", 0))):
@@ -209,9 +212,9 @@ def _frame(group: Any, path: str) -> dict[int, list[RecordedChannel]]:
     return {int(index.shape[0]): channels}
 
 
-def _stamps(index: Any) -> Float:
+def _stamps(index: Any, resolution: float) -> Float:
     ticks = index[()].astype(np.int64)
-    return np.asarray((ticks - ticks[0]) * 1e-9, dtype=np.float64)  # ns since 1970 need more than 53 bits
+    return np.asarray((ticks - ticks[0]) * resolution, dtype=np.float64)  # ns since 1970 need more than 53 bits
 
 
 def _decode(name: Any) -> str:

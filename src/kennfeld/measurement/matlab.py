@@ -74,9 +74,6 @@ def _find_signals(source: MeasurementFile) -> MatlabSignals:
 
 def _variables(source: MeasurementFile) -> dict[str, Node]:
     start = source.start(9)
-    if source.kind is FileKind.HDF5 and not mat_v73.is_matlab(source.path):
-        message = "this is an HDF5 file, but not one of MATLAB"
-        raise InputError.of(source.location, message, "Export it as MDF, CSV or Parquet.")
     if source.kind is FileKind.HDF5 or start == b"MATLAB 7.":
         return mat_v73.load(source.path)
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]

@@ -75,7 +75,7 @@ def _has_channel(table: Table, asked: Sequence[str]) -> bool:
 
 
 def _unique_names(groups: Sequence[RecordedGroup]) -> dict[RecordedChannel, str]:
-    channels = [channel for group in groups for channel in group.channels]
+    channels = list(dict.fromkeys(channel for group in groups for channel in group.channels))  # groups may share a time
     count = Counter(channel.name for channel in channels)
     own = [channel.name if count[channel.name] == 1 else channel.path for channel in channels]
     return dict(zip(channels, unique_names(own), strict=True))

@@ -14,6 +14,7 @@ from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
+from kennfeld.measurement.unit_text import split_name
 from kennfeld.optional_packages import optional_package
 
 _STEP, _OFFSET, _START = "wf_increment", "wf_start_offset", "wf_start_time"
@@ -95,14 +96,15 @@ def _stamps(samples: int, step: float, start: float) -> Float:
 
 def _channel(channel: Any) -> RecordedChannel:
     notes = channel.properties
-    unit = next((str(notes[name]) for name in _UNITS if notes.get(name)), "")
+    name, unit = split_name(channel.name)
+    unit = next((str(notes[key]) for key in _UNITS if notes.get(key)), unit)
     dated = channel.dtype.kind == "M"
     content = (
         "" if dated or channel.dtype.kind in "fiub" else "a text" if channel.dtype.kind in "OSU" else "a complex number"
     )
     path = f"{channel.group_name}/{channel.name}"
     load = partial(_dates if dated else _numbers, channel)
-    return RecordedChannel(channel.name, path, unit, load, str(notes.get("description", "")), dated, content)
+    return RecordedChannel(name, path, unit, load, str(notes.get("description", "")), dated, content)
 
 
 def _numbers(channel: Any) -> Float:

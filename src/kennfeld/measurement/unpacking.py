@@ -3,6 +3,7 @@
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
@@ -44,7 +45,8 @@ def unpacked(source: MeasurementFile, reads_gzip: bool) -> Iterator[MeasurementF
         inner = locate(path, sheet)
         if inner.packed or inner.kind in (FileKind.ZIP, FileKind.PACKED):
             raise InputError.of(source.location, f"{name} in it is compressed as well", "Unpack it first.")
-        yield inner
+        label = f"{source.name}#{name}" if source.kind is FileKind.ZIP else source.name
+        yield replace(inner, label=label)
 
 
 def _single(source: MeasurementFile) -> tuple[str, BinaryIO, str | None]:

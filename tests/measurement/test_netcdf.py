@@ -1,0 +1,76 @@
+"""netCDF 3: dimensions as rasters, units, packed numbers, damage."""
+
+import random
+
+import numpy as np
+import pytest
+from scipy.io import netcdf_file
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+
+@pytest.fixture
+def netcdf(tmp_path):
+    """Writes variables (name, dimension, values, attributes) as a netCDF 3 file."""
+
+    def write(*variables, version=1):
+        path = tmp_path / "bench.nc"
+        with netcdf_file(path, "w", version=version) as file:
+            for name, dimension, values, attributes in variables:
+                if dimension not in file.dimensions:
+                    file.createDimension(dimension, len(values))
+                variable = file.createVariable(name, values.dtype, (dimension,))
+                variable[:] = values
+                for key, value in attributes.items():
+                    setattr(variable, key, value)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_variables_of_a_dimension_are_channels(netcdf, version):
+    path = netcdf(
+        ("time", "time", np.array([0.0, 0.5, 1.0]), {"units": "seconds since 2026-11-27"}),
+        (
+            "Speed",
+            "time",
+            np.array([1, -1, 3], dtype=np.int16),
+            {"units": "rpm", "scale_factor": 100.0, "missing_value": -1},
+        ),
+        version=version,
+    )
+    data = read(path)
+    assert data.time.tolist() == [0.0, 0.5, 1.0]
+    np.testing.assert_array_equal(data["Speed"].values, [100.0, np.nan, 300.0])
+    assert data["Speed"].unit == "rpm"
+    assert describe(path).kind == "netCDF"
+
+
+def test_dimensions_are_rasters(netcdf):
+    path = netcdf(
+        ("time", "time", np.arange(3.0), {}),
+        ("Speed", "time", np.arange(3.0), {}),
+        ("points", "station", np.arange(5.0), {}),
+    )
+    assert {table.name for table in describe(path).tables} == {"time", "station"}
+    assert read(path, ["Speed"]).samples == 3
+
+
+def test_damaged_files_are_read_or_refused(netcdf):
+    path = netcdf(
+        ("time", "time", np.arange(20.0), {"units": "s"}), ("Speed", "time", np.arange(20.0), {"units": "rpm"})
+    )
+    content, generator = path.read_bytes(), random.Random(4)
+    refused = 0
+    for _ in range(300):
+        mutant = bytearray(content[: generator.choice([len(content), generator.randrange(4, len(content))])])
+        for _ in range(generator.randint(0, 4)):
+            mutant[generator.randrange(4, len(mutant))] = generator.randrange(256)
+        path.write_bytes(mutant)
+        try:
+            read(path)
+        except InputError:
+            refused += 1
+    assert refused > 50
