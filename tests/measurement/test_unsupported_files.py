@@ -24,7 +24,6 @@ BU_: ECU1 ECU2
 BO_ 500 EngineData: 8 ECU1
  SG_ Speed : 0|16@1+ (0.25,0) [0|8000] "rpm" ECU2
 """
-DIADEM = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n1,WINDOWS 32Bit\n#ENDGLOBALHEADER\n200,Time\n202,s\n"
 
 
 @pytest.mark.parametrize(
@@ -38,14 +37,12 @@ DIADEM = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n1,WINDOWS 32Bit\n#ENDGLOB
         ("\ufeff" + DBC, "a CAN database (DBC)"),
         ("/* x */\nLIN_description_file;\n", "a LIN database (LDF)"),
         ('<?xml version="1.0"?>\n<AUTOSAR xmlns="x"></AUTOSAR>', "an AUTOSAR description (ARXML)"),
-        (DIADEM, "a DIAdem header file, which describes channels whose values lie in other files. Export"),
         ("// made by hand\n" + DBC, "a CAN database (DBC)"),
         (
             '/* x */ /begin CHARACTERISTIC K "" VALUE 0x1 RL 0 CM 0 1\n/end CHARACTERISTIC\n',
             "a fragment of an A2L description, which",
         ),
         ("CANape PAR V3.2: engine.a2l 1 0 ECU\n;Parameter file\nK 1 2 3\n", "a parameter file of CANape"),
-        ('<?xml version="1.0"?>\n<usi:tdm xmlns:usi="x"></usi:tdm>', "a TDM file of National Instruments"),
         (gzip.compress(ASC.encode()), "a Vector ASC file"),
     ],
 )

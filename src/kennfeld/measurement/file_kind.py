@@ -26,6 +26,8 @@ class FileKind(Enum):
     FEATHER = "Feather"
     TDMS = "TDMS"
     NETCDF = "netCDF"
+    DIADEM = "DIAdem"
+    TDM = "TDM"
     MDF = "MDF"
     MLG = "MLG"
     MSL = "MSL"
@@ -104,17 +106,11 @@ _FOREIGN = (
         _RECORDING,
     ),
     (
-        rb"\A\s*DIAEXTENDED|^#BEGINGLOBALHEADER",
-        "a DIAdem header file, which describes channels whose values lie in other files",
-        f"{_EXPORT[:-1]} in DIAdem.",
-    ),
-    (
         rb"\A(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*/begin\s+[A-Z]",
         "a fragment of an A2L description, which says where the control unit keeps values and holds no samples of them",
         _RECORDING,
     ),
     (rb"\ACANape PAR\s", "a parameter file of CANape", "Name the recording instead, as MDF or CSV."),
-    (rb"\A(?:<\?xml[^>]*>)?\s*<(?:usi:)?tdm[\s>]", "a TDM file of National Instruments", _EXPORT),
 )
 
 
@@ -233,9 +229,13 @@ def _kind_by_start(start: bytes) -> FileKind:
     if b"\0" in start:
         return FileKind.MATLAB if _is_matlab_4(start) else FileKind.OTHER
     words = start.removeprefix(b"\xef\xbb\xbf").lstrip().lower()
+    if re.match(rb"(?:<\?xml[^>]*>)?\s*(?:<!--.*?-->\s*)?<(?:\w+:)?tdm[\s>]", words, re.DOTALL):
+        return FileKind.TDM
     for word, kind in _WORDS:
         if words.startswith(word):
             return kind
+    if words.startswith(b"diaextended") or b"#beginglobalheader" in words or b"#beginchannelheader" in words:
+        return FileKind.DIADEM
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
         return FileKind.DCM
     return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV

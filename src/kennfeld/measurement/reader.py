@@ -25,6 +25,8 @@ _READERS = {
     FileKind.FEATHER: "feather",
     FileKind.TDMS: "tdms",
     FileKind.NETCDF: "netcdf",
+    FileKind.DIADEM: "diadem",
+    FileKind.TDM: "tdm_header",
     FileKind.MDF: "mdf",
     FileKind.MATLAB: "matlab",
     FileKind.HDF5: "hdf5",
@@ -38,6 +40,7 @@ _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stam
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {
     FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS, FileKind.TDMS, FileKind.NETCDF,
+    FileKind.DIADEM, FileKind.TDM,
 }  # fmt: skip
 _SPOKEN = ("A", "E", "I", "O", "MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML")  # begin with a vowel
 
@@ -169,9 +172,7 @@ def _check_kind(source: MeasurementFile) -> None:
     refuse_foreign(source)
     if source.kind not in _READERS:
         message = f"this is {kind_with_article} file, which cannot be read as a measurement"
-        remedy = (
-            "CSV, Excel, Parquet, Feather, MDF, MATLAB, HDF5, netCDF, TDMS, MLG, MSL, HP Tuners and LabVIEW files can."
-        )
+        remedy = f"{', '.join(each.value for each in _READERS)} can."
         raise InputError.of(source.location, message, remedy)
     if source.sheet is not None and source.kind is not FileKind.EXCEL:
         message = f"sheet {source.sheet} is requested, but {kind_with_article} file has no sheets"

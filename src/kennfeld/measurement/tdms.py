@@ -29,7 +29,8 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """
     with optional_package(source.location, "tdms"):
         from nptdms import TdmsFile
-    logging.getLogger("nptdms").setLevel(logging.CRITICAL + 1)  # it logs what is reported as a finding here
+        from nptdms.log import log_manager
+    log_manager.set_level(logging.CRITICAL)  # it logs what is reported as a finding here
     try:
         with source.path.open("rb") as stream, TdmsFile.open(stream) as file:
             groups = list(_groups(file))

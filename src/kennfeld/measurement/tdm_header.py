@@ -1,0 +1,219 @@
+"""Reader of TDM files of National Instruments: XML that describes channels, with their values in a .tdx file beside it.
+
+A channel group lists channels, a channel its local column, a column its sequence of values, and that a block of the
+binary file. The values of a block follow each other, or, in a `block_bm`, have a record for each sample.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path, PureWindowsPath
+from xml.etree.ElementTree import Element, ParseError, fromstring
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.errors import Finding, Findings, InputError
+from kennfeld.file_errors import nearest_file
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
+from kennfeld.measurement.table import Selection, Table
+from kennfeld.measurement.table_conversion import TableDescription, describe_table
+from kennfeld.measurement.unit_text import split_name
+
+_TYPES = {
+    "eInt8Usi": "i1", "eInt16Usi": "i2", "eInt32Usi": "i4", "eInt64Usi": "i8",
+    "eUInt8Usi": "u1", "eUInt16Usi": "u2", "eUInt32Usi": "u4", "eUInt64Usi": "u8",
+    "eFloat32Usi": "f4", "eFloat64Usi": "f8",
+}  # fmt: skip
+_TEXT = "eStringUsi"
+_REFERENCE = re.compile(r"id\(\s*[\"']([^\"']+)[\"']\s*\)")
+_MAX_SIZE = 100_000_000  # bytes of the description
+_MAX_VALUES = 500_000_000
+_EXPORT = "Export the measurement from DIAdem as MDF, TDMS or CSV."
+
+
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
+    """Return a table for each raster that has a requested channel."""
+    document = _Document(source, _parse(source))
+    findings = Findings()
+    groups = list(document.groups(findings))
+    findings.finish()
+    if not groups:
+        raise InputError.of(source.location, "describes no channels with values", "Is it the right file?")
+    return tables_of(source.location, groups, selection)
+
+
+def describe_tables(source: MeasurementFile) -> list[TableDescription]:
+    """Return a description of each raster."""
+    return [describe_table(table) for table in read_tables(source, Selection())]
+
+
+def _parse(source: MeasurementFile) -> Element:
+    raw = source.start(_MAX_SIZE)
+    if b"<!DOCTYPE" in raw or b"<!ENTITY" in raw:
+        raise InputError.of(source.location, "declares a document type or entities", "Remove the declarations.")
+    try:
+        return fromstring(raw)
+    except (ParseError, ValueError, LookupError) as error:
+        message = f"the TDM file is damaged or cut off ({error})"
+        raise InputError.of(source.location, message, "Copy or export it again.") from None
+
+
+@dataclass(frozen=True)
+class _Column:
+    """The values of a channel: a block of the binary file, scaled; without a block they are evenly spaced."""
+
+    path: Path | None
+    kind: str
+    offset: int  # bytes before the first value
+    distance: int  # bytes from one value to the next
+    length: int
+    start: float
+    factor: float
+
+    def values(self) -> Float:
+        """Return the numbers, Float[samples]."""
+        if self.path is None:
+            return np.asarray(self.start + self.factor * np.arange(self.length), dtype=np.float64)
+        with self.path.open("rb") as file:
+            file.seek(self.offset)
+            size = np.dtype(self.kind).itemsize
+            raw = file.read(self.distance * (self.length - 1) + size)
+        view = np.ndarray((self.length,), self.kind, raw, strides=(self.distance,))
+        return view.astype(np.float64) * self.factor + self.start
+
+
+class _Document:
+    """The elements of the description by their identifiers."""
+
+    def __init__(self, source: MeasurementFile, root: Element) -> None:
+        self.source = source
+        self.elements = {key: each for each in root.iter() if (key := each.get("id")) is not None}
+        self.groups_of_channels = [each for each in root.iter() if _tag(each) == "tdm_channelgroup"]
+        file = next((each for each in root.iter() if _tag(each) == "file"), None)
+        self.file = {} if file is None else dict(file.attrib)
+
+    def groups(self, findings: Findings) -> Iterator[RecordedGroup]:
+        """Yield the channels of each group that have one length; add a finding for each that cannot be read."""
+        several = len(self.groups_of_channels) > 1
+        for group in self.groups_of_channels:
+            name = _child_text(group, "name")
+            by_length: dict[int, list[RecordedChannel]] = defaultdict(list)
+            for channel in self._referred(group, "channels"):
+                try:
+                    own = self._channel(channel, name)
+                except ValueError as error:
+                    place = self.source.location.within(f"channel {_child_text(channel, 'name')}")
+                    findings.add(Finding(place, str(error), _EXPORT))
+                else:
+                    if own is not None:
+                        by_length[own[0]].append(own[1])
+            for length, channels in by_length.items():
+                label = name if len(by_length) == 1 else f"{name}, {length} samples"
+                yield RecordedGroup(label if several or len(by_length) > 1 else "", length, channels)
+
+    def _referred(self, element: Element, tag: str) -> Iterator[Element]:
+        """Yield the elements to which a child refers."""
+        for key in _REFERENCE.findall(_child_text(element, tag)):
+            if key in self.elements:
+                yield self.elements[key]
+
+    def _channel(self, channel: Element, group: str) -> tuple[int, RecordedChannel] | None:
+        """Return length and content of a channel; None if it has no values."""
+        column = next(self._referred(channel, "local_columns"), None)
+        if column is None:
+            return None
+        full = _child_text(channel, "name")
+        name, unit = split_name(full)
+        unit = _child_text(channel, "unit_string") or unit
+        description = _child_text(channel, "description")
+        sequence = next(self._referred(column, "values"), None)
+        if sequence is not None and _tag(sequence) == "string_sequence":
+            length = self._length(column)
+            text = RecordedChannel(name, f"{group}/{full}", "", _no_numbers, description, content="a text")
+            return (length, text) if length else None
+        stored = self._column(column, sequence)
+        if not stored.length:
+            return None
+        return stored.length, RecordedChannel(name, f"{group}/{full}", unit, stored.values, description)
+
+    def _length(self, column: Element) -> int:
+        submatrix = next(self._referred(column, "submatrix"), None)
+        return 0 if submatrix is None else _integer(_child_text(submatrix, "number_of_rows") or "0")
+
+    def _column(self, column: Element, sequence: Element | None) -> _Column:
+        representation = _child_text(column, "sequence_representation") or "explicit"
+        parameters = [_number(text) for text in _child_text(column, "generation_parameters").split()]
+        if representation.startswith("implicit"):
+            if representation == "implicit_constant":
+                parameters = [*parameters[:1], 0.0]
+            if len(parameters) < 2 or representation == "implicit_saw":
+                raise ValueError(f"values of the representation {representation} cannot be read")
+            return _Column(None, "", 0, 0, self._bounded(self._length(column)), parameters[0], parameters[1])
+        start, factor = (parameters[0], parameters[1]) if len(parameters) == 2 else (0.0, 1.0)
+        values = None if sequence is None else next((each for each in sequence if _tag(each) == "values"), None)
+        block = self.elements.get("" if values is None else values.get("external", ""))
+        if block is None:
+            raise ValueError("the description names no block with its values")
+        return self._block(block, start, factor)
+
+    def _block(self, block: Element, start: float, factor: float) -> _Column:
+        kind = block.get("valueType", "")
+        if kind not in _TYPES:
+            raise ValueError(f"values of type {kind or 'unknown'} cannot be read")
+        order = ">" if self.file.get("byteOrder") == "bigEndian" else "<"
+        length = self._bounded(_integer(block.get("length", "0")))
+        size = np.dtype(_TYPES[kind]).itemsize
+        offset, distance = _integer(block.get("byteOffset", "0")), size
+        if _tag(block) == "block_bm":
+            offset += _integer(block.get("blockOffset", "0"))
+            distance = _integer(block.get("blockSize", "0"))
+        path = self._binary_file()
+        if offset < 0 or distance < size:
+            raise ValueError("the description states an impossible place of the values")
+        if length and offset + distance * (length - 1) + size > path.stat().st_size:
+            raise ValueError(f"file {path.name} is cut off")
+        return _Column(path, order + _TYPES[kind], offset, distance, length, start, factor)
+
+    @staticmethod
+    def _bounded(length: int) -> int:
+        if not 0 <= length <= _MAX_VALUES:
+            raise ValueError(f"it claims {length} values")
+        return length
+
+    def _binary_file(self) -> Path:
+        """Return the file of values, which lies beside the description."""
+        own = PureWindowsPath(self.file.get("url", "")).name or f"{self.source.path.stem}.tdx"
+        folder = self.source.path.parent
+        for path in (folder / own, *(other for other in folder.iterdir() if other.name.casefold() == own.casefold())):
+            if path.is_file():
+                return path
+        raise ValueError(f"file {own} is not beside the description. {nearest_file(folder / own)}".strip())
+
+
+def _tag(element: Element) -> str:
+    return element.tag.rpartition("}")[2]
+
+
+def _child_text(element: Element, tag: str) -> str:
+    return next(((child.text or "").strip() for child in element if _tag(child) == tag), "")
+
+
+def _no_numbers() -> Float:
+    return np.empty(0)
+
+
+def _integer(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not a whole number") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not a number") from None

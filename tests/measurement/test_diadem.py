@@ -1,0 +1,141 @@
+"""DIAdem headers: storage of values, types, implicit channels, texts, damage."""
+
+import random
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+GLOBAL = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n  1,WINDOWS 32Bit\n111,9.900000e+034\n112,High -> Low\n"
+
+
+def channel(name, unit="", comment="", **entries):
+    lines = [f"200,{name}", f"201,{comment}", f"202,{unit}"]
+    lines += [f"{key.removeprefix('_')},{value}" for key, value in entries.items()]
+    return "#BEGINCHANNELHEADER\n" + "\n".join(lines) + "\n#ENDCHANNELHEADER\n\n"
+
+
+def explicit(name, file, kind, count, first=1, method="CHANNEL", **entries):
+    more = {"_210": "EXPLICIT", "_211": file, "_213": method, "_214": kind, "_220": count, "_221": first}
+    unit = entries.pop("unit", "")
+    return channel(name, unit, **more, **entries)
+
+
+def implicit(name, unit, count, start, step):
+    return channel(name, unit, _210="IMPLICIT", _220=count, _240=start, _241=step)
+
+
+@pytest.fixture
+def diadem(tmp_path):
+    """Writes a header with these channels, and files beside it."""
+
+    def write(*channels, common=GLOBAL, **files):
+        for name, values in files.items():
+            (tmp_path / name.replace("_", ".")).write_bytes(values if isinstance(values, bytes) else values.tobytes())
+        path = tmp_path / "bench.dat"
+        path.write_text(common + "#ENDGLOBALHEADER\n\n" + "".join(channels), encoding="latin-1")
+        return path
+
+    return write
+
+
+def test_channels_one_after_the_other_are_read(diadem):
+    path = diadem(
+        implicit("Time", "s", 3, 0.5, 0.1),
+        explicit("Speed", "bench.r64", "REAL64", 3, unit="rpm"),
+        explicit("Torque", "C:\\old\\BENCH.R64", "REAL64", 3, first=4, unit="[Nm]"),
+        explicit("Raw", "bench.i16", "INT16", 3, _240=10.0, _241=0.5),
+        bench_r64=np.array([900.0, 9.9e34, 1000.0, 1.0, 2.0, 3.0]),
+        bench_i16=np.array([2, 4, 6], dtype="<i2"),
+    )
+    data = read(path)
+    np.testing.assert_allclose(data.time, [0.5, 0.6, 0.7])
+    np.testing.assert_array_equal(data["Speed"].values, [900.0, np.nan, 1000.0])
+    assert (data["Torque"].values.tolist(), data["Torque"].unit) == ([1.0, 2.0, 3.0], "Nm")
+    assert data["Raw"].values.tolist() == [11.0, 12.0, 13.0]
+    assert describe(path).kind == "DIAdem"
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_blocks_have_a_record_for_each_sample(diadem, stated):
+    more = {"_222": 2} if stated else {}
+    path = diadem(
+        explicit("a", "bench.r32", "REAL32", 3, first=1, method="BLOCK", _241=0.0, **more),
+        explicit("b", "bench.r32", "REAL32", 3, first=2, method="BLOCK", _241=0.0, **more),
+        bench_r32=np.array([1, 10, 2, 20, 3, 30], dtype="<f4"),
+    )
+    data = read(path)
+    assert data["a"].values.tolist() == [1.0, 2.0, 3.0]
+    assert data["b"].values.tolist() == [10.0, 20.0, 30.0]
+
+
+def test_bytes_may_be_in_the_other_order(diadem):
+    path = diadem(
+        explicit("a", "bench.r64", "REAL64", 2),
+        common=GLOBAL.replace("High -> Low", "Low -> High"),
+        bench_r64=np.array([1.0, 2.0], dtype=">f8"),
+    )
+    assert read(path)["a"].values.tolist() == [1.0, 2.0]
+
+
+def test_texts_are_read(diadem):
+    path = diadem(
+        explicit("a", "bench.asc", "ASCII", 2, first=2, method="BLOCK", _223=1, _230=";", _231=","),
+        explicit("b", "bench.asc", "ASCII", 2, first=2, method="BLOCK", _223=2, _230=";", _231=","),
+        bench_asc=b"a;b\n1,5;3\n2,5;4\n",
+    )
+    data = read(path)
+    assert (data["a"].values.tolist(), data["b"].values.tolist()) == ([1.5, 2.5], [3.0, 4.0])
+
+
+def test_lengths_are_rasters(diadem):
+    path = diadem(
+        implicit("t fast", "s", 4, 0.0, 0.1),
+        explicit("Speed", "bench.r64", "REAL64", 4),
+        implicit("t slow", "s", 2, 0.0, 0.3),
+        explicit("Temperature", "bench.r64", "REAL64", 2),
+        bench_r64=np.arange(4.0),
+    )
+    assert [table.samples for table in describe(path).tables] == [4, 2]
+    assert read(path, ["Temperature"]).time.tolist() == [0.0, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ({"file": "other.r64"}, "file other.r64 is not beside the header"),
+        ({"kind": "TWOC12"}, "values of type TWOC12 cannot be read"),
+        ({"count": 9}, r"file bench.r64 is cut off: 72 bytes are needed"),
+        ({"count": "many"}, "entry 220 is 'many', not a whole number"),
+        ({"first": 0}, "an impossible place"),
+        ({"count": 10**12}, "it claims 1000000000000 values"),
+    ],
+)
+def test_what_a_header_gets_wrong_is_named_with_the_channel(diadem, entries, message):
+    stated = {"file": "bench.r64", "kind": "REAL64", "count": 3} | entries
+    path = diadem(explicit("Speed", **stated), bench_r64=np.arange(3.0))
+    with pytest.raises(InputError, match=f"bench.dat channel Speed: .*{message}"):
+        read(path)
+
+
+def test_damaged_headers_are_read_or_refused(diadem):
+    path = diadem(
+        implicit("Time", "s", 3, 0.5, 0.1),
+        explicit("Speed", "bench.r64", "REAL64", 3, unit="rpm"),
+        explicit("Torque", "bench.r64", "REAL64", 3, first=4, method="BLOCK", _222=1),
+        bench_r64=np.arange(6.0),
+    )
+    content, generator = path.read_bytes(), random.Random(9)
+    refused = 0
+    for _ in range(300):
+        mutant = bytearray(content[: generator.randrange(20, len(content) + 1)])
+        for _ in range(generator.randint(0, 4)):
+            mutant[generator.randrange(len(mutant))] = generator.choice(b"0123456789,#\nA-. ")
+        path.write_bytes(mutant)
+        try:
+            read(path, raster=0.1)
+        except InputError:
+            refused += 1
+    assert refused > 50

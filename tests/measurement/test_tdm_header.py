@@ -1,0 +1,141 @@
+"""TDM with its binary file: blocks, records, implicit and scaled columns, damage."""
+
+import random
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+HEAD = """<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
+<usi:tdm xmlns:usi="http://www.ni.com/Schemas/USI/1_0" version="1.0">
+  <usi:include><file byteOrder="littleEndian" url="C:\\old\\bench.tdx">{blocks}</file></usi:include>
+  <usi:data>{data}</usi:data>
+</usi:tdm>
+"""
+
+
+def channel(number, name, unit, column, values=""):
+    own, local, sequence = f"usi{number}0", f"usi{number}1", f"usi{number}2"
+    return (
+        f'<tdm_channel id="{own}"><name>{name}</name><unit_string>{unit}</unit_string>'
+        f'<local_columns>#xpointer(id("{local}"))</local_columns></tdm_channel>'
+        f'<localcolumn id="{local}"><submatrix>#xpointer(id("usi900"))</submatrix>{column}'
+        f'<values>#xpointer(id("{sequence}"))</values></localcolumn>'
+        f'<double_sequence id="{sequence}">{values}</double_sequence>'
+    )
+
+
+def block(number, **attributes):
+    text = " ".join(f'{key}="{value}"' for key, value in attributes.items())
+    return f'<block id="inc{number}" {text}/>'
+
+
+def group(name, *channels):
+    ids = " ".join(f'id("usi{number}0")' for number in channels)
+    return (
+        f'<tdm_channelgroup id="usi8{name}"><name>{name}</name><channels>#xpointer({ids})</channels></tdm_channelgroup>'
+    )
+
+
+EXPLICIT = "<sequence_representation>explicit</sequence_representation>"
+ROWS = '<submatrix id="usi900"><number_of_rows>3</number_of_rows></submatrix>'
+
+
+def parameters(kind, *numbers):
+    text = f"<generation_parameters>{' '.join(map(str, numbers))}</generation_parameters>"
+    return f"<sequence_representation>{kind}</sequence_representation>{text}"
+
+
+@pytest.fixture
+def tdm(tmp_path):
+    def write(blocks, data, binary):
+        path = tmp_path / "bench.tdm"
+        path.write_text(HEAD.format(blocks=blocks, data=data + ROWS), encoding="utf-8")
+        (tmp_path / "bench.tdx").write_bytes(binary)
+        return path
+
+    return write
+
+
+def test_implicit_time_and_explicit_channels_are_read(tdm):
+    values = np.array([900.0, 950.0, 1000.0]).tobytes() + np.array([1, 2, 3], dtype="<i2").tobytes()
+    path = tdm(
+        block(0, byteOffset=0, length=3, valueType="eFloat64Usi")
+        + block(1, byteOffset=24, length=3, valueType="eInt16Usi"),
+        group("bench", 1, 2, 3)
+        + channel(1, "Time", "s", parameters("implicit_linear", 0.5, 0.1))
+        + channel(2, "Speed", "rpm", EXPLICIT, '<values external="inc0"/>')
+        + channel(3, "Raw", "V", parameters("raw_linear", 10.0, 0.5), '<values external="inc1"/>'),
+        values,
+    )
+    data = read(path)
+    np.testing.assert_allclose(data.time, [0.5, 0.6, 0.7])
+    assert (data["Speed"].values.tolist(), data["Speed"].unit) == ([900.0, 950.0, 1000.0], "rpm")
+    assert data["Raw"].values.tolist() == [10.5, 11.0, 11.5]
+    assert describe(path).kind == "TDM"
+
+
+def test_records_for_each_sample_are_read(tdm):
+    records = np.array([(1, 10.0), (2, 20.0), (3, 30.0)], dtype=[("a", "u1"), ("b", "<f8")])
+    blocks = "".join(
+        f'<block_bm id="inc{i}" blockOffset="{at}" blockSize="9" byteOffset="0" length="3" valueType="{kind}"/>'
+        for i, (at, kind) in enumerate([(0, "eUInt8Usi"), (1, "eFloat64Usi")])
+    )
+    data = group("bench", 1, 2)
+    data += channel(1, "a", "", EXPLICIT, '<values external="inc0"/>')
+    data += channel(2, "b", "", EXPLICIT, '<values external="inc1"/>')
+    read_back = read(tdm(blocks, data, records.tobytes()))
+    assert read_back["a"].values.tolist() == [1.0, 2.0, 3.0]
+    assert read_back["b"].values.tolist() == [10.0, 20.0, 30.0]
+
+
+def test_groups_are_told_apart(tdm):
+    data = group("left", 1) + group("right", 2)
+    data += channel(1, "Speed", "", EXPLICIT, '<values external="inc0"/>')
+    data += channel(2, "Speed", "", EXPLICIT, '<values external="inc0"/>')
+    path = tdm(block(0, byteOffset=0, length=2, valueType="eFloat64Usi"), data, np.array([1.0, 2.0]).tobytes())
+    assert [table.name for table in describe(path).tables] == ["left", "right"]
+    assert read(path, ["right/Speed"])["right/Speed"].values.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"length": 99}, "file bench.tdx is cut off"),
+        ({"valueType": "eOther"}, "values of type eOther cannot be read"),
+        ({"length": 10**12}, "it claims 1000000000000 values"),
+        ({"byteOffset": -8}, "an impossible place"),
+    ],
+)
+def test_what_is_wrong_is_named_with_the_channel(tdm, attributes, message):
+    stated = {"byteOffset": 0, "length": 2, "valueType": "eFloat64Usi"} | attributes
+    data = group("bench", 1) + channel(1, "Speed", "", EXPLICIT, '<values external="inc0"/>')
+    with pytest.raises(InputError, match=f"channel Speed: .*{message}"):
+        read(tdm(block(0, **stated), data, np.array([1.0, 2.0]).tobytes()))
+
+
+def test_entities_are_refused(tmp_path):
+    path = tmp_path / "bench.tdm"
+    path.write_text('<?xml version="1.0"?><!-- --><tdm>'.replace("<tdm>", "<tdm>&a;<!DOCTYPE a></tdm>"))
+    with pytest.raises(InputError, match="declares a document type or entities"):
+        read(path)
+
+
+def test_damaged_descriptions_are_read_or_refused(tdm):
+    data = group("bench", 1, 2) + channel(1, "Time", "s", parameters("implicit_linear", 0.0, 0.1))
+    data += channel(2, "Speed", "", EXPLICIT, '<values external="inc0"/>')
+    path = tdm(block(0, byteOffset=0, length=3, valueType="eFloat64Usi"), data, np.arange(3.0).tobytes())
+    content, generator = path.read_bytes(), random.Random(9)
+    refused = 0
+    for _ in range(300):
+        mutant = bytearray(content[: generator.choice([len(content), generator.randrange(60, len(content))])])
+        for _ in range(generator.randint(0, 4)):
+            mutant[generator.randrange(60, len(mutant))] = generator.choice(b'0123456789-."<>/ aeiou')
+        path.write_bytes(mutant)
+        try:
+            read(path, raster=0.1)
+        except InputError:
+            refused += 1
+    assert refused > 100
