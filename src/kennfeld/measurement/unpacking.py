@@ -69,6 +69,18 @@ def _single(source: MeasurementFile) -> tuple[str, BinaryIO, str | None]:
 
 def _members(source: MeasurementFile) -> tuple[str, BinaryIO, str | None]:
     """Return name and content of the member of an archive that is meant."""
+    try:
+        return _open_member(source)
+    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError, EOFError, ValueError, KeyError):
+        raise _damaged(source) from None
+
+
+def _damaged(source: MeasurementFile) -> InputError:
+    message = "the compressed file is damaged or cut off"
+    return InputError.of(source.location, message, "Copy it again from its source.")
+
+
+def _open_member(source: MeasurementFile) -> tuple[str, BinaryIO, str | None]:
     with zipfile.ZipFile(source.path) as archive:
         if oversized := find_oversized(archive):
             raise InputError.of(source.location, f"suspicious archive: {oversized}", "Unpack it first.")
@@ -121,5 +133,4 @@ def _write(source: MeasurementFile, stream: BinaryIO, path: Path) -> None:
             raise InputError.of(
                 source.location, message, "Make room for temporary files, or unpack it first."
             ) from None
-        message = "the compressed file is damaged or cut off"
-        raise InputError.of(source.location, message, "Copy it again from its source.") from None
+        raise _damaged(source) from None
