@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import ArrayLike, Bool, Float, readonly
+from kennfeld.breakpoint_rounding import rounded, separated
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import array, truths
@@ -72,6 +73,52 @@ class Axis:
             )
         vars(self)["breakpoints"] = points
         self._check_freedom()
+
+    @classmethod
+    def of_quantiles(
+        cls,
+        values: ArrayLike,
+        count: int,
+        input: str = "",  # noqa: A002
+        unit: str = "",
+        name: str = "",
+        *,
+        round: bool = True,  # noqa: A002
+    ) -> "Axis":
+        """Return an axis whose breakpoints are quantiles of data, including both ends.
+
+        Args:
+            values: the data in the unit of the axis, Float[samples]; NaN is not counted.
+            count: number of quantiles, >= 2. Equal ones are one breakpoint, so that the axis may be shorter.
+            input: the quantity on the axis.
+            unit: its unit.
+            name: the name of a group axis.
+            round: round the quantiles like `rounded`, and merge those that are very close.
+
+        Raises:
+            ArgumentError: no values, or fewer than two quantiles.
+
+        >>> Axis.of_quantiles([703.2, 805.9536, 836.145, 1502.7], 3, input="Speed").breakpoints
+        array([ 700.,  820., 1520.])
+        """
+        data = array(values, f"values of axis {name or input}".rstrip())
+        data = data[np.isfinite(data)]
+        if count < 2 or not data.size:
+            raise ArgumentError(f"count={count} of {data.size} values: quantiles require two, and a value")
+        points = np.unique(np.quantile(data, np.linspace(0.0, 1.0, count)))
+        return cls(rounded(separated(points)).points if round else points, input, unit, name)
+
+    def rounded(self) -> "Axis":
+        """Return the axis with fixed breakpoints, rounded to as many digits as their spacing warrants.
+
+        A step is 1, 2 or 5 times a power of ten and at most a twentieth of the distance to the nearer neighbour. The
+        ends are rounded outwards. After rounding fitted breakpoints, fit the values of their tables once more.
+
+        >>> Axis([0.0, 12.9973, 20.0], input="Load").rounded().breakpoints
+        array([ 0., 13., 20.])
+        """
+        points = rounded(self.breakpoints).points
+        return self.changed(breakpoints=points, free=False, min_distance=None, range=None)
 
     def _check_freedom(self) -> None:
         """Check that the breakpoints are within the limits that free ones will keep."""

@@ -105,6 +105,56 @@ def test_equal_quantiles_are_merged_with_a_warning(shop):
     assert "[parameters.Gain] x: only 2 of 5 quantiles of Speed differ" in shop.warning()
 
 
+UNEVEN = (703.2, 805.9536, 836.145, 1502.7)
+
+
+def test_quantiles_are_rounded_and_a_remark_lists_them(shop):
+    shop.bench("bench.csv", UNEVEN)
+    shop.add("[parameters.Gain]\nx = { count = 4 }")
+    remark = "quantiles of Speed are rounded to multiples of 1 to 20, the ends outwards: 700, 806, 836, 1520."
+    assert [str(finding) for finding in shop.findings()] == [
+        f"kennfeld.toml [parameters.Gain] x: {remark} Write round = false to use them as computed."
+    ]
+    assert gain(shop).axes[0].breakpoints.tolist() == [700, 806, 836, 1520]
+
+
+def test_rounding_can_be_switched_off(shop):
+    shop.bench("bench.csv", UNEVEN)
+    shop.add("[parameters.Gain]\nx = { count = 4, round = false }")
+    assert shop.findings() == []
+    np.testing.assert_allclose(gain(shop).axes[0].breakpoints, UNEVEN)
+
+
+def test_a_rounded_group_axis_is_reported_once(shop):
+    shop.text = "Predict = Gain(Speed) * Load + More(Speed) + offset\n"
+    shop.bench("bench.csv", UNEVEN)
+    shop.add("[axes.AxisSpeed]\ninput = 'Speed'\ncount = 4")
+    for name in ("Gain", "More"):
+        shop.add(f"[parameters.{name}]\nx = {{ axis = 'AxisSpeed' }}\ninitial = 1")
+    assert len(shop.findings()) == 1
+    assert gain(shop).axes[0].breakpoints.tolist() == [700, 806, 836, 1520]
+
+
+def test_very_close_quantiles_are_merged_with_a_warning(shop):
+    shop.bench("bench.csv", [700, 800, 800.0001, 900, 1000, 1100])
+    shop.add("[parameters.Gain]\nx = { count = 6 }")
+    assert "only 5 of 6 quantiles of Speed differ; very close ones are merged" in shop.warning()
+    assert gain(shop).axes[0].breakpoints.tolist() == [700, 800, 900, 1000, 1100]
+
+
+@pytest.mark.parametrize("limits", ["range = [703, 1503]", "min_distance = 30.15"])
+def test_rounding_does_not_violate_the_limits_of_free_breakpoints(shop, limits):
+    shop.bench("bench.csv", UNEVEN)
+    shop.add(f"[parameters.Gain]\nx = {{ count = 4, free = true, {limits} }}")
+    assert shop.errors() == []
+    np.testing.assert_allclose(gain(shop).axes[0].breakpoints, UNEVEN)
+
+
+def test_rounding_of_written_breakpoints_is_an_error(shop):
+    shop.add("[parameters.Gain]\nx = { breakpoints = [1000, 2000, 3000], round = true }")
+    assert "round: applies to quantiles of the training data only" in shop.error()
+
+
 def test_quantiles_of_a_node_of_the_data_alone_are_taken(shop):
     shop.text = "half = Speed / 2\nbase = Gain(half) * Load\nPredict = base + offset\n"
     shop.add("[parameters.Gain]\nx = { input = 'half', count = 2 }")
@@ -333,7 +383,7 @@ def test_a_parameter_that_nobody_defines_shows_a_section_to_copy(shop):
         "initial = 0.0",
     ]
     shop.add(finding.excerpt)
-    assert Project.read(shop.path).check() == []
+    assert [f for f in Project.read(shop.path).check() if f.severity != "remark"] == []
 
 
 def test_a_scalar_that_nobody_defines_shows_a_section_too(shop):

@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.breakpoint_rounding import rounded, separated
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, Findings, Location
-from kennfeld.formatting import nearest
+from kennfeld.formatting import join_names, nearest
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.optimize.linear_limits import breakpoint_bounds
@@ -19,6 +20,8 @@ from kennfeld.project.data_column import DataColumn
 from kennfeld.project.model import ProjectModel
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.table_schema import GroupAxisEntry
+
+_MAX_LISTED = 12  # breakpoints in a remark
 
 
 def free_breakpoints(axis: Axis, entry: GroupAxisEntry, findings: Findings) -> Axis | None:
@@ -48,6 +51,12 @@ def check_free_axes(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
 
 def _location(file: ProjectFile, key: AxisKey) -> Location:
     return file.location("parameters", key.owner, key.direction) if key.direction else file.location("axes", key.owner)
+
+
+def _permits(entry: GroupAxisEntry, points: Float) -> bool:
+    """Return True if the limits of free breakpoints permit these; limits that are violated anyway are reported."""
+    low, high = entry.range or (-np.inf, np.inf)
+    return bool(low <= points[0] and points[-1] <= high and np.diff(points).min() >= (entry.min_distance or 0.0))
 
 
 QuantileSource = Callable[[DataColumn, Float], Float]  # of all training samples, if the datasets are excerpts
@@ -121,7 +130,7 @@ class Axes:
         return unit or next(filter(None, units), "")
 
     def _quantiles(self, entry: GroupAxisEntry, quantity: str) -> Float | None:
-        """Return the quantiles of the training data as breakpoints, minimum and maximum included."""
+        """Return the quantiles of the training data as breakpoints, which cover all of them."""
         column = self._column(entry, quantity)
         if column is None:
             return None
@@ -131,11 +140,22 @@ class Axes:
         if not quantiles.size:
             self._findings.error(entry.location, f"{quantity} has no values in the training data", "Write breakpoints.")
             return None
-        points = np.unique(quantiles)
+        return self._spaced(entry, quantity, np.unique(quantiles))
+
+    def _spaced(self, entry: GroupAxisEntry, quantity: str, quantiles: Float) -> Float:
+        """Return the quantiles without those that are too close, rounded; report both."""
+        points = separated(quantiles) if entry.round else quantiles
         if points.size < entry.quantiles:
-            message = f"only {points.size} of {entry.quantiles} quantiles of {quantity} differ"
+            merged = "" if points.size == quantiles.size else "; very close ones are merged"
+            message = f"only {points.size} of {entry.quantiles} quantiles of {quantity} differ{merged}"
             self._findings.warning(entry.location, message, "Write a smaller count, or begin, end and count.")
-        return points
+        result = rounded(points)
+        if not entry.round or not result.coarsest or not _permits(entry, result.points):
+            return points
+        values = join_names([f"{point:.10g}" for point in result.points.tolist()], _MAX_LISTED)
+        message = f"quantiles of {quantity} are rounded to multiples of {result.steps}, the ends outwards: {values}"
+        self._findings.remark(entry.location, message, "Write round = false to use them as computed.")
+        return result.points
 
     @property
     def _training(self) -> list[Dataset]:

@@ -56,6 +56,10 @@ class GroupAxisEntry:
         most=_MAX_BREAKPOINTS,
         default_text="",
     )
+    round: bool = key(
+        "`false`: quantiles are used as computed. By default they are [rounded](#rounding-of-quantiles)",
+        True,
+    )
     free: bool | None = key("`true`: the breakpoints are fitted", None, default_text="`false`")
     min_distance: float | None = key(
         "the minimum distance between two free breakpoints, in the unit of the axis",
@@ -121,6 +125,8 @@ class GroupAxisEntry:
         elif uniform or not (self.count or self.is_free):
             keys = f"only {', '.join(present)}" if present else "no breakpoints"
             yield "", f"the axis has {keys}", f"Write {self._forms}."
+        if "round" in present and self.points:
+            yield "round", "applies to quantiles of the training data only", "Remove it, or write count alone."
 
     @property
     def _forms(self) -> str:
