@@ -1,8 +1,9 @@
 """Round breakpoints: numbers that were computed from data, to as many digits as their spacing warrants.
 
 Each breakpoint becomes a multiple of a step, the largest 1, 2 or 5 times a power of ten that is at most a twentieth of
-the distance to its nearer neighbour. Inner breakpoints move by at most half a step. The first one is rounded down and
-the last one up, so that the axis still covers the data.
+the distance to its nearer neighbour; a multiple of the next larger step stays, such as 1750 for a step of 20. Inner
+breakpoints move by at most half a step. The first one is rounded down and the last one up, so that the axis still
+covers the data.
 """
 
 from collections.abc import Callable
@@ -105,6 +106,8 @@ def _rounded(number: float, step: float, way: Callable[[float], int]) -> tuple[f
         return number, 0.0
     digit, _, power = f"{step:e}".partition("e")
     unit = int(float(digit))
-    nearest = float(f"{round(number / step) * unit}e{power}")
-    multiple = nearest if nearest == number else float(f"{way(number / step) * unit}e{power}")
+    for each in (unit, 5):  # 1750 is rounder than any multiple of 20
+        if number == float(f"{round(number / step * unit / each) * each}e{power}"):
+            return number, step
+    multiple = float(f"{way(number / step) * unit}e{power}")
     return (multiple, step) if isfinite(multiple) else (number, 0.0)

@@ -7,9 +7,11 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
+from kennfeld.data_frames import sample_frame
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.notebook_display import NotebookDisplay
 from kennfeld.numeric import array, number, truths
 
 Use = Literal["training", "test"]
@@ -19,7 +21,7 @@ SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow wit
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class Channel(NotebookDisplay):
     """One recorded quantity; NaN marks a sample without a value."""
 
     name: str
@@ -76,7 +78,7 @@ class Settling:
 
 
 @dataclass(frozen=True, eq=False)
-class Dataset(Mapping[str, Channel]):
+class Dataset(NotebookDisplay, Mapping[str, Channel]):
     """Channels over the same samples.
 
     Attributes:
@@ -228,6 +230,17 @@ class Dataset(Mapping[str, Channel]):
                 findings.append(Finding(location, message, severity="warning"))
             channels.append(channel)
         return replace(self, channels=tuple(channels), findings=(*self.findings, *findings)) if findings else self
+
+    def to_frame(self) -> Any:
+        """Return the channels as the columns of a DataFrame of pandas.
+
+        The index is the time in s, or the number of the sample for steady-state points; several pieces are a level
+        `piece` before it.
+
+        Raises:
+            InputError: pandas is not installed; the message has the command that installs it.
+        """
+        return sample_frame({channel.name: channel.values for channel in self.channels}, self.time, self.starts)
 
     def select(self, samples: ArrayLike) -> Self:
         """Return the samples of a steady-state dataset that an index array or a mask picks, in that order."""

@@ -19,6 +19,7 @@ from types import FrameType
 from typing import Literal
 
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.notebook_display import NotebookDisplay
 
 Severity = Literal["error", "warning", "remark"]
 
@@ -79,7 +80,7 @@ class Location:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(NotebookDisplay):
     """One problem of an input with its location and remedy, or a remark: something worth knowing.
 
     An error refuses the input. A warning asks the user to look at something; a remark states what was done with the
@@ -102,7 +103,11 @@ class Finding:
         return visible(f"{location}: {line}" if location else line)
 
 
-class Findings:
+class FindingList(list[Finding], NotebookDisplay):
+    """A list of findings, which notebooks display as a table."""
+
+
+class Findings(NotebookDisplay):
     """Collects the findings of an input, so that all of them are reported at once.
 
     >>> findings = Findings()

@@ -91,6 +91,15 @@ def count_more(count: int, pointer: str = "") -> list[str]:
     return [f"and {count} more{pointer}"] if count > 0 else []
 
 
+def under_heading(heading: str, lines: Sequence[str]) -> list[str]:
+    """Return indented lines below a heading; nothing without lines.
+
+    >>> under_heading("Warnings:", ["a", "b"]), under_heading("Warnings:", [])
+    (['Warnings:', '  a', '  b'], [])
+    """
+    return [heading, *(f"  {line}" for line in lines)] if lines else []
+
+
 def number_text(value: float | None) -> str:
     """Return a number with six digits, nothing if it is unknown."""
     return "" if value is None or math.isnan(value) else f"{value:.6g}"

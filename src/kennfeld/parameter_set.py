@@ -4,20 +4,23 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from kennfeld.arrays import Float
+from kennfeld.data_frames import column_frame
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Axis, Parameter, Text
+from kennfeld.notebook_display import NotebookDisplay
+from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter, Text
 
 _FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only when needed: the import takes time
 
 
 @dataclass(frozen=True, eq=False)
-class ParameterSet(Mapping[str, Parameter]):
+class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     """Parameters by name, in a fixed order, with the texts that belong to them.
 
     A group axis (an axis with a name) has the same breakpoints in every table that uses it.
@@ -177,6 +180,35 @@ class ParameterSet(Mapping[str, Parameter]):
         others = [item for item in self.others if item.name not in names]
         return ParameterSet(kept, self.texts, self.axes, others, self.origin)
 
+    def to_frame(self) -> Any:
+        """Return all values as a DataFrame of pandas, one row per value.
+
+        Returns:
+            The columns `parameter`, `unit`, `value`, `lower`, `upper` and `locked`, and before `value` the coordinates
+            `x`, `y`, `z`, `w`, as many as the largest table has; NaN where a table has fewer.
+
+        Raises:
+            InputError: pandas is not installed; the message has the command that installs it.
+        """
+        members = self.parameters
+        sizes = [member.size for member in members]
+        columns: dict[str, Any] = {
+            "parameter": np.repeat(np.array([member.name for member in members], dtype=object), sizes),
+            "unit": np.repeat(np.array([member.unit for member in members], dtype=object), sizes),
+        }
+        grids = [_coordinates(member) for member in members]
+        for direction in range(max((len(grid) for grid in grids), default=0)):
+            parts = [
+                grid[direction] if direction < len(grid) else np.full(size, np.nan)
+                for grid, size in zip(grids, sizes, strict=True)
+            ]
+            columns[AXIS_LETTERS[direction]] = np.concatenate(parts)
+        for name in ("value", "lower", "upper", "locked"):
+            attribute = "values" if name == "value" else name
+            parts = [getattr(member, attribute).ravel() for member in members]
+            columns[name] = np.concatenate(parts) if parts else np.zeros(0)
+        return column_frame(columns)
+
     def save(self, path: str | Path) -> None:
         """Write the set to a calibration file; the extension (`.dcm`, `.json`, ...) selects the format."""
         if _writer is None:
@@ -184,6 +216,12 @@ class ParameterSet(Mapping[str, Parameter]):
         if _writer is None:
             raise ArgumentError("no calibration format is registered")
         _writer(self, Path(path))
+
+
+def _coordinates(member: Parameter) -> list[Float]:
+    """Return the coordinates of all values along each axis, Float[values]."""
+    grid = np.meshgrid(*(axis.breakpoints for axis in member.index_axes), indexing="ij")
+    return [points.ravel() for points in grid]
 
 
 _Member = TypeVar("_Member", Parameter, Text)

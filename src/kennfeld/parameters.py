@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import ArrayLike, Bool, Float, readonly
 from kennfeld.breakpoint_rounding import rounded, separated
+from kennfeld.data_frames import grid_frame
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.notebook_display import NotebookDisplay
 from kennfeld.numeric import array, truths
 
 Extrapolation = Literal["clip", "linear"]
@@ -172,7 +174,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Parameter:
+class Parameter(NotebookDisplay):
     """A calibratable quantity: an array of values over zero to four axes.
 
     Bounds and locks have the shape of `values`; a single number is broadcast. `functions` are the parts of the ECU
@@ -259,6 +261,18 @@ class Parameter:
     def packed(self) -> Float:
         """The values as compiled code reads them if no calibration changes them, in C order."""
         return self.values.ravel()
+
+    def to_frame(self) -> Any:
+        """Return the values as a DataFrame of pandas, over the breakpoints.
+
+        A map has x along the rows and y along the columns; a curve, a cube and a value block have one column, with a
+        level of the index per axis.
+
+        Raises:
+            InputError: pandas is not installed; the message has the command that installs it.
+        """
+        axes = zip(self.index_axes, AXIS_LETTERS, strict=False)
+        return grid_frame(self.name, self.values, [(a.input or a.name or letter, a.breakpoints) for a, letter in axes])
 
     def has_grid_of(self, other: "Parameter") -> bool:
         """Check whether another parameter is of the same kind, with the same shape and breakpoints."""

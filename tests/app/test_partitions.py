@@ -16,11 +16,11 @@ from kennfeld.app.session import partitioned_data
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetValues
 from kennfeld.errors import ArgumentError
+from kennfeld.markup import decimal
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
-from kennfeld.report.markup import decimal
 
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 6\n'
 SAMPLES = 5 * 800 + 90 * (1 + 2 + 3 + 4)  # of five files

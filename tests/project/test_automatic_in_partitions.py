@@ -88,7 +88,7 @@ def test_a_step_chooses_its_factors_in_partitions(tmp_path):
     assert parted.smoothness.keys() == plain.smoothness.keys() == {"M", "C"}
     for name, factors in plain.smoothness.items():
         assert list(parted.smoothness[name].values()) == pytest.approx(list(factors.values()), rel=1e-4)
-    assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-5)
+    assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-4)  # it follows the factors
 
 
 @pytest.mark.parametrize("write", [write_lasting_errors, write_automatic_drives])

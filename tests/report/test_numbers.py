@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
+from kennfeld.markup import decimal, element, percent, round_digits, table
 from kennfeld.report.drawings import Histogram, Trace, TraceEnvelope, sample_indices
-from kennfeld.report.markup import decimal, element, percent, round_digits, table
 
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
 

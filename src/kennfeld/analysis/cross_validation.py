@@ -18,6 +18,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.notebook_display import NotebookDisplay
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.partitions import Partition
@@ -181,7 +182,7 @@ class FoldQuality:
 
 
 @dataclass(frozen=True)
-class CrossValidation:
+class CrossValidation(NotebookDisplay):
     """The quality of every fold."""
 
     folds: tuple[FoldQuality, ...]

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 from dataclasses import field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -11,13 +12,18 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding
 from kennfeld.free_axes import free_axes
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.notebook_display import NotebookDisplay
 from kennfeld.optimize.quality import Quality, r2_text
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet
 
 if TYPE_CHECKING:
+    from kennfeld.optimize.problem import Problem
     from kennfeld.optimize.trust.assessment import TrustAssessment
     from kennfeld.optimize.trust.trust import Trust
+
+_PLOTS = "kennfeld.notebook.plots"  # in a higher layer, for notebooks and scripts
+PlotKind = Literal["convergence", "strips", "errors", "maps"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,7 @@ class StartResult:
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(NotebookDisplay):
     """The result of a calibration. A fit that fails is a result too, with the reason in `status` and `message`.
 
     Attributes:
@@ -172,38 +178,33 @@ class Result:
         return [head, *rows]
 
     def __str__(self) -> str:
+        from kennfeld.optimize.trust.undetermined import undetermined_lines
+
         table = self.table()
         widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
         warnings = [f"warning: {warning}" for warning in self.warnings]
-        return "\n".join([f"{self.status}: {self.message}", *lines, *warnings])
+        undetermined = undetermined_lines(self.trust, "; see result.trust")
+        return "\n".join([f"{self.status}: {self.message}", *lines, *warnings, *undetermined])
 
-    def _repr_html_(self) -> str:
-        import html
+    def plot(self, kind: PlotKind = "convergence", problem: "Problem | None" = None, **selection: Any) -> Any:
+        """Return a matplotlib figure of the result.
 
-        head, *rows = ([html.escape(cell) for cell in row] for row in self.table())
-        body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-        warnings = "".join(f"<p>warning: {html.escape(str(warning))}</p>" for warning in self.warnings)
-        return (
-            f"<p><b>{self.status}</b>: {html.escape(self.message)}</p>"
-            f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{body}</table>{warnings}"
-        )
+        Args:
+            kind: `convergence`, the cost over the accepted steps by stage; `strips`, measurement and model over time or
+                sample, with the error below; `errors`, model over measurement and the histogram of the errors, before
+                and after; or `maps`, the fitted tables.
+            problem: the problem that was fitted, for `strips` and `errors`; `project.problem()`. Only required if the
+                result was computed in another process.
+            selection: `criterion` and `dataset` select one of each by name; `names` are the tables to plot.
 
-    def plot(self) -> Any:
-        """Plot the cost over the iterations, one line per stage, and return the matplotlib figure.
-
-        Needs matplotlib, which Kennfeld does not install: `pip install matplotlib`.
+        Raises:
+            InputError: matplotlib is not installed; the message has the command that installs it.
+            ArgumentError: an unknown kind, name or problem, or data in partitions.
         """
-        from matplotlib.figure import Figure
-
-        figure = Figure()
-        axes = figure.subplots()
-        for stage in dict.fromkeys(line.stage for line in self.trace):
-            lines = [(i, line.cost) for i, line in enumerate(self.trace) if line.stage == stage]
-            axes.semilogy(*zip(*lines, strict=True), label=stage)
-        axes.set(xlabel="iteration", ylabel="cost")
-        axes.legend()
-        return figure
+        if problem is None:
+            problem = getattr(self.inspection, "problem", None)  # another process returns the trust alone
+        return import_module(_PLOTS).plot(self, kind, problem, **selection)
 
 
 def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:

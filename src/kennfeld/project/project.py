@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, InputError
+from kennfeld.errors import Finding, FindingList, InputError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import ProjectFile, is_esdl_file, read_project
@@ -192,7 +192,7 @@ class Project:
             self._runner.close()
             del self.__dict__["_runner"]
 
-    def check(self) -> list[Finding]:
+    def check(self) -> FindingList:
         """Return all problems of the project and of the files that it names, errors and warnings, without raising."""
         from kennfeld.project.checks import find_warnings
 
@@ -200,7 +200,7 @@ class Project:
         findings = list(assembly.findings)
         if assembly.problem is not None:
             findings += find_warnings(self.file, assembly.problem, assembly.locations)
-        return list(dict.fromkeys(findings))
+        return FindingList(dict.fromkeys(findings))
 
     def seen_test_data(self) -> list[Finding]:
         """Return a warning for each test dataset with files or samples of the training data.

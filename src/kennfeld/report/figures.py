@@ -9,10 +9,10 @@ import numpy as np
 
 from kennfeld.analysis.cell_errors import CellErrors
 from kennfeld.analysis.residuals import Residuals
+from kennfeld.markup import Html, element, round_digits
 from kennfeld.optimize.result import TraceLine
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
 from kennfeld.report.drawings import Drawing, Histogram
-from kennfeld.report.markup import Html, element, round_digits
 from kennfeld.report.report_data import ParameterChange, ReportData
 
 MOST_PIECES = 500  # beginnings of recordings that a strip marks

@@ -11,11 +11,11 @@ from typing import Any
 from kennfeld import __version__
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.errors import Finding
+from kennfeld.markup import Html, element
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
 from kennfeld.report.figures import Pictures
-from kennfeld.report.markup import Html, element
 from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections
 from kennfeld.report.stored_result import READ, read_result, read_trust

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Bool
+from kennfeld.markup import MISSING, Html, decimal, details, element, note, percent, table
 from kennfeld.parameters import Parameter
 from kennfeld.report import figures
 from kennfeld.report.figures import Pictures
-from kennfeld.report.markup import MISSING, Html, decimal, details, element, note, percent, table
 from kennfeld.report.report_data import ParameterChange, ReportData
 
 OPEN_CARDS = 4  # parameters that are unfolded initially

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from kennfeld.analysis.residuals import Fit, Residuals
 from kennfeld.formatting import count_noun
+from kennfeld.markup import Child, Html, decimal, details, element, full_decimal, note, percent, quantity, table
 from kennfeld.report import figures
 from kennfeld.report.drawings import Drawing
 from kennfeld.report.figures import Pictures
-from kennfeld.report.markup import Child, Html, decimal, details, element, full_decimal, note, percent, quantity, table
 from kennfeld.report.report_data import ReportData
 
 OPEN_PARTS = 4  # datasets that are unfolded initially

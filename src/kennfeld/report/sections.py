@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.formatting import count_noun
+from kennfeld.markup import MISSING, Html, decimal, details, element, note, percent, quantity, table
 from kennfeld.optimize.quality import CONSTANT
 from kennfeld.optimize.result import Result, StartResult
 from kennfeld.report import figures
 from kennfeld.report.figures import Pictures
-from kennfeld.report.markup import MISSING, Html, decimal, details, element, note, percent, quantity, table
 from kennfeld.report.parameter_section import render_parameters
 from kennfeld.report.provenance import settings, sources
 from kennfeld.report.report_data import ReportData, Score

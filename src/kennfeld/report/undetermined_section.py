@@ -9,8 +9,8 @@ from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.limit_margins import active_constraints, output_ranges
 from kennfeld.constraints import Equality
 from kennfeld.formatting import join_names
+from kennfeld.markup import MISSING, Html, decimal, element, full_decimal, note, percent, table
 from kennfeld.parameters import AXIS_LETTERS, Parameter
-from kennfeld.report.markup import MISSING, Html, decimal, element, full_decimal, note, percent, table
 from kennfeld.report.report_data import ReportData
 
 MAX_LISTED = 8  # values in a row

@@ -203,7 +203,8 @@ def _stop() -> int:
 
 
 def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]") -> None:
-    from kennfeld.terminal.result_lines import choice_lines, extrapolation_lines, undetermined_lines
+    from kennfeld.optimize.trust.undetermined import undetermined_lines
+    from kennfeld.terminal.result_lines import MORE, choice_lines, extrapolation_lines
 
     print_lines(*align(result.table()), "")
     if len(result.starts) > 1:
@@ -212,7 +213,7 @@ def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]") -
     print_findings(*result.warnings)
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
-    print_lines(*undetermined_lines(result.trust), *extrapolation_lines(extrapolations))
+    print_lines(*undetermined_lines(result.trust, MORE), *extrapolation_lines(extrapolations))
 
 
 def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) -> None:

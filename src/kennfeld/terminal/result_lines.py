@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from kennfeld.formatting import shorten
+from kennfeld.formatting import shorten, under_heading
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
     from kennfeld.optimize.result import Result
-    from kennfeld.optimize.trust.trust import Trust
 
 MAX_LINES = 3  # under one heading
 MORE = "; see result.json"
@@ -28,24 +27,6 @@ def choice_lines(result: "Result") -> list[str]:
     return shifts + factors
 
 
-def undetermined_lines(trust: "Trust") -> list[str]:
-    """Return the directions that the data determine worst, and the active output limits, each under a heading.
-
-    The remark on a search that did not converge comes first. If several directions are undetermined, their number and
-    a remedy for all of them come before the single ones.
-    """
-    remark = [trust.remark] if trust.remark else []
-    undetermined = shorten(list(map(str, trust.directions)), MAX_LINES, MORE)
-    if trust.null_space.dimension > 1:
-        undetermined.insert(0, str(trust.null_space))
-    outputs = [str(limit) for limit in trust.holdings if limit.samples]  # the message names those of breakpoints
-    return [
-        *remark,
-        *_section("Parameters not determined by the data:", undetermined),
-        *_section("Active output limits:", shorten(outputs, MAX_LINES, MORE)),
-    ]
-
-
 def extrapolation_lines(extrapolations: Sequence["Extrapolation"], pointer: str = MORE) -> list[str]:
     """Return the surrogates used outside their training data, the largest share first.
 
@@ -54,8 +35,4 @@ def extrapolation_lines(extrapolations: Sequence["Extrapolation"], pointer: str 
         pointer: where to find the rows that are not listed.
     """
     outside = sorted((row for row in extrapolations if row.worst is not None), key=lambda row: -row.share)
-    return _section("Surrogate extrapolation:", shorten(list(map(str, outside)), MAX_LINES, pointer))
-
-
-def _section(heading: str, lines: Sequence[str]) -> list[str]:
-    return [heading, *(f"  {line}" for line in lines)] if lines else []
+    return under_heading("Surrogate extrapolation:", shorten(list(map(str, outside)), MAX_LINES, pointer))

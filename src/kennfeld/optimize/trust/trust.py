@@ -11,6 +11,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.notebook_display import NotebookDisplay
 from kennfeld.optimize.trust.active_limits import ActiveLimit
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.direction_text import Direction
@@ -19,7 +20,7 @@ from kennfeld.threads import blas_threads
 
 
 @dataclass(frozen=True, eq=False)
-class Trust:
+class Trust(NotebookDisplay):
     """Uncertainty of the free values of a fit; empty if the fit failed or its limits cannot be satisfied.
 
     Mappings are by parameter, with arrays in the shape of its values; `noise` and `persistence` are by criterion.

@@ -1,36 +1,40 @@
 from dataclasses import replace
 
 from kennfeld.optimize.trust import ActiveLimit, Direction, NullSpace, Trust
-from kennfeld.terminal.result_lines import undetermined_lines
+from kennfeld.optimize.trust.undetermined import undetermined_lines
 
 ONE = Direction("Scaling A by 1.01 has no effect on the fit.", "Pin a value of A.", {}, True, 0.0, float("inf"))
 
 
+def lines_on(trust):
+    return undetermined_lines(trust, "; see result.json")
+
+
 def test_nothing_is_said_where_nothing_is_open():
-    assert undetermined_lines(Trust()) == []
+    assert lines_on(Trust()) == []
 
 
 def test_each_direction_is_a_line_with_its_mend():
-    heading, line = undetermined_lines(Trust(directions=(ONE,)))
+    heading, line = lines_on(Trust(directions=(ONE,)))
     assert heading == "Parameters not determined by the data:"
     assert line == "  Scaling A by 1.01 has no effect on the fit. Pin a value of A."
 
 
 def test_the_number_of_undetermined_changes_comes_first_with_what_settles_all_of_them():
     space = NullSpace(7, sentence="7 combinations of values of A and B are undetermined.", advice="Pin all of B.")
-    _, first, second = undetermined_lines(Trust(directions=(ONE,), null_space=space))
+    _, first, second = lines_on(Trust(directions=(ONE,), null_space=space))
     assert first == "  7 combinations of values of A and B are undetermined. Pin all of B."
     assert second == f"  {ONE}"
 
 
 def test_the_only_change_is_told_once():
     space = NullSpace(1, sentence="One combination of values of A is undetermined.", advice="Pin A.")
-    assert undetermined_lines(Trust(directions=(ONE,), null_space=space))[1:] == [f"  {ONE}"]
+    assert lines_on(Trust(directions=(ONE,), null_space=space))[1:] == [f"  {ONE}"]
 
 
 def test_at_most_three_are_shown_and_the_rest_is_counted():
     many = tuple(replace(ONE, sentence=f"Number {i}.") for i in range(8))
-    _, *lines, last = undetermined_lines(Trust(directions=many))
+    _, *lines, last = lines_on(Trust(directions=many))
     assert [line.split(". ")[0].strip() for line in lines] == [f"Number {i}" for i in range(3)]
     assert last == "  and 5 more; see result.json"
 
@@ -38,7 +42,7 @@ def test_at_most_three_are_shown_and_the_rest_is_counted():
 def test_what_limits_of_outputs_hold_comes_last():
     held = ActiveLimit("y <= 2", "The limit y <= 2 is reached at 3 samples.", 3, 1, ("k",))
     close = ActiveLimit("minimum distance of C.x", "Breakpoints 2 and 3 of C.x are at their minimum distance.", 0, 1)
-    assert undetermined_lines(Trust(directions=(ONE,), holdings=(held, close)))[2:] == [
+    assert lines_on(Trust(directions=(ONE,), holdings=(held, close)))[2:] == [
         "Active output limits:",
         "  The limit y <= 2 is reached at 3 samples.",
     ]
@@ -46,6 +50,6 @@ def test_what_limits_of_outputs_hold_comes_last():
 
 def test_a_search_that_did_not_come_to_its_end_says_so_first():
     assert (
-        undetermined_lines(Trust(remark="The search ended with status stopped.", directions=(ONE,)))[0]
+        lines_on(Trust(remark="The search ended with status stopped.", directions=(ONE,)))[0]
         == "The search ended with status stopped."
     )

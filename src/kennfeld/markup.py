@@ -1,4 +1,4 @@
-"""HTML elements with escaped text, and number formats of the report."""
+"""HTML elements with escaped text, and number formats of reports and notebooks."""
 
 import html
 import math
@@ -87,7 +87,7 @@ class Html(str):
     __slots__ = ()
 
 
-def element(tag: str, /, *children: Child, **attributes: str | int | bool | None) -> Html:
+def element(tag: str, /, *children: Child, **attributes: str | float | bool | None) -> Html:
     """Return an element; `class_` is written `class`, `data_x` is `data-x`, None omits a child or an attribute.
 
     >>> element("p", "a < b", class_="note")
@@ -95,7 +95,7 @@ def element(tag: str, /, *children: Child, **attributes: str | int | bool | None
     """
     start = tag
     for key, value in attributes.items():
-        if value not in (None, False):
+        if value is not None and value is not False:
             start += f" {key.rstrip('_').replace('_', '-')}"
             start += "" if value is True else f'="{html.escape(str(value))}"'
     return Html(f"<{start}>" if tag in _VOID else f"<{start}>{_escape(children)}</{tag}>")
