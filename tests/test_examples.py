@@ -6,6 +6,7 @@ In a document the language of a block says what is done with it: `sh` lines that
 Documents run in the folder of the torque demo, README and `simulink-example.md` in that of the example they show.
 """
 
+import ast
 import contextlib
 import json
 import re
@@ -28,6 +29,7 @@ from kennfeld.project.surrogate_training import read_training
 ROOT = Path(__file__).parents[1]
 PROJECTS = sorted((ROOT / "examples").glob("*/kennfeld.toml"))
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+NOTEBOOKS = sorted((ROOT / "examples").glob("*/*.ipynb"))
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # standard deviation; of idle speed, 2/3 of the 114 rpm that are published as the best: a step of the set value cannot
 # be followed at once
@@ -114,6 +116,40 @@ def test_every_script_runs(script, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(compile(script.read_text(encoding="utf-8"), str(script), "exec"), {"__name__": "__main__"})
     assert "converged" in capsys.readouterr().out
+
+
+def shown_by(source, names):
+    """Run a cell of a notebook as Jupyter does and return what it displays: HTML or PNG of its last expression."""
+    tree = ast.parse(source)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, "cell", "exec"), names)
+    value = None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+    for method in ("_repr_html_", "_repr_png_"):
+        if hasattr(value, method) and (content := getattr(value, method)()):
+            return content
+    return value
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_notebook_runs_and_displays_its_values(notebook, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(shutil.copytree(notebook.parent, tmp_path / "example"))
+    content = json.loads(notebook.read_text(encoding="utf-8"))
+    assert content["nbformat"] == 4
+    cells = ["".join(cell["source"]) for cell in content["cells"] if cell["cell_type"] == "code"]
+    names = {"__name__": "__main__"}
+    displays = [shown_by(cell, names) for cell in cells]
+    assert names["result"].converged
+    assert sum(isinstance(display, str) and "<table" in display for display in displays) >= 5
+    assert sum(isinstance(display, bytes) and display.startswith(b"\x89PNG") for display in displays) >= 3
+    assert not [display for display in displays if isinstance(display, str | bytes) and len(display) > 500_000]
+    assert list(Path().glob("*.dcm"))
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_stored_without_outputs(notebook):
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    assert [cell for cell in cells if cell.get("outputs") or cell.get("execution_count")] == []
 
 
 @by_name

@@ -1,6 +1,6 @@
 """Pictures as SVG elements, for light and dark pages: text and grid have the colour of the page."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from math import floor, log10
 
 import numpy as np
@@ -18,7 +18,10 @@ MAX_TICKS = 6
 HEIGHTS = ((43, 64, 124), (36, 108, 158), (44, 152, 155), (108, 190, 122), (191, 214, 88), (247, 226, 98))
 
 
-def height_colour(share: float) -> tuple[int, int, int]:
+Rgb = tuple[int, int, int]
+
+
+def height_colour(share: float) -> Rgb:
     """Return the colour of a height from 0 to 1.
 
     >>> height_colour(0.0), height_colour(1.0)
@@ -31,13 +34,21 @@ def height_colour(share: float) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def ink_on(colour: tuple[int, int, int]) -> str:
+def colour_scale(values: Float) -> Callable[[float], Rgb]:
+    """Return the colours of numbers by their height among the finite values; equal ones are in the middle."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    width = high - low
+    return lambda value: height_colour((value - low) / width if 0 < width < np.inf else 0.5)
+
+
+def ink_on(colour: Rgb) -> str:
     """Return the colour of text on a background: black or white."""
     red, green, blue = colour
-    return "#000" if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else "#fff"
+    return "#000" if 0.299 * red + 0.587 * green + 0.114 * blue > 120 else "#fff"
 
 
-def css(colour: tuple[int, int, int]) -> str:
+def css(colour: Rgb) -> str:
     """Return a colour as hexadecimal number.
 
     >>> css((247, 226, 98))
@@ -113,7 +124,7 @@ def strip(x: Float, y: Float, label: str) -> Html:
 def heat_map(values: Float, x: Float, y: Float, x_title: str, y_title: str, label: str) -> Html:
     """Return colours over two axes; `values` are at the points x, along the rows, and y; cells end between points."""
     across, up = Span.of(x, MARGIN_LEFT, WIDTH - MARGIN), Span.of(y, HEIGHT - MARGIN_BOTTOM, MARGIN)
-    levels = Span.of(values, 0, 1)
+    colour = colour_scale(values)
     rows, columns = _edges(x, across), _edges(y, up)
     cells = []
     for i, row in enumerate(values.tolist()):
@@ -121,9 +132,8 @@ def heat_map(values: Float, x: Float, y: Float, x_title: str, y_title: str, labe
             if np.isfinite(value):
                 left, top = rows[i], min(columns[j], columns[j + 1])
                 width, height = rows[i + 1] - left, abs(columns[j + 1] - columns[j])
-                share = (value - levels.low) / (levels.high - levels.low) if levels.high > levels.low else 0.5
                 size = {"width": round(width + 0.3, 1), "height": round(height + 0.3, 1)}
-                cells.append(element("rect", x=left, y=round(top, 1), fill=css(height_colour(share)), **size))
+                cells.append(element("rect", x=left, y=round(top, 1), fill=css(colour(value)), **size))
     sharp = element("g", cells, shape_rendering="crispEdges")
     return _picture(HEIGHT, label, [sharp, *_grid(across, up, lines=False), _titles(x_title, y_title)])
 

@@ -1,6 +1,7 @@
 """Figures of a result, drawn with matplotlib."""
 
 from collections.abc import Collection, Sequence
+from io import BytesIO
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +12,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.notebook.dataset_display import reduced
 from kennfeld.notebook.parameter_display import with_unit
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result
@@ -21,6 +23,8 @@ from kennfeld.parameters import AXIS_LETTERS, Parameter
 _CALL = Location("plot")
 MAX_SERIES = 8  # pairs of a criterion and a dataset in one figure
 MAX_TABLES = 12
+MAX_POINTS = 4000  # of a line; those of more samples are the minima and maxima of groups
+MAX_DOTS = 20_000
 BINS = 50
 WIDTH = 8.0  # inches
 BEFORE, AFTER, MEASURED = "#b0b0b0", "#3b8eea", "#303030"
@@ -47,10 +51,17 @@ def plot(
 
 
 def _figure(rows: int, height: float) -> Any:
-    """Return an empty figure. It belongs to no window, so that notebooks show it once."""
+    """Return an empty figure. It belongs to no window, and notebooks show it once, whatever their backend."""
     with optional_package(_CALL, "notebook"):
         from matplotlib.figure import Figure
-    return Figure(figsize=(WIDTH, height * rows), layout="constrained")
+
+    class NotebookFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            file = BytesIO()
+            self.savefig(file, format="png")
+            return file.getvalue()
+
+    return NotebookFigure(figsize=(WIDTH, height * rows), layout="constrained")
 
 
 def _convergence(result: Result) -> Any:
@@ -125,16 +136,19 @@ def _strips(pairs: Sequence[_Pair]) -> Any:
 
 
 def _broken(x: Float, y: Float, series: CriterionSeries) -> tuple[Float, Float]:
-    """Return a line that is interrupted between the pieces of a recording."""
+    """Return a line that is interrupted between the pieces of a recording, with a bounded number of points."""
     starts = series.bound.starts[1:]
-    return np.insert(x, starts, np.nan), np.insert(y, starts, np.nan)
+    x, y = np.insert(x, starts, np.nan), np.insert(y, starts, np.nan)
+    numbers, values = reduced(y, MAX_POINTS)
+    return x[numbers.astype(np.int64)], values
 
 
 def _errors(pairs: Sequence[_Pair]) -> Any:
     figure = _figure(len(pairs), 3.4)
     grid = figure.subplots(len(pairs), 2, squeeze=False)
     for (left, right), pair in zip(grid, pairs, strict=True):
-        scored, unit = pair.after.scored, pair.after.unit
+        scored, unit = np.flatnonzero(pair.after.scored), pair.after.unit
+        scored = scored[:: -(-scored.size // MAX_DOTS)]
         measured = pair.after.measured[scored]
         ends = [float(measured.min()), float(measured.max())]
         for label, series, colour in (("before", pair.before, BEFORE), ("after", pair.after, AFTER)):

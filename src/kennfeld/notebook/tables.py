@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.formatting import size_text
 from kennfeld.markup import Child, Html, element, full_decimal
-from kennfeld.notebook.pictures import css, height_colour, ink_on
+from kennfeld.notebook.pictures import Rgb, colour_scale, css, ink_on
 
 MAX_ROWS = 20
 MAX_COLUMNS = 16
@@ -59,7 +59,7 @@ def number_table(values: Float, rows: Sequence[str], columns: Sequence[str], cor
         columns: a title for each column.
         corner: title of the column of row titles.
     """
-    colour = _colour_scale(values)
+    colour = colour_scale(values)
     across, down = shown(values.shape[1], MAX_COLUMNS), shown(values.shape[0], MAX_ROWS)
     head = element("tr", _head(corner, "left"), [_head(GAP if j is None else columns[j], "right") for j in across])
     body = []
@@ -72,14 +72,7 @@ def number_table(values: Float, rows: Sequence[str], columns: Sequence[str], cor
     return Html(_scroll(table) + ("" if whole else caption(f"abbreviated: {size_text(values.shape)} values")))
 
 
-def _colour_scale(values: Float) -> Callable[[float], tuple[int, int, int]]:
-    known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-    width = high - low
-    return lambda value: height_colour((value - low) / width if 0 < width < np.inf else 0.5)
-
-
-def _number(value: float | None, colour: Callable[[float], tuple[int, int, int]]) -> Html:
+def _number(value: float | None, colour: Callable[[float], Rgb]) -> Html:
     if value is None:
         return _cell(GAP, "right")
     if not np.isfinite(value):
