@@ -111,6 +111,18 @@ def test_a_curve_is_a_line_and_a_map_a_picture_of_its_cells_with_all_values():
     assert "Speed [rpm]" in page.texts
 
 
+def test_radial_basis_functions_have_a_name_for_each_number():
+    bells = kf.Expansion(0.0, [0.01], [5.0], [[2500.0]], [[800.0]])
+    bump = kf.RBF("Bump", bells, inputs=["Speed"])
+    text = text_of(bump)
+    assert all(bump.value_name(i) in text for i in range(bump.size))
+
+
+def test_bounds_and_locks_are_told():
+    assert "bounds 0 to 9, 2 values locked" in text_of(kf.Curve("C", [0, 1], [2, 3], lower=0, upper=9, locked=True))
+    assert "bounds that differ" in text_of(kf.Curve("C", [0, 1], [2, 3], lower=[0, 1]))
+
+
 def test_a_dataset_has_a_strip_for_each_channel_and_says_what_is_missing():
     page = shown(kf.Dataset.of("bench", {"n": [1.0, np.nan, 3.0], "T": [1.0, 2.0, 3.0]}))
     assert page.tags.count("svg") == 2

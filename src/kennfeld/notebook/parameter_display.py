@@ -8,6 +8,7 @@ from kennfeld.notebook.pictures import heat_map, line_chart
 from kennfeld.notebook.tables import block, caption, number_table, text_table
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
+from kennfeld.rbf import RBF
 
 MAX_PICTURE = 60  # breakpoints of an axis; a larger map has a table alone
 
@@ -33,6 +34,9 @@ def parameter_html(parameter: Parameter) -> Html:
 
 
 def _grid_parts(parameter: Parameter) -> list[Html]:
+    if isinstance(parameter, RBF):
+        rows = [(parameter.value_name(i), full_decimal(value)) for i, value in enumerate(parameter.values.tolist())]
+        return [text_table(("value", "number"), rows)]
     axes, values = parameter.index_axes, parameter.values
     titles = [_title(axis, letter) for axis, letter in zip(axes, AXIS_LETTERS, strict=False)]
     if len(axes) == 1:
@@ -67,8 +71,10 @@ def bounds_text(parameter: Parameter) -> str:
     """Return the bounds and locks of a parameter in words; empty if it has none."""
     parts = []
     if parameter.limited:
-        low, high = float(parameter.lower.min()), float(parameter.upper.max())
-        parts.append(f"bounds {full_decimal(low)} to {full_decimal(high)}")
+        low, high = (np.unique(side) for side in (parameter.lower, parameter.upper))
+        same = low.size == high.size == 1
+        range_text = f"{full_decimal(float(low[0]))} to {full_decimal(float(high[0]))}"
+        parts.append(f"bounds {range_text}" if same else "bounds that differ from value to value")
     locked = int(np.count_nonzero(parameter.locked))
     if locked:
         parts.append(f"{count_noun(locked, 'value')} locked")
