@@ -228,5 +228,6 @@ initial = 0.0
         low = min(np.nanmin(one[name].values) for one in recorded)
         high = max(np.nanmax(one[name].values) for one in recorded)
         assert low <= data[name].values.min() < data[name].values.max() <= high
-    [remark] = [f.message for f in shop.findings() if f.severity == "remark"]
+    remark, *others = [f.message for f in shop.findings() if f.severity == "remark"]
     assert remark.startswith(f"{data.samples} plateaus of ")
+    assert all(other.startswith("quantiles of ") for other in others)
