@@ -14,10 +14,18 @@ FACES = ("calfiles", "models.formula", "native", "optimize", "optimize.trust", "
 # libraries of which a run on CSV, DCM and formula text needs nothing
 LIBRARIES = {
     *("asammdf", "cma", "h5py", "pandas", "pint", "pydantic", "python_calamine", "scipy", "starlette", "typer"),
-    *("uvicorn", "xlsxwriter", "multiprocessing", "rich"),
+    *("uvicorn", "xlsxwriter", "multiprocessing", "rich", "matplotlib"),
 }
 # and packages and modules of our own
-OTHER_LANGUAGES = {"app", "matlab", "models.imperative", "models.simulink.importing", "surrogate", "workbooks"}
+OTHER_LANGUAGES = {
+    "app",
+    "matlab",
+    "notebook",
+    "models.imperative",
+    "models.simulink.importing",
+    "surrogate",
+    "workbooks",
+}
 OTHER_FORMATS = {
     *("calfiles.a2l", "calfiles.cdfx", "calfiles.excel", "calfiles.flash.description", "calfiles.matlab_reader"),
     *("calfiles.comparison", "calfiles.merging", "measurement.mdf", "measurement.excel", "measurement.matlab"),

@@ -170,11 +170,16 @@ def test_a_model_with_memory_keeps_pieces_whole(tmp_path):
     assert [p.samples for p in partitions.training] == [400, 450, 500]
 
 
-def test_quantiles_are_those_of_all_data(tmp_path):
-    path = write_steady(tmp_path)
-    plain, parted = Project.read(path).problem(), in_partitions(path, 300).problem()
-    for one, other in zip(plain.parameters["M"].axes, parted.parameters["M"].axes, strict=True):
+@pytest.mark.parametrize("rounding", ["", ", round = false"])
+def test_quantiles_are_those_of_all_data(tmp_path, rounding):
+    path = write_steady(tmp_path, text=STEADY.replace("count = 6 }", f"count = 6{rounding} }}"))
+    plain, parted = Project.read(path), in_partitions(path, 300)
+    axes = [project.problem().parameters["M"].axes for project in (plain, parted)]
+    for one, other in zip(*axes, strict=True):
         assert np.array_equal(other.breakpoints, one.breakpoints)
+    remarks = [[f.message for f in project.check() if "rounded" in f.message] for project in (plain, parted)]
+    assert remarks[0] == remarks[1]
+    assert len(remarks[0]) == (2 if rounding else 3)
 
 
 def test_values_without_data_are_locked_alike(tmp_path):

@@ -36,7 +36,7 @@ def dataset_html(data: Dataset) -> Html:
         size.append(count_noun(data.starts.size, "piece"))
     if data.time is None:
         size.append("steady-state")
-    elif data.samples:
+    elif data.samples and data.starts.size == 1:
         size.append(f"{decimal(float(data.time[0]))} to {decimal(float(data.time[-1]))} s")
     title = [element("b", data.name), f" ({', '.join([*size, data.use])})"]
     rows = []
