@@ -18,12 +18,13 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.numeric import finite_or_none
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.partitions import Partition
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Progress, Result, TraceLine, finite_or_none
+from kennfeld.optimize.result import Progress, Result, TraceLine
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.portable_pickle import pickle_content

@@ -11,7 +11,9 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding
 from kennfeld.free_axes import free_axes
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.numeric import finite_or_none
 from kennfeld.optimize.quality import Quality, r2_text
+from kennfeld.optimize.recording_quality import RecordingQuality, worst_first
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet
 
@@ -83,6 +85,7 @@ class Result:
         smoothness: factors of each table with an automatic one, by axis x, y, z or w.
         shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
         warnings: criteria whose errors are larger than at the start.
+        recordings: errors by criterion, dataset and file, with the worst stretch of each file.
     """
 
     status: Status
@@ -104,6 +107,7 @@ class Result:
     smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     shifts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
+    recordings: tuple[RecordingQuality, ...] = field(default=(), repr=False)
 
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
@@ -140,6 +144,7 @@ class Result:
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
             "quality": [{name: finite_or_none(value) for name, value in vars(row).items()} for row in self.quality],
+            "recordings": [row.as_json() for row in self.recordings],
             "starts": [row.as_json() for row in self.starts],
             "resumed": list(self.resumed),
             "trust": self.trust.as_json(),
@@ -157,10 +162,20 @@ class Result:
         head = ("criterion", "dataset", "use", "samples", "RMSE before", "RMSE after", "R2", "max |error|")
         rows = []
         for q in scored:
-            errors = [f"{x:#.4g}".rstrip(".") for x in (q.rmse_before, q.rmse_after, q.max_abs_after)]
+            errors = [_error_text(x) for x in (q.rmse_before, q.rmse_after, q.max_abs_after)]
             errors.insert(2, r2_text(q.r2_after, q.samples, q.rmse_after))
             rows.append((q.criterion, q.dataset, q.use, str(q.samples), *errors))
         return [head, *rows]
+
+    def recordings_table(self) -> list[tuple[str, ...]]:
+        """Return the errors by recording as rows of text with a heading, the worst of each criterion first."""
+        head = ("criterion", "dataset", "file", "use", "samples")
+        rows = []
+        for row in worst_first(self.recordings):
+            errors = [_error_text(x) for x in (row.rmse_before, row.rmse_after, row.max_abs_after)]
+            worst = ("-", "-") if row.worst is None else (str(row.worst), _error_text(row.worst.rmse))
+            rows.append((row.criterion, row.dataset, row.file or "-", row.use, str(row.samples), *errors, *worst))
+        return [(*head, "RMSE before", "RMSE after", "max |error|", "worst stretch", "RMSE there"), *rows]
 
     def starts_table(self) -> list[tuple[str, ...]]:
         """Return the starts as rows of text with a heading."""
@@ -206,6 +221,10 @@ class Result:
         return figure
 
 
+def _error_text(error: float) -> str:
+    return f"{error:#.4g}".rstrip(".")
+
+
 def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:
     return {
         "status": outcome.status,
@@ -214,13 +233,6 @@ def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:
         "evaluations": outcome.evaluations,
         "cost": {"before": finite_or_none(outcome.cost_before), "after": finite_or_none(outcome.cost_after)},
     }
-
-
-def finite_or_none(value: Any) -> Any:
-    """Return a value for JSON: None for a float that is not finite."""
-    if not isinstance(value, float):
-        return value
-    return float(value) if np.isfinite(value) else None
 
 
 Progress = Callable[[TraceLine], None]

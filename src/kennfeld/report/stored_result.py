@@ -17,6 +17,7 @@ from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.recording_quality import RecordingQuality, WorstStretch
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
@@ -190,7 +191,14 @@ def _result(contents: Any, start: ParameterSet, parameters: ParameterSet, trace:
             Finding(Location(), row["sentence"].removesuffix("."), row["remedy"], severity="warning")
             for row in contents.get("warnings", ())
         ),
+        recordings=tuple(_recording(row) for row in contents.get("recordings", ())),
     )
+
+
+def _recording(row: Any) -> RecordingQuality:
+    worst = row["worst"] and WorstStretch(**_select(row["worst"], *_names(WorstStretch)))
+    plain = _select(row, *(name for name in _names(RecordingQuality) if name not in ("file", "worst")))
+    return RecordingQuality(**plain, file=row["file"], worst=worst)
 
 
 def _by_name(contents: Any, key: str) -> dict[str, dict[str, float]]:
