@@ -88,6 +88,33 @@ def worst_first(rows: Sequence[RecordingQuality]) -> list[RecordingQuality]:
     return sorted(scored, key=lambda row: (criteria.index(row.criterion), -np.nan_to_num(row.rmse_after, nan=np.inf)))
 
 
+def recordings_table(rows: Sequence[RecordingQuality], *, before: bool = True) -> list[tuple[str, ...]]:
+    """Return the rows with samples as text with a heading, the worst first.
+
+    Criterion, dataset and use are omitted if there is only one, and the errors before the calibration on request.
+    """
+    shown = worst_first(rows)
+    words = [name for name in ("criterion", "dataset", "use") if len({getattr(row, name) for row in shown}) > 1]
+    errors = {"RMSE before": "rmse_before", "RMSE after" if before else "RMSE": "rmse_after"}
+    errors["max |error|"] = "max_abs_after"
+    errors = errors if before else {title: name for title, name in errors.items() if name != "rmse_before"}
+    table = [(*words, "file", "samples", *errors, "worst stretch", "RMSE there")]
+    for row in shown:
+        stretch = ("-", "-") if row.worst is None else (str(row.worst), error_text(row.worst.rmse))
+        texts = (error_text(getattr(row, name)) for name in errors.values())
+        table.append((*(getattr(row, name) for name in words), row.file or "-", str(row.samples), *texts, *stretch))
+    return table
+
+
+def error_text(error: float) -> str:
+    """Return an error as text for a table.
+
+    >>> error_text(1234.5), error_text(0.1)
+    ('1234', '0.1000')
+    """
+    return f"{error:#.4g}".rstrip(".")
+
+
 @dataclass(frozen=True, eq=False)
 class ScoredErrors:
     """The errors of a criterion at scored samples of a part; `samples` are their numbers, None if all are scored."""

@@ -13,7 +13,7 @@ from kennfeld.free_axes import free_axes
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import finite_or_none
 from kennfeld.optimize.quality import Quality, r2_text
-from kennfeld.optimize.recording_quality import RecordingQuality, worst_first
+from kennfeld.optimize.recording_quality import RecordingQuality, error_text, recordings_table
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet
 
@@ -162,20 +162,14 @@ class Result:
         head = ("criterion", "dataset", "use", "samples", "RMSE before", "RMSE after", "R2", "max |error|")
         rows = []
         for q in scored:
-            errors = [_error_text(x) for x in (q.rmse_before, q.rmse_after, q.max_abs_after)]
+            errors = [error_text(x) for x in (q.rmse_before, q.rmse_after, q.max_abs_after)]
             errors.insert(2, r2_text(q.r2_after, q.samples, q.rmse_after))
             rows.append((q.criterion, q.dataset, q.use, str(q.samples), *errors))
         return [head, *rows]
 
     def recordings_table(self) -> list[tuple[str, ...]]:
         """Return the errors by recording as rows of text with a heading, the worst of each criterion first."""
-        head = ("criterion", "dataset", "file", "use", "samples")
-        rows = []
-        for row in worst_first(self.recordings):
-            errors = [_error_text(x) for x in (row.rmse_before, row.rmse_after, row.max_abs_after)]
-            worst = ("-", "-") if row.worst is None else (str(row.worst), _error_text(row.worst.rmse))
-            rows.append((row.criterion, row.dataset, row.file or "-", row.use, str(row.samples), *errors, *worst))
-        return [(*head, "RMSE before", "RMSE after", "max |error|", "worst stretch", "RMSE there"), *rows]
+        return recordings_table(self.recordings)
 
     def starts_table(self) -> list[tuple[str, ...]]:
         """Return the starts as rows of text with a heading."""
@@ -219,10 +213,6 @@ class Result:
         axes.set(xlabel="iteration", ylabel="cost")
         axes.legend()
         return figure
-
-
-def _error_text(error: float) -> str:
-    return f"{error:#.4g}".rstrip(".")
 
 
 def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.quality import Quality, Scorer
+from kennfeld.optimize.recording_quality import RecordingQuality
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.parameter_set import ParameterSet
@@ -101,6 +102,7 @@ class ReportData:
     written: Mapping[str, Any] | None  # the contents of `result.json`
     extrapolation: tuple[Extrapolation, ...]  # use of surrogates outside their training data
     seen: tuple[Finding, ...]  # test data that are also training data
+    recordings: tuple[RecordingQuality, ...]
 
     @property
     def parameters(self) -> ParameterSet:
@@ -213,6 +215,7 @@ def collect_report_data(
         written=written,
         extrapolation=extrapolation,
         seen=tuple(project.seen_test_data()),
+        recordings=Scorer(problem).scores(start, start).recordings if result is None else result.recordings,
     )
 
 

@@ -4,7 +4,7 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 """
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -28,9 +28,11 @@ from kennfeld.terminal.output import align, print_findings, print_lines
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
     from kennfeld.optimize.result import Result
+    from kennfeld.parameter_set import ParameterSet
     from kennfeld.project import Project
 
 FOLDS = ("auto", "files", "blocks", "random")
+by_file = option("--by-file", "Print the errors and the worst stretch of each file, the worst first.")
 
 
 @click.command
@@ -137,6 +139,7 @@ def _print_warnings(findings: Sequence[Finding]) -> str:
 @option("--resume", "Resume from the checkpoints in the results folder (see save_every).")
 @option("--cross-validate folds", "After calibrating, run K-fold cross-validation.", "K", type=int)
 @option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", True, default="auto")
+@by_file
 def calibrate(
     path: Path,
     output: Path | None,
@@ -145,6 +148,7 @@ def calibrate(
     resume: bool,
     folds: int | None,
     parts: str,
+    by_file: bool,
 ) -> int:
     """Fit the free parameters to the data and write the results.
 
@@ -157,13 +161,15 @@ def calibrate(
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
     folder = output or path.parent / "results"
     with _open(path, scheduler, workers) as project:
-        status = _calibrate(project, folder, workers, resume)
+        status = _calibrate(project, folder, workers, resume, by_file)
         if folds is None or status == INTERRUPTED:
             return status
         return max(status, _cross_validate(project, folder, folds, parts))
 
 
-def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
+def _calibrate(
+    project: "Project", folder: Path, workers: int | None = None, resume: bool = False, by_file: bool = False
+) -> int:
     from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.optimize.tuning.shift_estimation import apply_shifts
     from kennfeld.project.fallback import write_somewhere
@@ -187,7 +193,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:
         return _stop()
-    _print_result(result, extrapolations)
+    _print_result(result, extrapolations, by_file)
     print_findings(*write_findings)
     _print_paths(project, result, written)
     if interrupt.pressed:
@@ -202,10 +208,12 @@ def _stop() -> int:
     return INTERRUPTED
 
 
-def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]") -> None:
+def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]", by_file: bool) -> None:
     from kennfeld.terminal.result_lines import choice_lines, extrapolation_lines, undetermined_lines
 
     print_lines(*align(result.table()), "")
+    if by_file:
+        print_lines(*align(result.recordings_table()), "")
     if len(result.starts) > 1:
         print_lines(*align(result.starts_table()), "")
     print_lines(f"{result.status}: {result.message}")
@@ -248,7 +256,8 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 @option(
     "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
 )
-def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
+@by_file
+def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
     from kennfeld.project.results import write_simulation
@@ -259,16 +268,31 @@ def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
         simulation = project.simulation(values, shifts)
         written = write_simulation(simulation, output or path.parent / "simulation.parquet")
         print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
-        if project.surrogates:
-            from kennfeld.analysis.extrapolation import find_extrapolation
-            from kennfeld.optimize.tuning.shift_estimation import apply_shifts
-            from kennfeld.project.simulation import replace_parameters
-            from kennfeld.terminal.result_lines import extrapolation_lines
-
-            problem = apply_shifts(project.problem(), shifts)
-            print_lines(*extrapolation_lines(find_extrapolation(problem, replace_parameters(problem, values)), ""))
+        _print_fit(project, values, shifts, by_file)
     print_lines(f"Written to {written}")
     return DONE
+
+
+def _print_fit(
+    project: "Project", values: "ParameterSet | None", shifts: "Mapping[str, Mapping[str, float]]", by_file: bool
+) -> None:
+    """Print the errors by file on request, and the use of surrogates outside their training data."""
+    from kennfeld.analysis.extrapolation import find_extrapolation
+    from kennfeld.optimize.quality import Scorer
+    from kennfeld.optimize.recording_quality import recordings_table
+    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+    from kennfeld.project.simulation import replace_parameters
+    from kennfeld.terminal.result_lines import extrapolation_lines
+
+    if not (by_file or project.surrogates):
+        return
+    problem = apply_shifts(project.problem(), shifts)
+    parameters = replace_parameters(problem, values)
+    if by_file:
+        rows = Scorer(problem).scores(parameters, parameters).recordings
+        print_lines("", *align(recordings_table(rows, before=False)), "")
+    if project.surrogates:
+        print_lines(*extrapolation_lines(find_extrapolation(problem, parameters), ""))
 
 
 def _stored_shifts(project: "Project", parameters: Path | None) -> dict[str, dict[str, float]]:
