@@ -88,6 +88,14 @@ def worst_first(rows: Sequence[RecordingQuality]) -> list[RecordingQuality]:
     return sorted(scored, key=lambda row: (criteria.index(row.criterion), -np.nan_to_num(row.rmse_after, nan=np.inf)))
 
 
+def of_several_files(rows: Sequence[RecordingQuality]) -> list[RecordingQuality]:
+    """Return the rows of datasets that consist of several files; those of others say what their dataset does."""
+    files: dict[str, set[str | None]] = {}
+    for row in rows:
+        files.setdefault(row.dataset, set()).add(row.file)
+    return [row for row in rows if len(files[row.dataset]) > 1]
+
+
 def recordings_table(rows: Sequence[RecordingQuality], *, before: bool = True) -> list[tuple[str, ...]]:
     """Return the rows with samples as text with a heading, the worst first.
 
@@ -98,11 +106,11 @@ def recordings_table(rows: Sequence[RecordingQuality], *, before: bool = True) -
     errors = {"RMSE before": "rmse_before", "RMSE after" if before else "RMSE": "rmse_after"}
     errors["max |error|"] = "max_abs_after"
     errors = errors if before else {title: name for title, name in errors.items() if name != "rmse_before"}
-    table = [(*words, "file", "samples", *errors, "worst stretch", "RMSE there")]
+    table = [("file", *words, "samples", *errors, "worst stretch", "RMSE there")]
     for row in shown:
         stretch = ("-", "-") if row.worst is None else (str(row.worst), error_text(row.worst.rmse))
         texts = (error_text(getattr(row, name)) for name in errors.values())
-        table.append((*(getattr(row, name) for name in words), row.file or "-", str(row.samples), *texts, *stretch))
+        table.append((row.file or "-", *(getattr(row, name) for name in words), str(row.samples), *texts, *stretch))
     return table
 
 

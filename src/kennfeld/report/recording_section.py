@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from kennfeld.formatting import count_noun
-from kennfeld.optimize.recording_quality import LEAST_SECONDS, SHARE, RecordingQuality, worst_first
+from kennfeld.optimize.recording_quality import LEAST_SECONDS, SHARE, RecordingQuality, of_several_files, worst_first
 from kennfeld.report.markup import MISSING, Html, change, decimal, details, element, note, table
 from kennfeld.report.report_data import ReportData
 
@@ -17,7 +17,7 @@ EXPLANATION = (
 
 def render_recordings(report: ReportData) -> Html | None:
     """Return a table of the files of each criterion; None if no dataset has several files."""
-    rows = worst_first(_of_several_files(report.recordings))
+    rows = worst_first(of_several_files(report.recordings))
     if not rows:
         return None
     criteria = list(dict.fromkeys(row.criterion for row in rows))
@@ -26,13 +26,6 @@ def render_recordings(report: ReportData) -> Html | None:
         for name in criteria
     ]
     return element("div", note(EXPLANATION), parts)
-
-
-def _of_several_files(rows: Sequence[RecordingQuality]) -> list[RecordingQuality]:
-    files: dict[str, set[str | None]] = {}
-    for row in rows:
-        files.setdefault(row.dataset, set()).add(row.file)
-    return [row for row in rows if len(files[row.dataset]) > 1]
 
 
 def _folded(report: ReportData, rows: Sequence[RecordingQuality]) -> list[Html | None]:

@@ -16,11 +16,13 @@ from kennfeld.app.session.session import Run, Session, View
 from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
+from kennfeld.optimize.recording_quality import of_several_files, recordings_table
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
 MAX_CHANGES = 400  # grid points of a table that are listed
+MAX_RECORDINGS = 500  # rows that are listed
 
 
 def run(session: Session, given: Given) -> Answer:
@@ -101,6 +103,21 @@ def outcome(session: Session, given: Given) -> Answer:
             "resumable": session.checkpoints.describe() if idle else "",
             "result": None if last is None else _outcome(session, last),
             "validation": None if session.validation is None else _folds(session.validation),
+        }
+    )
+
+
+def by_file(session: Session, given: Given) -> Answer:
+    """Return the errors of the last run by file, the worst first; `several` tells if a dataset has several files."""
+    last = session.runs[-1].result if session.runs else None
+    recordings = () if last is None else last.recordings
+    table = recordings_table(recordings)
+    return Answer(
+        {
+            "run": session.runs[-1].number if session.runs else None,
+            "rows": table[: 1 + MAX_RECORDINGS],
+            "more": max(len(table) - 1 - MAX_RECORDINGS, 0),
+            "several": bool(of_several_files(recordings)),
         }
     )
 
