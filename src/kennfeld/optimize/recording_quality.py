@@ -12,7 +12,6 @@ from dataclasses import field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Dataset
@@ -152,8 +151,8 @@ class _Bins:
     @property
     def is_timed(self) -> bool:
         """True if the times are known and rise; those of several recordings without file names do not."""
-        times = np.array([self.begins, self.ends]).T.ravel()
-        return bool(np.all(np.diff(times) >= 0))
+        begins, ends = self.begins, self.ends
+        return bool((ends >= begins).all() and (begins[1:] >= ends[:-1]).all())
 
 
 @dataclass
@@ -317,24 +316,26 @@ def _find_worst(bins: _Bins, counts: Int, squares: Float, length: int) -> WorstS
     total = int(counts.sum())
     if not total:
         return None
-    width = _window(bins, length)
-    scored = sliding_window_view(counts, width).sum(axis=-1)
+    is_timed = bins.is_timed
+    width = _window(bins, length, is_timed=is_timed)
+    window = np.ones(width)
+    scored = np.correlate(counts.astype(np.float64), window)
     with np.errstate(over="ignore", invalid="ignore"):
-        sums = sliding_window_view(squares, width).sum(axis=-1)
-        size = np.nan_to_num(sums / np.maximum(scored, 1), nan=np.inf, posinf=np.inf)
-    at = int(np.argmax(np.where(scored >= ENOUGH * total * width / counts.size, size, -1.0)))
-    rmse = float(np.sqrt(sums[at] / scored[at]))
-    if bins.is_timed:
+        size = np.correlate(squares, window) / np.maximum(scored, 1.0)
+    eligible = np.where(scored >= ENOUGH * total * width / counts.size, size, -1.0)
+    at = int(np.argmax(np.where(np.isnan(eligible), np.inf, eligible)))
+    rmse = float(np.sqrt(size[at]))
+    if is_timed:
         return WorstStretch(float(bins.begins[at]), float(bins.ends[at + width - 1]), rmse, "s")
     step = _bin_size(length)
     return WorstStretch(at * step + 1, min((at + width) * step, length), rmse, "samples")
 
 
-def _window(bins: _Bins, length: int) -> int:
+def _window(bins: _Bins, length: int, *, is_timed: bool) -> int:
     """Return the width of a window in bins."""
     count = bins.begins.size
     width = max(-(-count // SHARE), -(-LEAST_SAMPLES // _bin_size(length)))
-    if bins.is_timed:
+    if is_timed:
         duration = float(bins.ends[-1] - bins.begins[0])
         width = max(width, int(np.ceil(count * LEAST_SECONDS / duration)) if duration > LEAST_SECONDS else count)
     return min(width, count)
