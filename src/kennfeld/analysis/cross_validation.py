@@ -7,15 +7,16 @@ points at random.
 """
 
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from kennfeld.arrays import Bool
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError, Location
+from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import finite_or_none
@@ -31,8 +32,10 @@ from kennfeld.portable_pickle import pickle_content
 from kennfeld.task_runner import TaskRunner, message_line
 
 Kind = Literal["auto", "files", "blocks", "random"]
+MAX_RATIO = 1.3  # of the RMSE on held-out data to that in training; above it the fit follows noise
 GAP = 0.05  # share of a block that is not fitted on each side of it
 
+MAX_NAMES = 3  # files of a fold that are named
 HELD_OUT = " (held out)"
 PLACE = Location("cross-validation")
 
@@ -136,6 +139,9 @@ def _hold_out_pieces(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, sl
 
 
 def _describe_pieces(data: Dataset, numbers: Sequence[int]) -> str:
+    if data.files is not None and np.array_equal(data.files.starts, data.starts):  # each file is a piece
+        names = list(short_names(data.files.names).values())
+        return join_names([names[number - 1] for number in sorted(numbers)], MAX_NAMES)
     if len(data.pieces) == 1:
         return data.name
     return f"{data.name} piece{'s' * (len(numbers) > 1)} {', '.join(map(str, sorted(numbers)))}"
@@ -209,6 +215,40 @@ class CrossValidation:
 
     def _held_out(self, criterion: str) -> list[float]:
         return [row.rmse_held for row in self.folds if row.criterion == criterion and row.samples]
+
+    def conclusions(self) -> list[str]:
+        """Return what the errors say about overfitting, one or more sentences for each criterion."""
+        texts = [self._conclusion(name) for name in self.criteria]
+        unfinished = {row.fold: row.status for row in self.folds if row.status != "converged"}
+        if unfinished:
+            names = ", ".join(f"{fold} ({status})" for fold, status in unfinished.items())
+            texts.append(f"Not converged: fold {names}. Their errors say less.")
+        return texts
+
+    def _conclusion(self, criterion: str) -> str:
+        held, training = self.mean(criterion), self.training(criterion)
+        if not (np.isfinite(held) and training > 0):
+            return f"The errors of {criterion} on held-out data do not compare with those in training."
+        ratio = f"The RMSE of {criterion} on held-out data is {held / training:.3g} times that in training"
+        if held <= MAX_RATIO * training:
+            return f"{ratio}: no sign of overfitting."
+        scored = [row for row in self.folds if row.criterion == criterion and row.samples]
+        worst = max(scored, key=lambda row: row.rmse_held)
+        others = [row.rmse_held for row in scored if row is not worst]
+        if others and max(others) <= MAX_RATIO * training:
+            return f"{ratio}, because of fold {worst.fold} ({worst.held}) alone: the other folds do not represent it."
+        return (
+            f"{ratio}: the fit follows its training data more than they can support. "
+            "Use more smoothness, fewer values, or more data."
+        )
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Self:
+        """Return what `as_json` wrote; raises `KeyError` or `TypeError` if it did not."""
+        rows: Iterator[dict[str, Any]] = (
+            {name: np.nan if value is None else value for name, value in row.items()} for row in content["folds"]
+        )
+        return cls(tuple(FoldQuality(**row) for row in rows))
 
     def as_json(self) -> dict[str, Any]:
         """Return the contents of `cross_validation.json`; numbers that are not finite are None."""

@@ -40,6 +40,7 @@ MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third powe
 SAMPLES_WRITTEN = 1 << 18  # at once
 
 RESULT = "result.json"
+VALIDATION = "cross_validation"  # its key of a cross-validation
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
 
@@ -161,14 +162,32 @@ def write(
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        (scratch / RESULT).write_text(f"{text}\n", encoding="utf-8")
+        (scratch / RESULT).write_text(_json_text(content), encoding="utf-8")
         names += [*(documents or {}), RESULT]
         move(names, scratch, target)
     for ending in project.formats:
         if ending in IMAGE_ENDINGS and f"parameters{ending}" not in names:
             (target / f"parameters{ending}").unlink(missing_ok=True)  # of an earlier run
     return tuple(target / name for name in names)
+
+
+def write_validation(validation: Mapping[str, Any], folder: Path) -> Path:
+    """Write `cross_validation.json`, and the same as a key of the `result.json` of the run, if that is in the folder.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    written = write_text(_json_text(validation), folder / "cross_validation.json")
+    path = folder / RESULT
+    if path.is_file():
+        content = json.loads(path.read_text(encoding="utf-8"))
+        files = {KEY: content.pop(KEY)} if KEY in content else {}
+        write_text(_json_text(content | {VALIDATION: validation} | files), path)
+    return written
+
+
+def _json_text(content: Mapping[str, Any]) -> str:
+    return f"{json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)}\n"
 
 
 def read_shifts(folder: Path) -> dict[str, dict[str, float]]:

@@ -18,7 +18,7 @@ from kennfeld.report.figures import Pictures
 from kennfeld.report.markup import Html, element
 from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections
-from kennfeld.report.stored_result import READ, read_result, read_trust
+from kennfeld.report.stored_result import READ, read_result, read_trust, read_validation
 
 STATIC = Path(__file__).parent / "static"  # built from `web/src/report`
 # load nothing, whatever a name in the data contains
@@ -130,7 +130,8 @@ def from_folder(project: Project, folder: str | Path) -> str:
     result, written = stored
     findings += check_other_files(Path(folder), written, READ)
     contents = {key: value for key, value in written.items() if key != KEY}
-    return page(collect_report_data(project, result, findings, read_trust(Path(folder), result.parameters), contents))
+    trust, validation = read_trust(Path(folder), result.parameters), read_validation(Path(folder), written)
+    return page(collect_report_data(project, result, findings, trust, contents, validation=validation))
 
 
 def document_safely(

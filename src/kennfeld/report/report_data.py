@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.analysis.cross_validation import CrossValidation
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.part_evaluation import PartPasses
 from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
@@ -103,6 +104,7 @@ class ReportData:
     extrapolation: tuple[Extrapolation, ...]  # use of surrogates outside their training data
     seen: tuple[Finding, ...]  # test data that are also training data
     recordings: tuple[RecordingQuality, ...]
+    validation: CrossValidation | None
 
     @property
     def parameters(self) -> ParameterSet:
@@ -177,6 +179,7 @@ def collect_report_data(
     trust: TrustSummary | None = None,
     written: Mapping[str, Any] | None = None,
     extrapolation: Sequence[Extrapolation] | None = None,
+    validation: CrossValidation | None = None,
 ) -> ReportData:
     """Compute the data of a report.
 
@@ -187,6 +190,7 @@ def collect_report_data(
         trust: uncertainty of the values; by default that of the result.
         written: contents of `result.json`; by default those of the result.
         extrapolation: use of surrogates outside their training data; computed by default.
+        validation: a cross-validation, if there was one.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
@@ -216,6 +220,7 @@ def collect_report_data(
         extrapolation=extrapolation,
         seen=tuple(project.seen_test_data()),
         recordings=Scorer(problem).scores(start, start).recordings if result is None else result.recordings,
+        validation=validation,
     )
 
 

@@ -18,6 +18,7 @@ from kennfeld.report.report_data import ReportData, Score
 from kennfeld.report.residual_sections import render_fit, render_residuals
 from kennfeld.report.summary import by_criterion, observations, pool_scores, verdict
 from kennfeld.report.undetermined_section import render_limits, render_undetermined
+from kennfeld.report.validation_section import render_validation
 
 MAX_TEXT = 60_000  # characters of a formula or project file
 
@@ -29,6 +30,8 @@ def sections(report: ReportData, pictures: Pictures) -> Iterator[Section]:
     yield "result", "Result", _render_result(report), ()
     if (recordings := render_recordings(report)) is not None:
         yield "recordings", "Recordings", recordings, ()
+    if report.validation is not None:
+        yield "validation", "Cross-validation", render_validation(report.validation), ()
     yield "fit", "Measured and calculated", render_fit(report, pictures), ()
     yield "residuals", "Residuals", render_residuals(report, pictures), ()
     content, entries = render_parameters(report, pictures)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.analysis.cross_validation import CrossValidation
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.errors import Finding, Findings, InputError, Location
@@ -24,7 +25,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run
 from kennfeld.project.manifest import RUN_AGAIN as AGAIN
-from kennfeld.project.results import affordable_leverage
+from kennfeld.project.results import VALIDATION, affordable_leverage
 
 COLUMNS = {
     "samples": np.int64,
@@ -138,6 +139,19 @@ def read_result(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, An
     trace = _trace(paths["trace.csv"])
     with _refuse_damaged(paths["result.json"]):
         return _result(contents, problem.parameters, parameters, trace), contents
+
+
+def read_validation(folder: Path, contents: Mapping[str, Any]) -> CrossValidation | None:
+    """Return the cross-validation in the contents of a `result.json`, if there is one.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    stored = contents.get(VALIDATION)
+    if stored is None:
+        return None
+    with _refuse_damaged(folder / "result.json"):
+        return CrossValidation.from_json(stored)
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 What a command needs is imported inside it, so that `kennfeld --help` starts at once.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -234,7 +233,8 @@ def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) 
 
 def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
     from kennfeld.analysis.cross_validation import cross_validate
-    from kennfeld.project.results import write_text
+    from kennfeld.project.results import RESULT, write_text, write_validation
+    from kennfeld.report import from_folder
     from kennfeld.terminal.progress import Interrupt, display
 
     try:
@@ -243,10 +243,11 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
             validation = cross_validate(project.problem(), folds=folds, kind=parts, options=options, progress=progress)
     except KeyboardInterrupt:
         return _stop()
-    text = json.dumps(validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
-    print_lines("", *align(validation.table()), "", *validation.summary())
-    path = write_text(f"{text}\n", folder / "cross_validation.json")
-    print_lines(f"Written to {path}")
+    print_lines("", *align(validation.table()), "", *validation.summary(), *validation.conclusions())
+    written = [write_validation(validation.as_json(), folder)]
+    if (folder / RESULT).is_file():
+        written.append(write_text(from_folder(project, folder), folder / "report.html"))
+    print_lines(f"Written to {', '.join(map(str, written))}")
     return INTERRUPTED if interrupt.pressed else DONE
 
 

@@ -159,7 +159,7 @@ def _extrapolation(session: Session, run: Run) -> Sequence[Extrapolation]:
 
 
 def _folds(validation: CrossValidation) -> dict[str, Any]:
-    return {"table": validation.table(), "summary": validation.summary()}
+    return {"table": validation.table(), "summary": [*validation.summary(), *validation.conclusions()]}
 
 
 def _start(session: Session, number: int, lines: Sequence[TraceLine]) -> dict[str, Any]:
