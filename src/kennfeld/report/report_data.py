@@ -23,6 +23,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.model import coordinates_of
+from kennfeld.project.schema import ReportEntry
 from kennfeld.report.drawings import Drawing, draw
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
 
@@ -105,6 +106,7 @@ class ReportData:
     seen: tuple[Finding, ...]  # test data that are also training data
     recordings: tuple[RecordingQuality, ...]
     validation: CrossValidation | None
+    heading: ReportEntry
 
     @property
     def parameters(self) -> ParameterSet:
@@ -180,6 +182,7 @@ def collect_report_data(
     written: Mapping[str, Any] | None = None,
     extrapolation: Sequence[Extrapolation] | None = None,
     validation: CrossValidation | None = None,
+    heading: ReportEntry | None = None,
 ) -> ReportData:
     """Compute the data of a report.
 
@@ -191,6 +194,7 @@ def collect_report_data(
         written: contents of `result.json`; by default those of the result.
         extrapolation: use of surrogates outside their training data; computed by default.
         validation: a cross-validation, if there was one.
+        heading: title, author and comment; by default those of the project file.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
@@ -221,6 +225,7 @@ def collect_report_data(
         seen=tuple(project.seen_test_data()),
         recordings=Scorer(problem).scores(start, start).recordings if result is None else result.recordings,
         validation=validation,
+        heading=heading or project.file.report,
     )
 
 

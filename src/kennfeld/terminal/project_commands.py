@@ -324,7 +324,10 @@ def _stored_shifts(project: "Project", parameters: Path | None) -> dict[str, dic
 @project_file
 @option("-o --output", "Output file, .html.", "FILE", "report.html in the results folder", type=PATH)
 @option("-r --results", "Folder of the results.", "DIR", "results/ next to the project file", type=PATH)
-def report(path: Path, output: Path | None, results: Path | None) -> int:
+@option("--title", "Heading of the report, instead of that in [report].", "TEXT")
+@option("--author", "Author of the calibration, instead of that in [report].", "TEXT")
+@option("--comment", "Text below the heading, instead of that in [report].", "TEXT")
+def report(path: Path, output: Path | None, results: Path | None, **heading: str | None) -> int:
     """Write the report on the results of an earlier run.
 
     Without results, it covers the initial values only.
@@ -334,7 +337,8 @@ def report(path: Path, output: Path | None, results: Path | None) -> int:
 
     folder = results or path.parent / "results"
     with _open(path) as project:
-        text = from_folder(project, folder)
+        changed = {name: text for name, text in heading.items() if text is not None}
+        text = from_folder(project, folder, replace(project.file.report, **changed))
     print_lines(f"Written to {write_text(text, output or folder / 'report.html')}")
     return DONE
 
