@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kennfeld import cli
+from kennfeld.terminal.output import is_quiet
 
 PROJECT = """
 [model]
@@ -77,3 +78,40 @@ def test_recordings_are_in_the_result(project):
     assert list(rows[0]["worst"]) == ["begin", "end", "rmse", "unit"]
     for row in rows:
         assert row["rmse_after"] == pytest.approx(ERRORS[row["file"]], rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["calibrate", "simulate", "report"])
+def test_quiet_prints_nothing_if_all_is_well(project, capsys, name):
+    assert cli.run([name, str(project), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert cli.run([name, str(project)]) == 0
+    assert "Written to" in capsys.readouterr().out
+
+
+def test_quiet_prints_a_table_of_files_neither(project, capsys):
+    assert cli.run(["calibrate", str(project), "-q", "--by-file", "--cross-validate", "3"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert (project.parent / "results" / "cross_validation.json").is_file()
+
+
+def test_quiet_prints_warnings_and_errors(project, capsys):
+    project.write_text(PROJECT + "[optimizer]\nmax_iterations = 1\n", encoding="utf-8")
+    assert cli.run(["calibrate", str(project), "-q"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert all(line.startswith("warning: ") for line in err.splitlines())
+    assert "warning: max_iterations: " in err
+    project.write_text(PROJECT.replace("drive_", "gone_"), encoding="utf-8")
+    assert cli.run(["calibrate", str(project), "-q"]) == 2
+    assert "matches no file" in capsys.readouterr().err
+
+
+def test_quiet_ends_with_the_command(project, capsys):
+    assert cli.run(["simulate", str(project), "-q"]) == 0
+    assert not is_quiet()
+
+
+def test_values_that_cannot_be_written_are_printed_even_if_quiet(project, capsys, monkeypatch):
+    monkeypatch.setattr("kennfeld.project.fallback.write_somewhere", lambda *_: ())
+    assert cli.run(["calibrate", str(project), "-q"]) == 0
+    assert capsys.readouterr().out.startswith("The values, as parameters.json:\n{")

@@ -19,10 +19,11 @@ from kennfeld.terminal.command_line import (
     PATH,
     WRONG_INPUT,
     argument,
+    only_problems,
     option,
     project_file,
 )
-from kennfeld.terminal.output import align, print_findings, print_lines
+from kennfeld.terminal.output import align, is_quiet, print_findings, print_lines, print_progress, print_values
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
@@ -37,6 +38,7 @@ by_file = option("--by-file", "Print the errors and the worst stretch of each fi
 @click.command
 @argument("name", "[NAME]", "torque, exhaust or idle.  [default: torque]", type=str, default="torque")
 @option("--dir folder", "Folder to create.", "DIR", "kennfeld-demo-NAME", type=PATH)
+@only_problems
 def demo(name: str, folder: Path | None) -> int:
     """Write an example project with its data, and calibrate it."""
     from kennfeld.project import Project
@@ -98,7 +100,7 @@ def _open(path: Path, scheduler: str | None = None, workers: int | None = None) 
     from kennfeld.terminal.progress import ReadingProgress
 
     read = replace(Project.read(path), watch=ReadingProgress())
-    project = read.on_cluster(scheduler, workers, print_findings)
+    project = read.on_cluster(scheduler, workers, print_progress)
     try:
         yield project
     finally:
@@ -139,6 +141,7 @@ def _print_warnings(findings: Sequence[Finding]) -> str:
 @option("--cross-validate folds", "After calibrating, run K-fold cross-validation.", "K", type=int)
 @option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", True, default="auto")
 @by_file
+@only_problems
 def calibrate(
     path: Path,
     output: Path | None,
@@ -216,6 +219,8 @@ def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]", b
     if len(result.starts) > 1:
         print_lines(*align(result.starts_table()), "")
     print_lines(f"{result.status}: {result.message}")
+    if is_quiet() and not result.converged:
+        print_findings(Finding(Location(), f"{result.status}: {result.message}", severity="warning"))
     print_findings(*result.warnings)
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
@@ -228,7 +233,7 @@ def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) 
     if written:
         print_lines(f"Written to {written[0].parent}: {', '.join(path.name for path in written)}")
     else:
-        print_lines("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
+        print_values("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
 
 
 def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
@@ -258,6 +263,7 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
 )
 @by_file
+@only_problems
 def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
@@ -326,6 +332,7 @@ def _stored_shifts(project: "Project", parameters: Path | None) -> dict[str, dic
 @option("-r --results", "Folder of the results.", "DIR", "results/ next to the project file", type=PATH)
 @option("--title", "Heading of the report, instead of that in [report].", "TEXT")
 @option("--author", "Author of the calibration, instead of that in [report].", "TEXT")
+@only_problems
 @option("--comment", "Text below the heading, instead of that in [report].", "TEXT")
 def report(path: Path, output: Path | None, results: Path | None, **heading: str | None) -> int:
     """Write the report on the results of an earlier run.
@@ -345,6 +352,7 @@ def report(path: Path, output: Path | None, results: Path | None, **heading: str
 
 @click.command
 @argument("path", "FILE", "The training file, surrogate.toml.")
+@only_problems
 def train(path: Path) -> int:
     """Train a surrogate on recordings and write it as a file that projects can use."""
     from kennfeld.project.surrogate_training import read_training
