@@ -117,6 +117,11 @@ class Interrupt:
 
         return watched
 
+    def stopped(self) -> bool:
+        """Return whether there was a signal; from the first call on there is something to keep."""
+        self._searching = True
+        return self.pressed
+
     def _press(self, number: int, frame: FrameType | None) -> None:
         if number == HANGUP:
             leave_terminal()

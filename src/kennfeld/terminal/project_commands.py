@@ -178,12 +178,16 @@ def _calibrate(
     from kennfeld.project.results import require_room
     from kennfeld.report import document_safely
     from kennfeld.terminal.progress import Interrupt, display
+    from kennfeld.terminal.result_lines import resume_lines
 
     require_room(folder)
     findings = project.check()
     _print_warnings(findings)
     if resume:
-        print_findings(*project.saves(folder).resume_points().findings)
+        points = project.saves(folder).resume_points()
+        print_findings(*points.findings)
+        for line in resume_lines(points.states, project.file.optimizer.starts):
+            print_progress(line)
     write_findings = Findings()
     try:
         with Interrupt() as interrupt:
@@ -354,16 +358,28 @@ def report(path: Path, output: Path | None, results: Path | None, **heading: str
 @argument("path", "FILE", "The training file, surrogate.toml.")
 @only_problems
 def train(path: Path) -> int:
-    """Train a surrogate on recordings and write it as a file that projects can use."""
+    """Train a surrogate on recordings and write it as a file that projects can use.
+
+    Ctrl-C, SIGTERM and SIGHUP stop the training; the best surrogate so far is written.
+    """
     from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate.surrogate_file import write_surrogate
+    from kennfeld.terminal.progress import Interrupt
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
     training = read_training(path)
-    surrogate = training.train(print_lines)
+    try:
+        with Interrupt() as interrupt:
+            surrogate = training.train(print_lines, interrupt.stopped)
+            write_surrogate(surrogate, training.target)
+    except KeyboardInterrupt:
+        return _stop()
     stability = getattr(surrogate, "stability", "")
     print_lines(describe_surrogate(surrogate), *([stability] if stability else []))
     print_lines("", *align(quality_table(surrogate)), "")
-    write_surrogate(surrogate, training.target)
     print_lines(f"Written to {training.target}")
+    if interrupt.pressed:
+        message = "the training was stopped; the surrogate is the best so far"
+        print_findings(Finding(Location(training.target.name), message, "Train again.", severity="warning"))
+        return INTERRUPTED
     return DONE
