@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.analysis.cross_validation import CrossValidation, FoldQuality
+from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
 from kennfeld.optimize.api import build_problem
 
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import CrossValidation
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.part_evaluation import PartPasses
 from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import CrossValidation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.errors import Finding, Findings, InputError, Location

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from kennfeld.analysis.cross_validation import CrossValidation, FoldQuality
+from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
 from kennfeld.report.markup import MISSING, Html, decimal, element, note, table
 
 EXPLANATION = (

@@ -288,21 +288,23 @@ def _print_fit(
     project: "Project", values: "ParameterSet | None", shifts: "Mapping[str, Mapping[str, float]]", by_file: bool
 ) -> None:
     """Print the errors by file on request, and the use of surrogates outside their training data."""
-    from kennfeld.analysis.extrapolation import find_extrapolation
-    from kennfeld.optimize.quality import Scorer
-    from kennfeld.optimize.recording_quality import recordings_table
-    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
-    from kennfeld.project.simulation import replace_parameters
-    from kennfeld.terminal.result_lines import extrapolation_lines
-
     if not (by_file or project.surrogates):
         return
+    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+    from kennfeld.project.simulation import replace_parameters
+
     problem = apply_shifts(project.problem(), shifts)
     parameters = replace_parameters(problem, values)
     if by_file:
+        from kennfeld.optimize.quality import Scorer
+        from kennfeld.optimize.recording_quality import recordings_table
+
         rows = Scorer(problem).scores(parameters, parameters).recordings
         print_lines("", *align(recordings_table(rows, before=False)), "")
     if project.surrogates:
+        from kennfeld.analysis.extrapolation import find_extrapolation
+        from kennfeld.terminal.result_lines import extrapolation_lines
+
         print_lines(*extrapolation_lines(find_extrapolation(problem, parameters), ""))
 
 

@@ -5,8 +5,9 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import CrossValidation, Kind
+from kennfeld.analysis.cross_validation import Kind
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.questions.pictures import thumbnail
