@@ -15,7 +15,8 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.error_sums import ErrorSums
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.recording_quality import RecordingQuality, RecordingSums, ScoredErrors
+from kennfeld.optimize.recording_quality import RecordingQuality
+from kennfeld.optimize.recording_sums import RecordingSums, ScoredErrors
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
