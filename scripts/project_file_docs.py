@@ -23,6 +23,7 @@ from kennfeld.project.schema import (
     ModelEntry,
     OptimizerEntry,
     ProjectFile,
+    ReportEntry,
     StepEntry,
 )
 from kennfeld.project.surrogate_training import SurrogateEntry, TrainingFile
@@ -44,6 +45,7 @@ _TABLES: dict[str, Iterable[Field[Any]]] = {
     "[[step]]": keys_of(StepEntry).values(),
     "[optimizer]": keys_of(OptimizerEntry).values(),
     "[cluster]": keys_of(ClusterEntry).values(),
+    "[report]": keys_of(ReportEntry).values(),
     "[surrogate]": [part for part in _SURROGATE if not part.metadata.get("dynamic")],
     "[surrogate], dynamic": [part for part in _SURROGATE if part.metadata.get("dynamic")],
 }

@@ -27,6 +27,7 @@ IN_THE_DOCUMENTS = {
         "Problem",
         "Trust",
         "Quality",
+        "RecordingQuality",
         "residuals",
         "find_extrapolation",
         "report",

@@ -30,7 +30,18 @@ if TYPE_CHECKING:
     from kennfeld.models.formula import formula
     from kennfeld.models.simulink.importable_subsystems import inspect_simulink
     from kennfeld.models.simulink.importing import import_simulink, simulink
-    from kennfeld.optimize import Options, Problem, Quality, Result, Step, Stop, Trust, calibrate, simulate
+    from kennfeld.optimize import (
+        Options,
+        Problem,
+        Quality,
+        RecordingQuality,
+        Result,
+        Step,
+        Stop,
+        Trust,
+        calibrate,
+        simulate,
+    )
     from kennfeld.parameter_set import ParameterSet
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
     from kennfeld.project import Project
@@ -66,6 +77,7 @@ __all__ = [
     "Problem",
     "Project",
     "Quality",
+    "RecordingQuality",
     "Region",
     "Result",
     "Scalar",
@@ -117,7 +129,7 @@ _NAMES = {
     "models.formula": "formula",
     "models.simulink.importable_subsystems": "inspect_simulink",
     "models.simulink.importing": "import_simulink simulink",
-    "optimize": "Options Problem Quality Result Step Stop Trust calibrate simulate",
+    "optimize": "Options Problem Quality RecordingQuality Result Step Stop Trust calibrate simulate",
     "parameter_set": "ParameterSet",
     "parameters": "Axis Block Cube Curve Map Scalar Text",
     "project": "Project",

@@ -9,6 +9,7 @@ import numpy as np
 from kennfeld.arrays import ArrayLike, Bool, Float, Int, readonly
 from kennfeld.data_frames import sample_frame
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.file_spans import FileSpans
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.notebook_display import NotebookDisplay
@@ -96,6 +97,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         settling: simulation of steady-state points by a model with memory.
         warmup: time from the start of each piece that is simulated but not scored, in s.
         clock: the column that time was read from, for a dataset from a file.
+        files: the files that the samples come from; None if that is unknown.
 
     Raises:
         ArgumentError: lengths differ, or time does not increase.
@@ -118,6 +120,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
     settling: Settling | None = None
     warmup: float = 0.0
     clock: Clock | None = None
+    files: FileSpans | None = None
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}
@@ -149,6 +152,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             if scored.shape != (self.samples,):
                 raise ArgumentError(f"scored of dataset {self.name} must have one entry per sample, {self.samples}")
             object.__setattr__(self, "scored", scored)
+        if self.files is not None and not self.files.covers(self.samples):
+            object.__setattr__(self, "files", None)  # of other samples
 
     def _check_time(self, time: Float) -> None:
         if time.shape != (self.samples,):
@@ -251,7 +256,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         indices = np.asarray(samples)
         channels = tuple(replace(c, values=c.values[indices]) for c in self.channels)
         scored = None if self.scored is None else self.scored[indices]
-        return replace(self, channels=channels, starts=np.zeros(1, dtype=np.int64), scored=scored)
+        files = None if self.files is None else self.files.picked(np.arange(self.samples)[indices])
+        return replace(self, channels=channels, starts=np.zeros(1, dtype=np.int64), scored=scored, files=files)
 
     def __getitem__(self, name: str) -> Channel:
         by_name: dict[str, Channel] = self.__dict__["_by_name"]
@@ -316,4 +322,28 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     if any(part.scored is not None for part in parts):
         scored = np.concatenate([part.counting for part in parts])
     findings = tuple(dict.fromkeys(finding for part in parts for finding in part.findings))
-    return replace(parts[0], name=name, channels=channels, time=time, starts=starts, scored=scored, findings=findings)
+    return replace(
+        parts[0],
+        name=name,
+        channels=channels,
+        time=time,
+        starts=starts,
+        scored=scored,
+        findings=findings,
+        files=join_files([part.files for part in parts], [part.samples for part in parts]),
+    )
+
+
+def join_files(files: Sequence[FileSpans | None], samples: Sequence[int]) -> FileSpans | None:
+    """Return the files of parts that follow each other, given their samples; None if those of a part are unknown.
+
+    A part of a file counts as a whole file.
+    """
+    names: list[str] = []
+    lengths: list[int] = []
+    for own, count in zip(files, samples, strict=True):
+        if own is None:
+            return None
+        names += own.names
+        lengths += own.sizes(count).tolist()
+    return FileSpans.joined(names, lengths)

@@ -81,6 +81,18 @@ def percent(share: float | None) -> str:
     return f"{value:.0f} %" if abs(value) >= 9.95 or value == 0 else f"{value:.2g} %"
 
 
+def change(before: float, after: float) -> str:
+    """Format the change of an error in percent, with its sign.
+
+    >>> change(2.0, 1.0), change(2.0, 3.0), change(0.0, 1.0)
+    ('-50 %', '+50 %', '–')
+    """
+    if not (math.isfinite(before) and before > 0):
+        return MISSING
+    text = percent(after / before - 1.0)
+    return text if text.startswith(("-", MISSING)) else f"+{text}"
+
+
 class Html(str):
     """Markup, which is not escaped again."""
 

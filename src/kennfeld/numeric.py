@@ -135,3 +135,10 @@ def _float(value: object) -> float | None:
 
 def _is_missing(element: object) -> bool:
     return element is None or type(element).__name__ in ("NAType", "NaTType")
+
+
+def finite_or_none(value: Any) -> Any:
+    """Return a value for JSON: None for a float that is not finite."""
+    if not isinstance(value, float):
+        return value
+    return float(value) if np.isfinite(value) else None

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.analysis.cross_validation import CrossValidation
+from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
 from kennfeld.optimize.api import build_problem
 
 
@@ -133,3 +133,34 @@ def test_it_shows_itself_and_is_json():
     assert list(content["folds"][0]) == [
         *("fold", "held", "criterion", "samples", "rmse_training", "rmse_held", "status"),
     ]
+
+
+def validation_of(*errors, status="converged"):
+    """Return a cross-validation with these errors on held-out data; those in training are 1."""
+    return CrossValidation(
+        tuple(FoldQuality(n, f"drive {n}", "y", 10, 1.0, error, status) for n, error in enumerate(errors, 1))
+    )
+
+
+@pytest.mark.parametrize(
+    ("errors", "conclusion"),
+    [
+        ((1.1, 1.2, 1.0), "1.1 times that in training: no sign of overfitting."),
+        ((2.0, 3.0, 1.5), "2.17 times that in training: the fit follows its training data more than they can support."),
+        ((1.0, 1.1, 4.0), "2.03 times that in training, because of fold 3 (drive 3) alone: the other folds do not"),
+        ((np.nan, 1.0), "do not compare with those in training."),
+    ],
+)
+def test_conclusions_on_overfitting(errors, conclusion):
+    assert conclusion in validation_of(*errors).conclusions()[0]
+
+
+def test_folds_that_did_not_converge_are_a_conclusion():
+    assert validation_of(1.0, 1.0, status="stopped").conclusions()[1].startswith("Not converged: fold 1 (stopped), 2 (")
+
+
+def test_a_stored_cross_validation_is_the_same():
+    validation = validation_of(1.0, np.nan)
+    again = CrossValidation.from_json(json.loads(json.dumps(validation.as_json(), allow_nan=False)))
+    assert again.as_json() == validation.as_json()
+    assert again.conclusions() == validation.conclusions()

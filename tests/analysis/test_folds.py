@@ -1,5 +1,7 @@
 """Every sample is held back once, and never together with what it would give away."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.analysis.cross_validation import folds_of
+from kennfeld.file_spans import FileSpans
 
 lengths = st.lists(st.lists(st.integers(1, 30), min_size=1, max_size=4), min_size=1, max_size=3)
 
@@ -51,6 +54,13 @@ def test_folds_of_files_are_about_equally_long():
     folds = folds_of(made([[10], [20], [30], [40], [50], [60]], timed=True), 3, memory=False)
     assert [sum(int(held.sum()) for held in fold.held) for fold in folds] == [70, 70, 70]
     assert folds[0].name == "d0, d5"
+
+
+def test_folds_of_files_have_their_names():
+    (data,) = made([[10, 20, 30]], timed=True)
+    files = FileSpans.joined(["runs/a.csv", "runs/b.csv", "runs/c.csv"], [10, 20, 30])
+    folds = folds_of([replace(data, files=files)], 2, "files", memory=False)
+    assert [fold.name for fold in folds] == ["c.csv", "a.csv, b.csv"]
 
 
 def test_beside_a_block_in_time_samples_are_not_fitted():

@@ -152,7 +152,7 @@ def test_a_report_on_edited_values_has_their_errors_on_all_samples(tmp_path: Pat
     session.do(SetValues("raise", "M", session.parameters["M"].values * 1.1))
     page = export_of(session, report=True)
     problem = Project.read(session.path).problem()
-    (row, _) = Scorer(problem).quality(problem.parameters, session.parameters)
+    (row, _) = Scorer(problem).scores(problem.parameters, session.parameters).quality
     assert row.samples == result.quality[0].samples > 3000
     assert row.rmse_after > 2 * result.quality[0].rmse_after
     errors = f"{row.samples} – {decimal(row.rmse_before)} {decimal(row.rmse_after)}"

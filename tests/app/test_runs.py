@@ -57,7 +57,7 @@ def test_a_run_is_compared_with_its_own_values(ended: Session) -> None:
 
 
 def test_report_and_results_of_an_export_share_one_simulation(ended: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = counted(monkeypatch, Scorer, "quality")
+    calls = counted(monkeypatch, Scorer, "scores")
     answer = exports.export(ended, {"whole": True, "report": True})
     assert len(calls) == 1
     assert {"report.html", "result.json"} <= {Path(path).name for path in answer.head["files"]}

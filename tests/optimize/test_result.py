@@ -18,7 +18,7 @@ def test_the_keys_of_its_json_are_those_of_the_design(result):
     found = result.as_json()
     assert list(found) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
-        *("starts", "resumed", "trust", "smoothness", "shifts", "warnings"),
+        *("recordings", "starts", "resumed", "trust", "smoothness", "shifts", "warnings"),
     ]
     assert list(found["cost"]) == ["before", "after"]
     assert list(found["seconds"]) == ["total", "read", "compile", "optimize"]

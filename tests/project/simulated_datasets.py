@@ -7,6 +7,7 @@ class SimulatedDatasets:
     def __init__(self, *datasets):
         self.datasets = datasets
         self.units = {channel.name: channel.unit for data in reversed(datasets) for channel in data.channels}
+        self.files = {}
         self.samples = {data.name: data.samples for data in datasets}
 
     def parts(self):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from kennfeld import InputError, Stop, read_parameters
+from kennfeld import InputError, Stop, cli, read_parameters
 from kennfeld.calfiles import describe
 from kennfeld.project import Project
 from kennfeld.project.checkpoints import Saves
@@ -253,6 +253,37 @@ def test_of_several_starts_those_at_their_end_are_done(make, workers):
     assert [row.status for row in result.starts] == [row.status for row in whole.starts]
     assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-6)
     assert [row.cost_before for row in result.starts] == [row.cost_before for row in whole.starts]
+
+
+def test_a_resumed_search_says_what_happened_to_each_start(make, capsys):
+    several = f"{SAVING}\nstarts = 4\nspread = 0.2"
+
+    def watch(line):
+        if line.start == 2 and line.iteration >= 3:
+            raise Stop
+
+    project = make(several)
+    project.calibrate(watch, workers=1)
+    states = project.saves().resume_points().states
+    assert {number: state.ended is not None for number, state in states.items()} == {1: True, 2: False}
+    assert cli.run(["calibrate", str(project.path), "--resume", "--workers", "1"]) in (0, 1)
+    out, err = capsys.readouterr()
+    assert "Resumed from saves/1-end.json, saves/2-000002.json." in out
+    assert "Not repeated, because converged: start 1." in out
+    assert "Without a checkpoint, begun anew: starts 3, 4." in out
+    lines = [line for line in err.splitlines() if line.startswith("start ") and "cost" not in line[:30]]
+    assert lines[0].startswith("start  1  had converged at cost ")
+    assert lines[1].startswith("start  2  resumes from saves/2-000002.json: iteration ")
+    assert lines[2:4] == [f"start  {number}  begins anew: it has no checkpoint" for number in (3, 4)]
+
+
+def test_a_single_start_says_from_where_it_resumes(make, capsys):
+    project = make(SAVING)
+    project.calibrate(after(5))
+    assert cli.run(["calibrate", str(project.path), "--resume"]) == 0
+    assert capsys.readouterr().err.startswith("resumes from saves/1-000004.json: iteration 4, cost ")
+    assert cli.run(["calibrate", str(project.path), "--resume", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_a_state_that_cannot_be_written_does_not_end_the_search(make, tmp_path):

@@ -13,6 +13,7 @@ from kennfeld.optimize import compiled as compiled_form
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.preprocessing.prepared_files import ENDING, PreparedFiles
@@ -363,6 +364,25 @@ def test_a_simulation_is_that_of_all_data(tmp_path, write, size):
     assert parted.schema.equals(plain.schema, check_metadata=True)
     assert parted.num_rows == plain.num_rows > 1000
     assert parted.to_pydict() == plain.to_pydict()
+
+
+@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize("size", [300, 1000, 10**6])
+def test_errors_by_recording_are_those_of_all_data(tmp_path, write, size):
+    path = write(tmp_path)
+    plain, parted = (project.problem() for project in (Project.read(path), in_partitions(path, size)))
+    start = plain.parameters
+    end = start.with_parameters(*(start[name].with_values(1.1 * start[name].values) for name in start))
+    rows, others = (Scorer(problem).scores(start, end).recordings for problem in (plain, parted))
+    names = [row.file for row in rows]
+    assert names == sorted(names)
+    assert len(set(names)) == len(names) >= 3
+    for row, other in zip(rows, others, strict=True):
+        assert (other.dataset, other.file, other.use, other.samples) == (row.dataset, row.file, row.use, row.samples)
+        for name in ("rmse_before", "rmse_after", "max_abs_after"):
+            assert getattr(other, name) == pytest.approx(getattr(row, name), rel=1e-12)
+        assert vars(other.worst) == vars(row.worst) | {"rmse": pytest.approx(row.worst.rmse, rel=1e-12)}
+        assert row.worst.rmse >= 0.9 * row.rmse_after
 
 
 @pytest.mark.parametrize("pause", [150, 180])

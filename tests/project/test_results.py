@@ -52,7 +52,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
         *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
-        *("starts", "resumed", "trust", "smoothness", "shifts", "warnings", "files"),
+        *("recordings", "starts", "resumed", "trust", "smoothness", "shifts", "warnings", "files"),
     ]
     assert set(found["cost"]) == {"before", "after"}
     assert set(found["seconds"]) == {"total", "read", "compile", "optimize"}
@@ -115,7 +115,7 @@ def test_only_names_and_pieces_of_a_simulation_have_a_dictionary(result, tmp_pat
     group = pyarrow.parquet.ParquetFile(tmp_path / "simulation.parquet").metadata.row_group(0)
     columns = [group.column(number) for number in range(group.num_columns)]
     repeated = [c.path_in_schema for c in columns if any("DICTIONARY" in encoding for encoding in c.encodings)]
-    assert repeated == ["dataset", "piece"]
+    assert repeated == ["dataset", "file", "piece"]
 
 
 def test_what_is_not_known_of_the_trust_stays_empty(tmp_path):
@@ -130,6 +130,7 @@ def test_the_simulation_holds_all_datasets_one_below_the_other(result, tmp_path)
     table = pyarrow.parquet.read_table(tmp_path / "simulation.parquet").to_pydict()
     assert table == {
         "dataset": ["bench", "bench", "drive", "drive", "drive"],
+        "file": [None] * 5,
         "piece": [1, 1, 1, 1, 2],
         "time": [None, None, 0.0, 0.1, 0.0],
         "y": [1.0, 2.0, 3.0, 4.0, 5.0],
@@ -145,8 +146,8 @@ def test_units_stay_with_the_simulation(tmp_path):
 def test_a_simulation_can_be_csv(tmp_path):
     path = write_simulation(Line().simulation(), tmp_path / "simulation.csv")
     lines = path.read_text(encoding="utf-8").splitlines()
-    assert lines[0].replace('"', "") == "dataset,piece,time,y,Torque"
-    assert lines[1].replace('"', "") == "bench,1,,1,1.5"
+    assert lines[0].replace('"', "") == "dataset,file,piece,time,y,Torque"
+    assert lines[1].replace('"', "") == "bench,,1,,1,1.5"
     assert len(lines) == 6
 
 

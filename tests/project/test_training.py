@@ -1,15 +1,17 @@
 """Training files: what they say, and every problem of theirs."""
 
 import re
+import signal
 
 import numpy as np
 import pytest
 
 from kennfeld import cli
 from kennfeld.errors import InputError
-from kennfeld.project.surrogate_training import read_training
+from kennfeld.project.surrogate_training import Training, read_training
 from kennfeld.surrogate import read_surrogate
 from kennfeld.surrogate.training import SurrogateSettings
+from kennfeld.terminal.progress import Interrupt
 
 STATIC = """\
 [surrogate]
@@ -233,3 +235,45 @@ def test_info_shows_what_it_says(training, capsys):
     out = capsys.readouterr().out
     assert out.startswith("engine.toml: training file of the static surrogate Torque = engine(n, Load)\n")
     assert "bench.csv" in out
+
+
+def press_at(monkeypatch, count):
+    """Press Ctrl-C when the training asks for the given time whether to stop."""
+    asked, stopped = [], Interrupt.stopped
+
+    def press(self):
+        asked.append(self)
+        if len(asked) == count:
+            signal.raise_signal(signal.SIGINT)
+        return stopped(self)
+
+    monkeypatch.setattr(Interrupt, "stopped", press)
+
+
+@pytest.mark.parametrize(("text", "inputs"), [(STATIC, ("n", "Load")), (DYNAMIC, ("u",))], ids=["static", "dynamic"])
+@pytest.mark.parametrize("count", [2, 5])
+def test_ctrl_c_writes_the_best_so_far(training, shop, capfd, monkeypatch, text, inputs, count):
+    shop.bench("bench.csv", speed=np.linspace(800, 3000, 60))
+    path = training(text)
+    press_at(monkeypatch, count)
+    assert cli.run(["surrogate", "train", str(path)]) == 130
+    out, err = capfd.readouterr()
+    assert "Press Ctrl-C again to exit without results" in err
+    assert "warning: engine.json: the training was stopped; the surrogate is the best so far. Train again." in err
+    assert f"Written to {shop.folder / 'engine.json'}" in out
+    assert read_surrogate(shop.folder / "engine.json").inputs == inputs
+
+
+def test_ctrl_c_before_the_training_writes_nothing(training, shop, capsys, monkeypatch):
+    path = training(DYNAMIC)
+    monkeypatch.setattr(Training, "datasets", lambda self: signal.raise_signal(signal.SIGINT))
+    assert cli.run(["surrogate", "train", str(path)]) == 130
+    assert "before there was anything to write" in capsys.readouterr().err
+    assert not (shop.folder / "engine.json").exists()
+
+
+def test_a_quiet_training_prints_nothing(training, shop, capsys):
+    shop.bench("bench.csv", speed=np.linspace(800, 3000, 60))
+    assert cli.run(["surrogate", "train", str(training()), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert (shop.folder / "engine.json").is_file()

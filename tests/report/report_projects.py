@@ -109,7 +109,21 @@ def limited(shop):
     return shop.project("y = C(x) + k\n", toml, scattered(), criterion=CRITERION + limits + equal)
 
 
+def several_files(shop):
+    """A drive in each of 15 files; the errors grow from file to file, and are largest from 30 to 40 s."""
+    for number in range(15):
+        time = np.arange(600) * 0.1
+        x = 2 + np.sin(time + number)
+        error = 0.01 * (number + 1) * np.where((time >= 30) & (time < 40), 3.0, 1.0)
+        shop.csv(f"drive_{number:02d}.csv", {"time": time, "x": x, "m": 2 * x + error * np.sign(np.sin(40 * time))})
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 1\n", scattered(), test=scattered(100, 1))
+    text = project.path.read_text(encoding="utf-8").replace('["bench.csv"]', '["drive_*.csv"]')
+    project.path.write_text(text, encoding="utf-8")
+    return Project.read(project.path)
+
+
 PROJECTS = [
+    several_files,
     limited,
     a_map,
     scalars,

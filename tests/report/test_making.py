@@ -7,9 +7,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from report_projects import limited, scattered
+from report_projects import a_map, limited, scattered, several_files
 
-from kennfeld import InputError
+from kennfeld import InputError, cli
 from kennfeld.project import Project
 from kennfeld.project.results import write
 from kennfeld.report import document, document_safely, from_folder
@@ -58,6 +58,61 @@ def test_a_report_calls_data_unseen_only_if_they_are(shop, opened):
         assert ("the calibration generalises to unseen data" in words) is unseen
         assert ("On test data, some of which are also training data" in words) is not unseen
         assert ("the test file fresh.csv has the same content as the training file bench.csv" in words) is not unseen
+
+
+def test_title_author_and_comment_are_in_the_head_and_escaped(shop, opened):
+    toml = '[parameters.a]\ninitial = 0\n[report]\ntitle = "Torque <b>B48</b>"\nauthor = "A. & B."\n'
+    comment = 'comment = """\nFirst <script>alert(1)</script>\nline.\n\nSecond."""\n'
+    project = shop.project("y = a * x\n", toml + comment, scattered())
+    page = opened(document(project))
+    words = page.words_in_a_row
+    assert words.startswith("Torque <b>B48</b> ")
+    assert "A. & B." in words
+    assert "First <script>alert(1)</script> line. Second." in words
+    assert "<script>alert(1)" not in page.text
+    assert "Torque <b>" not in page.text
+    assert page.text.count("<title>Torque &lt;b&gt;B48&lt;/b&gt;</title>") == 1
+    assert (
+        cli.run(
+            ["report", str(project.path), "--title", "Another", "--author", "C.", "-o", str(shop.folder / "a.html")]
+        )
+        == 0
+    )
+    words = opened((shop.folder / "a.html").read_text(encoding="utf-8")).words_in_a_row
+    assert words.startswith("Another ")
+    assert "C." in words.split("Calibration report")[0]
+    assert "Second." in words
+
+
+def recording_rows(page):
+    """Return the words of the section on recordings."""
+    words = page.words_in_a_row
+    return words[
+        words.index("The worst recordings first.") : words.index("Measured and calculated", words.index("RMSE there"))
+    ]
+
+
+def test_a_report_lists_recordings_worst_first_and_folds_long_lists(shop, opened):
+    project = several_files(shop)
+    result = project.calibrate()
+    rows = recording_rows(opened(document(project, result, project.check())))
+    names = re.findall(r"drive_\d\d\.csv", rows)
+    assert names == [f"drive_{number:02d}.csv" for number in range(14, -1, -1)]
+    assert "fresh.csv" not in rows
+    assert rows.index("drive_05.csv") < rows.index("5 more recordings") < rows.index("drive_04.csv")
+    worst = next(row.worst for row in result.recordings if row.file == "drive_14.csv")
+    assert (worst.begin, worst.end) == pytest.approx((30, 35), abs=6)
+    assert str(worst) in rows
+
+
+def test_a_report_on_the_start_values_lists_recordings_too(shop, opened):
+    rows = recording_rows(opened(document(several_files(shop))))
+    assert "RMSE before" not in rows
+    assert rows.count("drive_") == 15
+
+
+def test_a_report_on_single_files_has_no_list_of_recordings(shop, opened):
+    assert "The worst recordings first." not in opened(document(a_map(shop))).words_in_a_row
 
 
 def test_a_report_says_that_a_constant_target_has_no_r2(shop, opened):

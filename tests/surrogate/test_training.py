@@ -88,6 +88,52 @@ def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out():
     assert rows(made)["b", "free run"].rmse < 0.03
 
 
+class After:
+    """Tells to stop once it has been asked a number of times."""
+
+    def __init__(self, times):
+        self.left = times
+
+    def __call__(self):
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize("times", [0, 1, 3, 8, 30])
+@pytest.mark.parametrize("method", ["exact", "sparse"])
+def test_a_stopped_static_training_returns_the_best_so_far(method, times):
+    settings = SurrogateSettings("torque", ("speed", "air"), "torque", method=method, centres=40)
+    stopped = train_surrogate([bench("a", 0), bench("b", 1, "test")], settings, stopped=After(times))
+    assert np.isfinite(rows(stopped)["b", "static"].rmse)
+    assert rows(stopped)["b", "static"].rmse < 60
+
+
+def test_a_training_that_is_stopped_at_once_is_shorter_than_a_whole_one():
+    whole, asked = After(10**6), After(0)
+    settings = tank_settings(hold=None, lags="auto", output_lags="auto", centres=8, longest_lag=3)
+    data = [tank_recording("a", 0, samples=200), tank_recording("b", 1, noise=0.0, use="test")]
+    told = []
+    model = train_surrogate(data, settings, told.append, asked)
+    assert (model.output_lags, model.lags) == ((1,), ((1,),))
+    assert told == ["stopped before the training for free run; the model predicts one step ahead"]
+    assert np.isfinite(rows(model)["b", "one step"].rmse)
+    train_surrogate(data, settings, told.append, whole)
+    assert len(told) > 10
+
+
+@pytest.mark.parametrize("words", ["blocks left out", "free run over 30 samples, step 2"])
+def test_a_stop_ends_the_selection_and_the_training_for_free_run(words):
+    told = []
+    data = [tank_recording("a", 0, samples=200), tank_recording("b", 1, noise=0.0, use="test")]
+    model = train_surrogate(
+        data, tank_settings(hold=None, centres=8), told.append, lambda: any(words in line for line in told)
+    )
+    assert sum(words in line for line in told) == 1
+    later = told[[words in line for line in told].index(True) + 1 :]
+    assert later == ([] if "free run" in words else [later[0]])
+    assert np.isfinite(rows(model)["b", "free run"].rmse)
+
+
 def test_a_single_low_among_high_ones_is_not_chosen():
     table = np.array([[9.0, 1.9, 9.0, 9.0, np.inf], [9.0, 2.1, 2.0, 2.1, 9.0]])
     assert _lowest(table) == (1, 2)

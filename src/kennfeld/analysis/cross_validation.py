@@ -13,18 +13,19 @@ from typing import Any, Literal
 
 import numpy as np
 
+from kennfeld.analysis.validation_result import CrossValidation, FoldQuality
 from kennfeld.arrays import Bool
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError, Location
+from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.notebook_display import NotebookDisplay
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.partitions import Partition
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
-from kennfeld.optimize.result import Progress, Result, TraceLine, finite_or_none
+from kennfeld.optimize.result import Progress, Result, TraceLine
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.portable_pickle import pickle_content
@@ -33,6 +34,7 @@ from kennfeld.task_runner import TaskRunner, message_line
 Kind = Literal["auto", "files", "blocks", "random"]
 GAP = 0.05  # share of a block that is not fitted on each side of it
 
+MAX_NAMES = 3  # files of a fold that are named
 HELD_OUT = " (held out)"
 PLACE = Location("cross-validation")
 
@@ -136,6 +138,9 @@ def _hold_out_pieces(datasets: Sequence[Dataset], pieces: Sequence[tuple[int, sl
 
 
 def _describe_pieces(data: Dataset, numbers: Sequence[int]) -> str:
+    if data.files is not None and np.array_equal(data.files.starts, data.starts):  # each file is a piece
+        names = list(short_names(data.files.names).values())
+        return join_names([names[number - 1] for number in sorted(numbers)], MAX_NAMES)
     if len(data.pieces) == 1:
         return data.name
     return f"{data.name} piece{'s' * (len(numbers) > 1)} {', '.join(map(str, sorted(numbers)))}"
@@ -166,91 +171,6 @@ def _hold_out_random_samples(datasets: Sequence[Dataset], count: int, seed: int)
         chosen[part] = True
         folds.append(Fold(f"random {number}", tuple(np.split(chosen, edges[1:-1])), _masks(datasets)))
     return folds
-
-
-@dataclass(frozen=True)
-class FoldQuality:
-    """One criterion in one fold, in the unit of its target; `samples` counts those held out and scored."""
-
-    fold: int
-    held: str
-    criterion: str
-    samples: int
-    rmse_training: float
-    rmse_held: float
-    status: str
-
-
-@dataclass(frozen=True)
-class CrossValidation(NotebookDisplay):
-    """The quality of every fold."""
-
-    folds: tuple[FoldQuality, ...]
-
-    @property
-    def criteria(self) -> tuple[str, ...]:
-        """The criteria, in their order."""
-        return tuple(dict.fromkeys(row.criterion for row in self.folds))
-
-    def mean(self, criterion: str) -> float:
-        """Return the mean RMSE on held-out data; NaN if no fold was scored."""
-        errors = self._held_out(criterion)
-        return float(np.mean(errors)) if errors else float("nan")
-
-    def spread(self, criterion: str) -> float:
-        """Return the standard deviation of the RMSE over the folds; NaN for fewer than two."""
-        errors = self._held_out(criterion)
-        return float(np.std(errors, ddof=1)) if len(errors) > 1 else float("nan")
-
-    def training(self, criterion: str) -> float:
-        """Return the mean RMSE on the fitted data."""
-        errors = [row.rmse_training for row in self.folds if row.criterion == criterion]
-        return float(np.mean(errors)) if errors else float("nan")
-
-    def _held_out(self, criterion: str) -> list[float]:
-        return [row.rmse_held for row in self.folds if row.criterion == criterion and row.samples]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the contents of `cross_validation.json`; numbers that are not finite are None."""
-        return {
-            "folds": [{name: finite_or_none(value) for name, value in vars(row).items()} for row in self.folds],
-            "summary": [
-                {
-                    "criterion": name,
-                    "rmse_training": finite_or_none(self.training(name)),
-                    "rmse_held": finite_or_none(self.mean(name)),
-                    "spread": finite_or_none(self.spread(name)),
-                }
-                for name in self.criteria
-            ],
-        }
-
-    def table(self) -> list[tuple[str, ...]]:
-        """Return the folds as rows of text with a heading."""
-        head = ("fold", "held out", "criterion", "samples", "RMSE training", "RMSE held out", "status")
-        rows = [
-            (
-                *(str(row.fold), row.held, row.criterion, str(row.samples)),
-                *(f"{value:#.4g}" for value in (row.rmse_training, row.rmse_held)),
-                row.status,
-            )
-            for row in self.folds
-        ]
-        return [head, *rows]
-
-    def summary(self) -> list[str]:
-        """Return a sentence for each criterion."""
-        return [
-            f"{name}: RMSE {self.mean(name):#.4g} +- {self.spread(name):#.2g} on held-out data, "
-            f"{self.training(name):#.4g} in training"
-            for name in self.criteria
-        ]
-
-    def __str__(self) -> str:
-        table = self.table()
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
-        return "\n".join([*lines, *self.summary()])
 
 
 def cross_validate(

@@ -13,10 +13,10 @@ from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset, Use
 from kennfeld.formatting import count_noun
 from kennfeld.graph.traversal import with_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.numeric import finite_or_none
 from kennfeld.optimize.partitions import StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem, partitions_of
 from kennfeld.optimize.quality import NodeSimulator
-from kennfeld.optimize.result import finite_or_none
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.sample_statistics import merge_all

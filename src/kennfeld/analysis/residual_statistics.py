@@ -11,7 +11,7 @@ import numpy as np
 from kennfeld.analysis.evaluation import CriterionSeries
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.quality import ErrorSums
+from kennfeld.optimize.error_sums import ErrorSums
 from kennfeld.optimize.trust.persistence import LaggedProducts
 from kennfeld.sample_statistics import Moments, QuantileSearch, Ranks
 

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.file_spans import FileSpans
 from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
@@ -82,7 +84,9 @@ def read(
     if isinstance(channels, str):
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
     with _readable(path, sheet) as source:
-        return _read(source, channels, raster, units or {}, strict=True)
+        recording = _read(source, channels, raster, units or {}, strict=True)
+    name = f"{path}#{sheet}" if sheet else str(path)
+    return replace(recording, files=FileSpans.joined([name], [recording.samples]))
 
 
 def read_leniently(

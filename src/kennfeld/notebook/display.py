@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from kennfeld.analysis.cross_validation import CrossValidation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import Finding, FindingList, Findings, visible
 from kennfeld.notebook.dataset_display import channel_html, dataset_html

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import CrossValidation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.errors import Finding
 from kennfeld.formatting import count_noun
 from kennfeld.markup import Child, Html, decimal, element

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from kennfeld.optimize.options import Options, Step
     from kennfeld.optimize.problem import Problem
     from kennfeld.optimize.quality import Quality
+    from kennfeld.optimize.recording_quality import RecordingQuality, WorstStretch
     from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, StartResult, TraceLine
     from kennfeld.optimize.search.multistart import run
     from kennfeld.optimize.solver.levenberg_marquardt import Stop
@@ -29,6 +30,7 @@ __all__ = [
     "Problem",
     "Progress",
     "Quality",
+    "RecordingQuality",
     "Region",
     "Remedy",
     "Result",
@@ -41,6 +43,7 @@ __all__ = [
     "Term",
     "TraceLine",
     "Trust",
+    "WorstStretch",
     "calibrate",
     "run",
     "simulate",
@@ -53,6 +56,7 @@ __getattr__ = lazy_names(
         "options": "Options Step",
         "problem": "Problem",
         "quality": "Quality",
+        "recording_quality": "RecordingQuality WorstStretch",
         "result": "Checkpoint CheckpointSink Progress Result Seconds StartResult TraceLine",
         "search.multistart": "run",
         "solver.levenberg_marquardt": "Stop",

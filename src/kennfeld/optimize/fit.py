@@ -151,15 +151,16 @@ class FitRun:
         axes, free_values = self.problem.free_axes, int(limits.movable.sum())
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
-        quality = scorer.quality(self.problem.parameters, parameters)
-        end = self._check_underflow(end, before, quality)
+        scores = scorer.scores(self.problem.parameters, parameters)
+        end = self._check_underflow(end, before, scores.quality)
         sentences = (end.message, remark, _describe_uninformed(informed), self._describe_close_breakpoints(parameters))
         return Result(
             status=end.status,
             message=" ".join(filter(None, sentences)),
             parameters=parameters,
             start=self.problem.parameters,
-            quality=quality,
+            quality=scores.quality,
+            recordings=scores.recordings,
             trace=tuple(self.trace),
             iterations=end.iterations,
             evaluations=end.evaluations,
@@ -169,7 +170,7 @@ class FitRun:
             fixed_values=values - free_values,
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             inspection=self._assessment(end, informed),
-            warnings=self._warnings(end, limits, quality),
+            warnings=self._warnings(end, limits, scores.quality),
         )
 
     def minimise(self, search: Search | None = None) -> tuple[SolverResult, str]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from kennfeld.dataset import Dataset, concatenate
 from kennfeld.errors import Finding, InputError
+from kennfeld.file_spans import FileSpans
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFiles, cut
@@ -93,6 +94,7 @@ class Recordings:
 
 def _select(data: Dataset, part: Part, first: int, last: int) -> Dataset:
     """Return samples of a file, with the shifts and the margin of a part; only these are computed."""
+    data = replace(data, files=FileSpans.joined([part.source.address], [data.samples]))
     result = data if (first, last) == (0, data.samples) else cut(data, first, last)
     moved = shifted_values(data, dict(part.shift), first, last)
     if moved:

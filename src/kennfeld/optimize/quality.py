@@ -8,11 +8,15 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Channel, Dataset
+from kennfeld.file_spans import short_names
 from kennfeld.graph import Graph
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.simulator import Simulator
+from kennfeld.optimize.error_sums import ErrorSums
 from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.recording_quality import RecordingQuality
+from kennfeld.optimize.recording_sums import RecordingSums, ScoredErrors
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
@@ -36,6 +40,14 @@ class Quality:
     rmse_after: float
     r2_after: float
     max_abs_after: float
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The errors of each criterion, by dataset and by file."""
+
+    quality: tuple[Quality, ...]
+    recordings: tuple[RecordingQuality, ...]
 
 
 def r2_text(r2: float, samples: int, rmse: float) -> str:
@@ -138,18 +150,21 @@ class Scorer:
     def _targets(self, bound: BoundDataset) -> Float:
         return np.array([self._problem.target(criterion, bound) for criterion in self._problem.criteria])
 
-    def quality(self, before: ParameterSet, after: ParameterSet) -> tuple[Quality, ...]:
-        """Return the quality of each criterion on each dataset."""
+    def scores(self, before: ParameterSet, after: ParameterSet) -> Scores:
+        """Return the errors of each criterion on each dataset and on each file."""
         problem = self._problem
         if problem.partitions is None:
             pairs = list(zip(problem.datasets, self.sums(before, after), strict=True))
         else:
             merged = _merge_by_name(problem.each(_sum_partition, before, after, test=True))
             pairs = [(data, merged[data.name]) for data in problem.datasets if data.name in merged]
-        return tuple(
-            sums.quality(criterion.node, data)
-            for data, part in pairs
-            for sums, criterion in zip(part.criteria, problem.criteria, strict=True)
+        return Scores(
+            quality=tuple(
+                sums.quality(criterion.node, data)
+                for data, part in pairs
+                for sums, criterion in zip(part.criteria, problem.criteria, strict=True)
+            ),
+            recordings=tuple(_recordings(problem, pairs)),
         )
 
     def sums(self, before: ParameterSet, after: ParameterSet) -> list["_PartSums"]:
@@ -160,7 +175,31 @@ class Scorer:
     def _sum_part(self, part: BoundPart, before: ParameterSet, after: ParameterSet) -> "_PartSums":
         bound = part.bound
         values = [self._nodes.values(bound, parameters) for parameters in (before, after)]
-        return _PartSums([_CriterionSums.of(*row) for row in zip(self._targets(bound), *values, strict=True)])
+        errors = [_scored_errors(bound, *row) for row in zip(self._targets(bound), *values, strict=True)]
+        return _PartSums([_CriterionSums.of(own) for own in errors], RecordingSums.of(part, errors))
+
+
+def _scored_errors(bound: BoundDataset, target: Float, before: Float, after: Float) -> ScoredErrors:
+    scored = np.isfinite(target)
+    known = target[scored]
+    complete = bound.picked is None and known.size == target.size
+    with np.errstate(over="ignore", invalid="ignore"):
+        return ScoredErrors(
+            samples=None if complete else bound.kept[scored],
+            target=known,
+            before=before[scored] - known,
+            after=after[scored] - known,
+        )
+
+
+def _recordings(problem: Problem, pairs: Sequence[tuple[Dataset, "_PartSums"]]) -> Iterator[RecordingQuality]:
+    names = short_names([file.name for _, part in pairs for file in part.recordings.files])
+    for data, part in pairs:
+        for file in part.recordings.files:
+            file.close()
+        for number, criterion in enumerate(problem.criteria):
+            for file in part.recordings.files:
+                yield file.quality(number, criterion.node, data, names[file.name] or None)
 
 
 def _compile_differences(problem: Problem) -> NodeSimulator:
@@ -184,32 +223,6 @@ def _merge_by_name(parts: Iterable[Mapping[str, "_PartSums"]]) -> dict[str, "_Pa
 
 
 @dataclass
-class ErrorSums:
-    """Count, sum of squares and largest size of errors; not finite if an error is not."""
-
-    count: int = 0
-    squares: float = 0.0
-    largest: float = 0.0
-
-    @classmethod
-    def of(cls, errors: Float) -> "ErrorSums":
-        """Return the sums of errors, Float[samples]."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return cls(errors.size, float(np.sum(errors**2)), float(np.abs(errors).max(initial=0.0)))
-
-    def merge(self, later: "ErrorSums") -> None:
-        """Take in the sums of other errors."""
-        self.count += later.count
-        self.squares += later.squares
-        self.largest = float(np.maximum(self.largest, later.largest))
-
-    @property
-    def rmse(self) -> float:
-        """Root mean square; NaN without errors."""
-        return float(np.sqrt(self.squares / self.count)) if self.count else float("nan")
-
-
-@dataclass
 class _CriterionSums:
     """The errors of one criterion before and after, and the moments of its target."""
 
@@ -218,12 +231,8 @@ class _CriterionSums:
     target: Moments
 
     @classmethod
-    def of(cls, target: Float, before: Float, after: Float) -> "_CriterionSums":
-        scored = np.isfinite(target)
-        known = target[scored]
-        with np.errstate(over="ignore", invalid="ignore"):
-            old, new = (ErrorSums.of(values[scored] - known) for values in (before, after))
-        return cls(old, new, Moments.of(known))
+    def of(cls, errors: ScoredErrors) -> "_CriterionSums":
+        return cls(ErrorSums.of(errors.before), ErrorSums.of(errors.after), Moments.of(errors.target))
 
     def merge(self, later: "_CriterionSums") -> None:
         self.before.merge(later.before)
@@ -247,7 +256,9 @@ class _CriterionSums:
 @dataclass
 class _PartSums:
     criteria: list[_CriterionSums]
+    recordings: RecordingSums
 
     def merge(self, later: "_PartSums") -> None:
+        self.recordings.merge(later.recordings)
         for own, other in zip(self.criteria, later.criteria, strict=True):
             own.merge(other)

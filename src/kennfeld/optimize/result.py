@@ -13,7 +13,9 @@ from kennfeld.errors import Finding
 from kennfeld.free_axes import free_axes
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.notebook_display import NotebookDisplay
+from kennfeld.numeric import finite_or_none
 from kennfeld.optimize.quality import Quality, r2_text
+from kennfeld.optimize.recording_quality import RecordingQuality, error_text, recordings_table
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet
 
@@ -89,6 +91,7 @@ class Result(NotebookDisplay):
         smoothness: factors of each table with an automatic one, by axis x, y, z or w.
         shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
         warnings: criteria whose errors are larger than at the start.
+        recordings: errors by criterion, dataset and file, with the worst stretch of each file.
     """
 
     status: Status
@@ -110,6 +113,7 @@ class Result(NotebookDisplay):
     smoothness: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     shifts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
+    recordings: tuple[RecordingQuality, ...] = field(default=(), repr=False)
 
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
@@ -146,6 +150,7 @@ class Result(NotebookDisplay):
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
             "quality": [{name: finite_or_none(value) for name, value in vars(row).items()} for row in self.quality],
+            "recordings": [row.as_json() for row in self.recordings],
             "starts": [row.as_json() for row in self.starts],
             "resumed": list(self.resumed),
             "trust": self.trust.as_json(),
@@ -163,10 +168,14 @@ class Result(NotebookDisplay):
         head = ("criterion", "dataset", "use", "samples", "RMSE before", "RMSE after", "R2", "max |error|")
         rows = []
         for q in scored:
-            errors = [f"{x:#.4g}".rstrip(".") for x in (q.rmse_before, q.rmse_after, q.max_abs_after)]
+            errors = [error_text(x) for x in (q.rmse_before, q.rmse_after, q.max_abs_after)]
             errors.insert(2, r2_text(q.r2_after, q.samples, q.rmse_after))
             rows.append((q.criterion, q.dataset, q.use, str(q.samples), *errors))
         return [head, *rows]
+
+    def recordings_table(self) -> list[tuple[str, ...]]:
+        """Return the errors by recording as rows of text with a heading, the worst of each criterion first."""
+        return recordings_table(self.recordings)
 
     def starts_table(self) -> list[tuple[str, ...]]:
         """Return the starts as rows of text with a heading."""
@@ -215,13 +224,6 @@ def _outcome_json(outcome: StartResult | Result) -> dict[str, Any]:
         "evaluations": outcome.evaluations,
         "cost": {"before": finite_or_none(outcome.cost_before), "after": finite_or_none(outcome.cost_after)},
     }
-
-
-def finite_or_none(value: Any) -> Any:
-    """Return a value for JSON: None for a float that is not finite."""
-    if not isinstance(value, float):
-        return value
-    return float(value) if np.isfinite(value) else None
 
 
 Progress = Callable[[TraceLine], None]

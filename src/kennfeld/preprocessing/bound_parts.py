@@ -89,4 +89,5 @@ def _cut(dataset: Dataset, samples: slice) -> Dataset:
         starts=np.concatenate([[0], inside - samples.start]),
         scored=None if dataset.scored is None else dataset.scored[samples],
         findings=(),
+        files=None if dataset.files is None else dataset.files.cut(samples.start, samples.stop),
     )

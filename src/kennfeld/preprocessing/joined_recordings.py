@@ -6,8 +6,9 @@ from dataclasses import field, replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset
+from kennfeld.dataset import Channel, Dataset, join_files
 from kennfeld.errors import ArgumentError, Finding
+from kennfeld.file_spans import FileSpans
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.preprocessing.units import compare_units, is_unit_missing
@@ -56,6 +57,7 @@ class JoinedRecordings:
     total: int
     findings: list[Finding] = field(default_factory=list)
     _starts: list[int] = field(default_factory=list)
+    _files: list[tuple[FileSpans | None, int]] = field(default_factory=list)  # of each recording, and its samples
     _samples: int = 0
     _mixed: bool = False
     _remarks: dict[Finding, None] = field(default_factory=dict)  # of the readers
@@ -94,7 +96,8 @@ class JoinedRecordings:
             channels = (replace(c, values=self._columns.pop(n).finish()) for n, c in self._channels.items())
             time = None if joined.time is None else self._time.finish()
             starts = np.array(self._starts, dtype=np.int64)
-            joined = replace(joined, channels=tuple(channels), time=time, starts=starts)
+            files = join_files(*zip(*self._files, strict=True))
+            joined = replace(joined, channels=tuple(channels), time=time, starts=starts, files=files)
         entry = self.entry
         return replace(
             joined,
@@ -120,6 +123,7 @@ class JoinedRecordings:
         if part.time is not None:
             self._time.append(part.time, expected)
         self._starts += (part.starts + self._samples).tolist()
+        self._files.append((part.files, part.samples))
         self._samples = end
 
     def _compare_units(self, part: Mapping[str, Channel]) -> None:

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.file_spans import FileSpans
 from kennfeld.measurement.time_column import unit_remedy
 from kennfeld.preprocessing.time_shift import resample_channel
 
@@ -81,7 +82,15 @@ def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) 
         channels.append(replace(channel, values=values))
     scored = np.zeros(sum(lengths), dtype=bool)
     scored[recorded] = dataset.counting
-    return replace(dataset, channels=tuple(channels), time=np.concatenate(finer), starts=starts, scored=scored)
+    files = None if dataset.files is None else _refined_files(dataset.files, recorded, scored.size)
+    return replace(
+        dataset, channels=tuple(channels), time=np.concatenate(finer), starts=starts, scored=scored, files=files
+    )
+
+
+def _refined_files(files: FileSpans, recorded: Int, samples: int) -> FileSpans:
+    """Return whole files over the samples at a finer step, given the numbers of the recorded ones among these."""
+    return FileSpans.joined(files.names, np.diff(np.append(recorded, samples)[files.starts], append=samples).tolist())
 
 
 def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:

@@ -213,8 +213,17 @@ def average_plateaus(dataset: Dataset, counts: Bool, ranges: Sequence[tuple[int,
         values = channel.values[counts]
         means = [_mean(values[begin : end + 1]) for begin, end in ranges]
         channels.append(replace(channel, values=np.array(means, dtype=np.float64)))
-    start = np.zeros(1, dtype=np.int64)
-    return replace(dataset, channels=tuple(channels), time=None, starts=start, scored=None, max_gap=0.0, warmup=0.0)
+    firsts = np.flatnonzero(counts)[[begin for begin, _ in ranges]]
+    return replace(
+        dataset,
+        channels=tuple(channels),
+        time=None,
+        starts=np.zeros(1, dtype=np.int64),
+        scored=None,
+        max_gap=0.0,
+        warmup=0.0,
+        files=None if dataset.files is None else dataset.files.picked(firsts),
+    )
 
 
 def _mean(values: Float) -> float:

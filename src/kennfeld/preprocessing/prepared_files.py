@@ -175,7 +175,8 @@ def cut(data: Dataset, first: int, last: int) -> Dataset:
     starts = np.concatenate([np.zeros(1, dtype=np.int64), inner])
     time = None if data.time is None else data.time[first:last]
     scored = None if data.scored is None else data.scored[first:last]
-    return replace(data, channels=channels, time=time, starts=starts, scored=scored)
+    files = None if data.files is None else data.files.cut(first, last)
+    return replace(data, channels=channels, time=time, starts=starts, scored=scored, files=files)
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,14 @@ all files without it, what needs it, and similar names that the files have.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import nearest_file
+from kennfeld.file_spans import FileSpans
 from kennfeld.formatting import join_names, nearest, quoted
 from kennfeld.graph import Graph
 from kennfeld.lazy_dataclass import dataclass
@@ -138,7 +139,8 @@ class RecordingReader:
             if self.watch is not None:
                 self.watch(number, len(paths))
             if attempt.recording is not None:
-                yield units.convert(attempt.recording, Path(path).name)
+                recording = units.convert(attempt.recording, Path(path).name)
+                yield replace(recording, files=FileSpans.joined([path], [recording.samples]))
         self._report_missing()
 
     def _add(self, path: str, attempt: "_Attempt") -> None:

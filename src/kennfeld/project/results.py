@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import replace_atomically, write_whole
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
@@ -39,6 +40,7 @@ MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third powe
 SAMPLES_WRITTEN = 1 << 18  # at once
 
 RESULT = "result.json"
+VALIDATION = "cross_validation"  # its key of a cross-validation
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
 
@@ -160,14 +162,32 @@ def write(
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        (scratch / RESULT).write_text(f"{text}\n", encoding="utf-8")
+        (scratch / RESULT).write_text(_json_text(content), encoding="utf-8")
         names += [*(documents or {}), RESULT]
         move(names, scratch, target)
     for ending in project.formats:
         if ending in IMAGE_ENDINGS and f"parameters{ending}" not in names:
             (target / f"parameters{ending}").unlink(missing_ok=True)  # of an earlier run
     return tuple(target / name for name in names)
+
+
+def write_validation(validation: Mapping[str, Any], folder: Path) -> Path:
+    """Write `cross_validation.json`, and the same as a key of the `result.json` of the run, if that is in the folder.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    written = write_text(_json_text(validation), folder / "cross_validation.json")
+    path = folder / RESULT
+    if path.is_file():
+        content = json.loads(path.read_text(encoding="utf-8"))
+        files = {KEY: content.pop(KEY)} if KEY in content else {}
+        write_text(_json_text(content | {VALIDATION: validation} | files), path)
+    return written
+
+
+def _json_text(content: Mapping[str, Any]) -> str:
+    return f"{json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)}\n"
 
 
 def read_shifts(folder: Path) -> dict[str, dict[str, float]]:
@@ -255,7 +275,7 @@ def _write_trace(trace: Sequence["TraceLine"], path: Path) -> None:
 
 
 def _save(simulation: Simulation, path: Path) -> None:
-    """Write the columns dataset, piece (from 1), time, then the channels; null if a dataset lacks one."""
+    """Write the columns dataset, file, piece (from 1), time, then the channels; null if a dataset lacks one."""
     schema = _schema(simulation.units)
     with _table_writer(path, schema) as writer:
         for parts in _batches(simulation.parts()):
@@ -291,7 +311,8 @@ def _batches(parts: Iterable[SimulatedPart]) -> Iterator[list[SimulatedPart]]:
 def _schema(units: Mapping[str, str]) -> Any:
     import pyarrow as pa
 
-    columns = {"dataset": pa.dictionary(pa.int64(), pa.string()), "piece": pa.int64(), "time": pa.float64()}
+    name = pa.dictionary(pa.int64(), pa.string())
+    columns = {"dataset": name, "file": name, "piece": pa.int64(), "time": pa.float64()}
     clock = {"time": {"unit": "s"}}
     parts = [pa.field(name, kind, metadata=clock.get(name)) for name, kind in columns.items()]
     for name, unit in units.items():
@@ -305,7 +326,8 @@ def _table(parts: Sequence[SimulatedPart], simulation: Simulation, schema: Any) 
 
     datasets = [part.data for part in parts]
     columns = [
-        _names(datasets, list(simulation.samples)),
+        _names([(data.name, data.samples) for data in datasets]),
+        _names([span for data in datasets for span in _file_spans(data, simulation.files)]),
         _numbers([part.piece + _pieces(part.data) for part in parts]),
         _numbers([_nan_column(data) if data.time is None else data.time for data in datasets]),
     ]
@@ -331,20 +353,37 @@ def _pieces(data: Dataset) -> Int:
 
 def _numbers(parts: Sequence[Float | Int]) -> Any:
     """Return one array of all parts; NaN becomes null."""
-    import pyarrow as pa
-
     values = np.concatenate(parts)
-    kind = pa.float64() if values.dtype == np.float64 else pa.int64()
-    known = np.packbits(~np.isnan(values), bitorder="little")
-    return pa.Array.from_buffers(kind, values.size, [pa.py_buffer(known), pa.py_buffer(values)])
+    return _array(values, ~np.isnan(values))
 
 
-def _names(datasets: Sequence[Dataset], names: Sequence[str]) -> Any:
-    """Return the name of the dataset for each sample."""
+def _array(values: NDArray[Any], known: Bool) -> Any:
+    """Return an array with null for values that are not known."""
     import pyarrow as pa
 
-    encoded = [name.encode() for name in names]
+    kind = pa.float64() if values.dtype == np.float64 else pa.int64()
+    bits = np.packbits(known, bitorder="little")
+    return pa.Array.from_buffers(kind, values.size, [pa.py_buffer(bits), pa.py_buffer(values)])
+
+
+def _file_spans(data: Dataset, names: Mapping[str, str]) -> list[tuple[str | None, int]]:
+    """Return the short name of each file, and the number of its samples."""
+    if data.files is None:
+        return [(None, data.samples)]
+    sizes = data.files.sizes(data.samples).tolist()
+    return [(names[name], size) for name, size in zip(data.files.names, sizes, strict=True)]
+
+
+def _names(spans: Sequence[tuple[str | None, int]]) -> Any:
+    """Return a name for each sample, given the names of neighbouring ones and their number; None becomes null."""
+    import pyarrow as pa
+
+    used = list(dict.fromkeys(name for name, _ in spans if name is not None))
+    encoded = [name.encode() for name in used]
     ends = np.cumsum([0, *(len(name) for name in encoded)], dtype=np.int32)
     texts = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
-    codes = np.repeat([names.index(data.name) for data in datasets], [data.samples for data in datasets])
-    return pa.DictionaryArray.from_arrays(_numbers([codes.astype(np.int64)]), texts)
+    numbers = {name: number for number, name in enumerate(used)}
+    sizes = [size for _, size in spans]
+    known = np.repeat([name is not None for name, _ in spans], sizes)
+    codes = np.repeat(np.array([numbers.get(name or "", 0) for name, _ in spans], dtype=np.int64), sizes)
+    return pa.DictionaryArray.from_arrays(_array(codes, known), texts)

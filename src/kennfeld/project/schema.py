@@ -385,6 +385,15 @@ class ClusterEntry:
                 yield name, f"{name} requires a scheduler", 'Write scheduler = "tls://...", or remove it.'
 
 
+@dataclass(frozen=True)
+class ReportEntry:
+    """`[report]`."""
+
+    title: str = key("heading of the report", "", default_text="the name of the project")
+    author: str = key("who made the calibration", "")
+    comment: str = key("text below the heading; an empty line begins a new paragraph", "")
+
+
 class ChannelsForm(TableOfForm):
     """Channels of inputs. A table `calculated` among them is an alternative spelling of `[calculated]`."""
 
@@ -479,6 +488,7 @@ class ProjectFile(SectionsFile):
     steps: tuple[StepEntry, ...] = key("searches in sequence, each from the result of the one before", (), name="step")
     optimizer: OptimizerEntry = key("the search", OptimizerEntry())
     cluster: ClusterEntry = key("[large data and several machines](cluster.md)", ClusterEntry())
+    report: ReportEntry = key("the head of the report", ReportEntry())
 
     @property
     def name(self) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from kennfeld.arrays import Int
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.file_spans import short_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.partitions import Part, Partition, Partitions, StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem
@@ -41,6 +42,7 @@ class Simulation:
     Attributes:
         units: of all channels, by name.
         samples: number of samples of each dataset, by its name; with data in partitions, of those simulated so far.
+        files: the short name of each file, by its path or address.
     """
 
     def __init__(self, problem: Problem, parameters: ParameterSet | None) -> None:
@@ -48,6 +50,7 @@ class Simulation:
         self._compiled = NodeSimulator(problem.model.graph, self._values)
         whole = problem.partitions is None
         self.samples = {data.name: problem.bind(data).shown.count if whole else 0 for data in problem.datasets}
+        self.files = short_names(list(_paths(problem)))
         units = problem.model.graph.units
         self.units = {name: units.get(name, "") for name in problem.model.graph.names}
         for data in problem.datasets:
@@ -81,6 +84,15 @@ class Simulation:
                 yield SimulatedPart(replace(data, name=name), before)
 
 
+def _paths(problem: Problem) -> Iterator[str]:
+    """Yield the path or address of each file of all datasets."""
+    if problem.partitions is None:
+        yield from (name for data in problem.datasets if data.files is not None for name in data.files.names)
+        return
+    for partition in (*problem.partitions.training, *problem.partitions.test):
+        yield from (part.source.address for part in partition.parts)
+
+
 def _dataset_of(partition: Partition) -> int:
     return partition.parts[0].dataset
 
@@ -110,7 +122,8 @@ def _simulate_bound(problem: Problem, bound: BoundDataset, values: ParameterSet,
     nodes = compiled.dataset(bound, values)
     shown, data = bound.shown, bound.dataset
     targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, nodes)]
-    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored)
+    files = None if data.files is None else data.files.picked(shown.kept)
+    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored, files=files)
 
 
 def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Channel]:

@@ -22,6 +22,7 @@ from kennfeld.project.schema import SectionsFile, open_sections
 from kennfeld.project.section import Section
 from kennfeld.project.value_forms import PairForm
 from kennfeld.search_settings import MAX_STARTS
+from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.training_data import extract_points, raster_of, split_recordings
@@ -250,9 +251,13 @@ class Training:
             return [np.column_stack([run.u, run.y]) for run in split_recordings(*arguments, step)]
         return [np.column_stack(extract_points(*arguments))]
 
-    def train(self, report: Callable[[str], None] = lambda line: None) -> Surrogate:
-        """Train the surrogate, reporting lines on progress. Raises `InputError` if the data are insufficient."""
-        return train_surrogate(self.datasets(), self.settings, report)
+    def train(self, report: Callable[[str], None] = lambda line: None, stopped: Stopped = never) -> Surrogate:
+        """Train the surrogate, reporting lines on progress; end at the best so far once `stopped` returns true.
+
+        Raises:
+            InputError: the data are insufficient.
+        """
+        return train_surrogate(self.datasets(), self.settings, report, stopped)
 
 
 def read_training(path: str | Path) -> Training:

@@ -5,6 +5,7 @@ import traceback
 from collections.abc import Sequence
 from datetime import datetime
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from kennfeld.markup import Html, element
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
+from kennfeld.project.schema import ReportEntry
 from kennfeld.report.figures import Pictures
 from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections
-from kennfeld.report.stored_result import READ, read_result, read_trust
+from kennfeld.report.stored_result import READ, read_result, read_trust, read_validation
 
 STATIC = Path(__file__).parent / "static"  # built from `web/src/report`
 # load nothing, whatever a name in the data contains
@@ -30,7 +32,7 @@ def page(report: ReportData) -> str:
     time = datetime.now().astimezone().isoformat(" ", "seconds")
     pictures = Pictures()
     parts = list(sections(report, pictures))
-    title = f"{report.project.name}: calibration report"
+    title = report.heading.title or f"{report.project.name}: calibration report"
     data = {"version": __version__, "made": time, "result": report.written, "figures": pictures.data}
     return "<!doctype html>\n" + element(
         "html",
@@ -71,15 +73,24 @@ def _head(report: ReportData, time: str) -> Html:
     status = "not calibrated yet" if report.result is None else report.result.status
     return element(
         "header",
-        element("h1", report.project.name),
+        element("h1", report.heading.title or report.project.name),
+        element("p", element("b", report.heading.author)) if report.heading.author else None,
         element(
             "p",
             f"Calibration report · {report.project.path.resolve()} · {time} · kennfeld {__version__} · ",
             element("span", status, class_=f"status {status.partition(' ')[0]}"),
             class_="note",
         ),
+        _comment(report.heading.comment),
         element("noscript", element("p", "The figures of this report need JavaScript.")),
     )
+
+
+def _comment(text: str) -> list[Html]:
+    """Return the paragraphs of a comment, which empty lines separate; line breaks within one are kept."""
+    groups = groupby(text.split("\n"), key=lambda line: bool(line.strip()))
+    paragraphs = [list(lines) for filled, lines in groups if filled]
+    return [element("p", first, [(element("br"), line) for line in more]) for first, *more in paragraphs]
 
 
 @cache
@@ -113,12 +124,13 @@ def document(
     return page(collect_report_data(project, result, findings, extrapolation=extrapolation))
 
 
-def from_folder(project: Project, folder: str | Path) -> str:
+def from_folder(project: Project, folder: str | Path, heading: ReportEntry | None = None) -> str:
     """Return the report on the result in a folder, or on the start values if the folder has no result.
 
     Args:
         project: the project.
         folder: a results folder, as written by `kennfeld run`.
+        heading: title, author and comment; by default those of the project file.
 
     Raises:
         InputError: a file of the result is missing or damaged, or the project has errors.
@@ -126,11 +138,12 @@ def from_folder(project: Project, folder: str | Path) -> str:
     findings = project.check()
     stored = read_result(Path(folder), project.problem())
     if stored is None:
-        return document(project, None, findings)
+        return page(collect_report_data(project, None, findings, heading=heading))
     result, written = stored
     findings += check_other_files(Path(folder), written, READ)
     contents = {key: value for key, value in written.items() if key != KEY}
-    return page(collect_report_data(project, result, findings, read_trust(Path(folder), result.parameters), contents))
+    trust, validation = read_trust(Path(folder), result.parameters), read_validation(Path(folder), written)
+    return page(collect_report_data(project, result, findings, trust, contents, validation=validation, heading=heading))
 
 
 def document_safely(

@@ -9,18 +9,21 @@ import numpy as np
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
 from kennfeld.analysis.part_evaluation import PartPasses
 from kennfeld.analysis.residuals import Analysis, Fit, Residuals, analyse
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.graph.interpolation import cell_weights, interpolate, position
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.quality import Quality, Scorer
+from kennfeld.optimize.recording_quality import RecordingQuality
 from kennfeld.optimize.result import Result
 from kennfeld.optimize.tuning.shift_estimation import apply_shifts
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.model import coordinates_of
+from kennfeld.project.schema import ReportEntry
 from kennfeld.report.drawings import Drawing, draw
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
 
@@ -101,6 +104,9 @@ class ReportData:
     written: Mapping[str, Any] | None  # the contents of `result.json`
     extrapolation: tuple[Extrapolation, ...]  # use of surrogates outside their training data
     seen: tuple[Finding, ...]  # test data that are also training data
+    recordings: tuple[RecordingQuality, ...]
+    validation: CrossValidation | None
+    heading: ReportEntry
 
     @property
     def parameters(self) -> ParameterSet:
@@ -175,6 +181,8 @@ def collect_report_data(
     trust: TrustSummary | None = None,
     written: Mapping[str, Any] | None = None,
     extrapolation: Sequence[Extrapolation] | None = None,
+    validation: CrossValidation | None = None,
+    heading: ReportEntry | None = None,
 ) -> ReportData:
     """Compute the data of a report.
 
@@ -185,6 +193,8 @@ def collect_report_data(
         trust: uncertainty of the values; by default that of the result.
         written: contents of `result.json`; by default those of the result.
         extrapolation: use of surrogates outside their training data; computed by default.
+        validation: a cross-validation, if there was one.
+        heading: title, author and comment; by default those of the project file.
 
     Raises:
         InputError: the project does not define a problem that can be evaluated.
@@ -213,6 +223,9 @@ def collect_report_data(
         written=written,
         extrapolation=extrapolation,
         seen=tuple(project.seen_test_data()),
+        recordings=Scorer(problem).scores(start, start).recordings if result is None else result.recordings,
+        validation=validation,
+        heading=heading or project.file.report,
     )
 
 

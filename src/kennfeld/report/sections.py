@@ -6,17 +6,19 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.formatting import count_noun
-from kennfeld.markup import MISSING, Html, decimal, details, element, note, percent, quantity, table
+from kennfeld.markup import MISSING, Html, change, decimal, details, element, note, quantity, table
 from kennfeld.optimize.quality import CONSTANT
 from kennfeld.optimize.result import Result, StartResult
 from kennfeld.report import figures
 from kennfeld.report.figures import Pictures
 from kennfeld.report.parameter_section import render_parameters
 from kennfeld.report.provenance import settings, sources
+from kennfeld.report.recording_section import render_recordings
 from kennfeld.report.report_data import ReportData, Score
 from kennfeld.report.residual_sections import render_fit, render_residuals
 from kennfeld.report.summary import by_criterion, observations, pool_scores, verdict
 from kennfeld.report.undetermined_section import render_limits, render_undetermined
+from kennfeld.report.validation_section import render_validation
 
 MAX_TEXT = 60_000  # characters of a formula or project file
 
@@ -26,6 +28,10 @@ Section = tuple[str, str, Html, Sequence[tuple[str, str]]]  # anchor, title, con
 def sections(report: ReportData, pictures: Pictures) -> Iterator[Section]:
     """Return the sections of a report, with their entries in the table of contents."""
     yield "result", "Result", _render_result(report), ()
+    if (recordings := render_recordings(report)) is not None:
+        yield "recordings", "Recordings", recordings, ()
+    if report.validation is not None:
+        yield "validation", "Cross-validation", render_validation(report.validation), ()
     yield "fit", "Measured and calculated", render_fit(report, pictures), ()
     yield "residuals", "Residuals", render_residuals(report, pictures), ()
     content, entries = render_parameters(report, pictures)
@@ -87,8 +93,7 @@ def _score_table(report: ReportData) -> Html:
         if report.result is None:
             rows.append([*row, decimal(after), _r2(score, 1), decimal(score.largest[1])])
             continue
-        change = percent(after / before - 1.0) if np.isfinite(before) and before > 0 else MISSING
-        row += [decimal(before), decimal(after), change if change.startswith(("-", MISSING)) else f"+{change}"]
+        row += [decimal(before), decimal(after), change(before, after)]
         rows.append([*row, _r2(score, 0), _r2(score, 1), *map(decimal, score.largest)])
     return table(head, rows, words=3, class_="wide")
 

@@ -11,19 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.recording_quality import RecordingQuality, WorstStretch
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run
 from kennfeld.project.manifest import RUN_AGAIN as AGAIN
-from kennfeld.project.results import affordable_leverage
+from kennfeld.project.results import VALIDATION, affordable_leverage
 
 COLUMNS = {
     "samples": np.int64,
@@ -139,6 +141,19 @@ def read_result(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, An
         return _result(contents, problem.parameters, parameters, trace), contents
 
 
+def read_validation(folder: Path, contents: Mapping[str, Any]) -> CrossValidation | None:
+    """Return the cross-validation in the contents of a `result.json`, if there is one.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    stored = contents.get(VALIDATION)
+    if stored is None:
+        return None
+    with _refuse_damaged(folder / "result.json"):
+        return CrossValidation.from_json(stored)
+
+
 @contextmanager
 def _refuse_damaged(path: Path) -> Iterator[None]:
     try:
@@ -190,7 +205,14 @@ def _result(contents: Any, start: ParameterSet, parameters: ParameterSet, trace:
             Finding(Location(), row["sentence"].removesuffix("."), row["remedy"], severity="warning")
             for row in contents.get("warnings", ())
         ),
+        recordings=tuple(_recording(row) for row in contents.get("recordings", ())),
     )
+
+
+def _recording(row: Any) -> RecordingQuality:
+    worst = row["worst"] and WorstStretch(**_select(row["worst"], *_names(WorstStretch)))
+    plain = _select(row, *(name for name in _names(RecordingQuality) if name not in ("file", "worst")))
+    return RecordingQuality(**plain, file=row["file"], worst=worst)
 
 
 def _by_name(contents: Any, key: str) -> dict[str, dict[str, float]]:

@@ -130,8 +130,11 @@ def _extrapolation(report: ReportData) -> Iterator[Observation]:
 
 def _unseen_data(report: ReportData) -> Iterator[Observation]:
     if not any(score.use == "test" for score in report.scores):
-        text = "There are no test data, so this report cannot show how the function generalises to unseen data."
-        yield Observation("note", text)
+        if report.validation is not None:
+            yield from (Observation("note", text) for text in report.validation.conclusions())
+        else:
+            text = "There are no test data, so this report cannot show how the function generalises to unseen data."
+            yield Observation("note", text)
         return
     if report.seen:
         yield from (Observation("warning", str(finding)) for finding in report.seen)

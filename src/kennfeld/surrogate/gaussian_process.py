@@ -16,6 +16,7 @@ from kennfeld.surrogate.exact_gp import Exact
 from kennfeld.surrogate.gp_kernel import greedy_centres
 from kennfeld.surrogate.hyperparameters import exact_hyperparameters, sparse_hyperparameters
 from kennfeld.surrogate.sparse_gp import Sparse
+from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.training_data import Scaling, check_points
 from kennfeld.surrogate.validity import Validity
 
@@ -47,12 +48,13 @@ def gaussian_process(
     starts: int = 3,
     seed: int = 0,
     names: Sequence[str] = (),
+    stopped: Stopped = never,
 ) -> GaussianProcess:
     """Train a process on points `x` Float[points, inputs] and values `y` Float[points], in physical units.
 
     "auto" is exact up to 1000 points and else sparse with `centres` inducing inputs, chosen greedily by variance; its
     length scales are searched on at most 3000 points, its noise on all. `starts` searches begin at places that `seed`
-    draws. `names` of the inputs appear in messages.
+    draws. `names` of the inputs appear in messages. Once `stopped` returns true, the search ends at the best so far.
     Raises `ArgumentError` if the points cannot be used.
 
     >>> import numpy as np
@@ -72,9 +74,9 @@ def gaussian_process(
     inner, target = scaling.inward(points), (values - scaling.level) / scaling.height
     process: Exact | Sparse
     if method == "exact" or (method == "auto" and len(points) <= MOST_EXACT):
-        process = Exact.at(inner, target, *exact_hyperparameters(inner, target, starts, seed))
+        process = Exact.at(inner, target, *exact_hyperparameters(inner, target, starts, seed, stopped=stopped))
     else:
-        lengths, noise = sparse_hyperparameters(inner, target, centres, starts, seed)
+        lengths, noise = sparse_hyperparameters(inner, target, centres, starts, seed, stopped=stopped)
         process = Sparse.at(inner, target, greedy_centres(inner, centres, lengths, seed), lengths, noise)
     return GaussianProcess(
         scaling.expansion(*process.terms(), process.lengths),

@@ -24,6 +24,7 @@ from kennfeld.surrogate.narx_training import (
     train_free_run,
 )
 from kennfeld.surrogate.recursion import Lags, Recording, Runs
+from kennfeld.surrogate.stopping import Stopped, never
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
 MIDDLE = LONGEST[1]  # without a selection
@@ -116,22 +117,30 @@ def choose_regularisation(
     centres: int,
     settings: TrainingSettings,
     report: Callable[[str], None] = lambda line: None,
+    stopped: Stopped = never,
 ) -> ModelChoice:
     """Return the length scales and `hold` with the least RMSE over the blocks left out.
 
-    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses.
+    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses. Once `stopped`
+    returns true, the choice is among those tried so far, and that without a selection if there are none.
     """
     # As many steps as the training itself takes where that is affordable: to end early is to hold firmly, too.
     most = ITERATIONS if divisions[0].thinned else settings.iterations
     iterations = min(settings.iterations, most)
-    table = np.empty((len(LONGEST), len(HOLDS)))
+    table = np.full((len(LONGEST), len(HOLDS)), np.inf)
     for i, longest in enumerate(LONGEST):
+        if stopped():
+            break
         cut = np.minimum(lengths, longest)
         starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
         for j, hold in enumerate(HOLDS):
+            if stopped():
+                break
             trial = replace(settings, hold=hold, iterations=iterations, moves_centres=False)
             table[i, j] = held_out_rmse(divisions, starts, trial)
             report(f"length scales up to {longest:g} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
+    if np.isinf(table).all():
+        return ModelChoice(np.minimum(lengths, MIDDLE), settings, np.nan)
     i, j = _lowest(table)
     return ModelChoice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
 
@@ -179,18 +188,19 @@ def select_lags(
     output_lags: tuple[int, ...] | None = None,
     input_lags: Sequence[tuple[int, ...]] | None = None,
     report: Callable[[str], None] = lambda line: None,
+    stopped: Stopped = never,
 ) -> Lags:
     """Return lags of the output and of each input, up to `longest` samples; given ones are kept.
 
     Begins with the last output and the last sample of each input. A lag of the output is only of use if it is short:
-    up to 4 are tried.
+    up to 4 are tried. Once `stopped` returns true, the lags so far are returned.
     """
     reach = min(longest, max(min(len(piece) for piece in pieces) // 4, 1))
     tried: dict[Lags, float] = {}
 
     def score(lags: Lags) -> float:
         if lags not in tried:
-            tried[lags] = _score(pieces, lags, settings)
+            tried[lags] = np.inf if stopped() else _score(pieces, lags, settings)
         return tried[lags]
 
     first = [(1,)] * inputs if input_lags is None else list(input_lags)
@@ -198,7 +208,7 @@ def select_lags(
     for _ in range(MOST):
         neighbours = sorted(_neighbours(best, reach, output_lags is None, input_lags is None), key=repr)
         trial = min(neighbours, key=score, default=best)
-        if trial is best or not score(trial) <= WORTH * score(best):
+        if trial is best or stopped() or not score(trial) <= WORTH * score(best):
             break
         best = trial
         report(f"lags {best.output} of the output, {best.inputs} of the inputs: {score(best):.4g} on blocks left out")

@@ -29,6 +29,7 @@ from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
+from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.training_data import Scaling, check_points
 
 BLOCK = 1 << 21  # numbers of the Jacobian held at a time: 16 MB
@@ -122,10 +123,12 @@ def train_free_run(
     runs: Runs,
     settings: TrainingSettings,
     report: Callable[[int, float], None] = lambda step, rmse: None,
+    stopped: Stopped = never,
 ) -> Expansion:
     """Return the expansion that meets the output of `runs` best when it runs on its own outputs, from `start` on.
 
-    `report` is called after each step with the RMSE in units of the output. If the start itself diverges, it is
+    `report` is called after each step with the RMSE in units of the output, before which `stopped` tells whether to end
+    at the best so far. If the start itself diverges, it is
     returned unchanged. All widths of `start` must be one row repeated.
     """
     from scipy.linalg import cho_factor, cho_solve
@@ -135,6 +138,8 @@ def train_free_run(
     expansion, run, cost = _evaluate(values, at, runs, settings)
     damping, calm, count = 1e-2, 0, int(runs.scored.sum())
     for step in range(settings.iterations if np.isfinite(cost) else 0):
+        if stopped():
+            break
         matrix, gradient = _normal(values, expansion, run, runs)
         matrix.flat[:: at.size + 1] += values.hold
         gradient += values.hold * (at - values.goal)
@@ -222,22 +227,27 @@ def train_over_horizons(
     lags: Lags,
     settings: TrainingSettings,
     report: Callable[[int, int, float], None] = lambda horizon, step, rmse: None,
+    stopped: Stopped = never,
 ) -> Expansion:
     """Return the expansion that meets the output best in free runs of the longest horizon; see `train_free_run`."""
     longest = max(len(piece) for piece in pieces)
     expansion = start
     for horizon in [h for h in HORIZONS if h < longest] or [longest]:
+        if stopped():
+            break
         runs = Runs.of(cut_recordings(pieces, lags, horizon), lags)
-        expansion = train_free_run(expansion, runs, settings, partial(report, horizon))
+        expansion = train_free_run(expansion, runs, settings, partial(report, horizon), stopped)
     return expansion
 
 
-def one_step_lengths(runs: Runs, centres: int, limits: tuple[float, float], starts: int, seed: int) -> Float:
+def one_step_lengths(
+    runs: Runs, centres: int, limits: tuple[float, float], starts: int, seed: int, stopped: Stopped = never
+) -> Float:
     """Return the length scale of each number of a point, in units of its spread, by the highest likelihood."""
     x, y = _within_limits(runs, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
-    return sparse_hyperparameters(scaling.inward(x), target, centres, starts, seed)[0]
+    return sparse_hyperparameters(scaling.inward(x), target, centres, starts, seed, stopped=stopped)[0]
 
 
 def one_step_expansion(

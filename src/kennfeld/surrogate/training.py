@@ -17,6 +17,7 @@ from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansio
 from kennfeld.surrogate.rbf_fit import expand_data
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
+from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality, quality_of
 from kennfeld.surrogate.training_data import extract_points, missing_channels, raster_of, split_recordings
 from kennfeld.surrogate.validity import Validity
@@ -101,7 +102,10 @@ class SurrogateSettings:
 
 
 def train_surrogate(
-    datasets: Sequence[Dataset], settings: SurrogateSettings, report: Report = lambda line: None
+    datasets: Sequence[Dataset],
+    settings: SurrogateSettings,
+    report: Report = lambda line: None,
+    stopped: Stopped = never,
 ) -> StaticSurrogate | DynamicSurrogate:
     """Train a model on the datasets for training, and score it on all of them.
 
@@ -109,6 +113,8 @@ def train_surrogate(
         datasets: recordings for training and test; samples that are NaN or not scored are not used for training.
         settings: what to train.
         report: called with lines of text on the progress.
+        stopped: asked between steps; once it returns true, the training ends at the best so far. A dynamic model is
+            then perhaps not trained for free run.
 
     Raises:
         InputError: channels are missing (reports all of them), or there are too few samples.
@@ -121,7 +127,9 @@ def train_surrogate(
     import scipy.linalg  # noqa: F401  # its BLAS has threads of its own, which can be limited once it is there
 
     with blas_threads(settings.centres):
-        return _dynamic(datasets, settings, report) if settings.kind == "dynamic" else _static(datasets, settings)
+        if settings.kind == "dynamic":
+            return _dynamic(datasets, settings, report, stopped)
+        return _static(datasets, settings, stopped)
 
 
 def _units(datasets: Sequence[Dataset], settings: SurrogateSettings) -> tuple[str, ...]:
@@ -129,7 +137,7 @@ def _units(datasets: Sequence[Dataset], settings: SurrogateSettings) -> tuple[st
     return units if any(units) else ()
 
 
-def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticSurrogate:
+def _static(datasets: Sequence[Dataset], settings: SurrogateSettings, stopped: Stopped) -> StaticSurrogate:
     points = [extract_points(dataset, settings.inputs, settings.output) for dataset in datasets]
     training = [pair for pair, dataset in zip(points, datasets, strict=True) if dataset.use == "training"]
     x, y = (np.concatenate(parts) for parts in zip(*training, strict=True))
@@ -146,6 +154,7 @@ def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticS
             starts=settings.starts,
             seed=settings.seed,
             names=settings.inputs,
+            stopped=stopped,
         )
         expansion, validity = process.expansion, process.validity
         left_out = [quality_of("all", "training", "leave one out", process.left_out, y)]
@@ -159,7 +168,9 @@ def _static(datasets: Sequence[Dataset], settings: SurrogateSettings) -> StaticS
     )
 
 
-def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: Report) -> DynamicSurrogate:
+def _dynamic(
+    datasets: Sequence[Dataset], settings: SurrogateSettings, report: Report, stopped: Stopped
+) -> DynamicSurrogate:
     step = raster_of(datasets, settings.step)
     pieces = [split_recordings(dataset, settings.inputs, settings.output, step) for dataset in datasets]
     training = [run for data, runs in zip(datasets, pieces, strict=True) if data.use == "training" for run in runs]
@@ -167,19 +178,22 @@ def _dynamic(datasets: Sequence[Dataset], settings: SurrogateSettings, report: R
         message = "the training data have no piece without gaps that is long enough"
         raise InputError.of(Location(), message, "Increase max_gap, or use other files.")
     _check_changing(training, settings)
-    lags = _lags(training, settings, report)
+    lags = _lags(training, settings, report, stopped)
     runs = Runs.of(training, lags)
-    lengths = one_step_lengths(runs, settings.centres, settings.limits, settings.starts, settings.seed)
-    choice = _choice(training, lags, lengths, settings, report)
+    lengths = one_step_lengths(runs, settings.centres, settings.limits, settings.starts, settings.seed, stopped)
+    choice = _choice(training, lags, lengths, settings, report, stopped)
     start = one_step_expansion(runs, choice.lengths, settings.centres, settings.limits, settings.seed)
     expansion = start
-    if settings.free_run:
+    if settings.free_run and stopped():
+        report("stopped before the training for free run; the model predicts one step ahead")
+    elif settings.free_run:
         expansion = train_over_horizons(
             start,
             training,
             lags,
             choice.settings,
             lambda horizon, k, rmse: report(f"free run over {horizon} samples, step {k + 1}: RMSE {rmse:.4g}"),
+            stopped,
         )
     surrogate = DynamicSurrogate(
         settings.name,
@@ -210,7 +224,7 @@ def _check_changing(training: Sequence[Recording], settings: SurrogateSettings) 
     findings.finish()
 
 
-def _lags(training: Sequence[Recording], settings: SurrogateSettings, report: Report) -> Lags:
+def _lags(training: Sequence[Recording], settings: SurrogateSettings, report: Report, stopped: Stopped) -> Lags:
     own = None if settings.output_lags == "auto" else settings.output_lags
     of_inputs = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
     if own is not None and of_inputs is not None:
@@ -223,11 +237,17 @@ def _lags(training: Sequence[Recording], settings: SurrogateSettings, report: Re
         output_lags=own,
         input_lags=of_inputs,
         report=report,
+        stopped=stopped,
     )
 
 
 def _choice(
-    training: Sequence[Recording], lags: Lags, lengths: Float, settings: SurrogateSettings, report: Report
+    training: Sequence[Recording],
+    lags: Lags,
+    lengths: Float,
+    settings: SurrogateSettings,
+    report: Report,
+    stopped: Stopped,
 ) -> ModelChoice:
     """Choose length scales and regularisation: as given, or by a search."""
     stated = TrainingSettings(
@@ -238,7 +258,7 @@ def _choice(
     divisions = folds(training, lags) if settings.free_run else []
     if not divisions:
         return ModelChoice(lengths, stated, np.nan)
-    return choose_regularisation(divisions, lengths, settings.centres, stated, report)
+    return choose_regularisation(divisions, lengths, settings.centres, stated, report, stopped)
 
 
 def _scores(surrogate: DynamicSurrogate, dataset: Dataset, pieces: Sequence[Recording]) -> list[SurrogateQuality]:

@@ -6,6 +6,8 @@ from typing import Any, TypeVar
 
 import click
 
+from kennfeld.terminal.output import quiet
+
 DONE, NOT_CONVERGED, DIFFERENT, WRONG_INPUT, INTERRUPTED = 0, 1, 1, 2, 130
 PATH = click.Path(path_type=Path)
 
@@ -29,9 +31,17 @@ def option(
     return click.option(*names.split(), help=text, metavar=metavar, show_default=shown, is_flag=is_flag, **settings)
 
 
+def _be_quiet(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    if value:
+        context.with_resource(quiet())
+
+
 project_file = argument("path", "PROJECT", "The project file, kennfeld.toml.")
 description_file = option(
     "--a2l", "A2L file that describes an image (.hex, .s19).", "FILE", "the A2L file of the same name", type=PATH
 )
 as_json = option("--json as_json", "Print JSON.")
 force = option("--force", "Replace existing files.")
+only_problems = option(
+    "-q --quiet", "Print only warnings and errors.", callback=_be_quiet, expose_value=False, is_eager=True
+)

@@ -2,7 +2,8 @@
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from errno import EIO, EPIPE
 from shutil import get_terminal_size
 from typing import TextIO
@@ -19,15 +20,47 @@ class Painted(str):
     __slots__ = ()
 
 
+_quiet: list[bool] = []  # not empty within `quiet`; threads print, too, so that it is not a context variable
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Within its block, print only warnings and errors."""
+    _quiet.append(True)
+    try:
+        yield
+    finally:
+        _quiet.pop()
+
+
+def is_quiet() -> bool:
+    """Return whether only warnings and errors are printed."""
+    return bool(_quiet)
+
+
 def print_lines(*lines: str) -> None:
-    """Print lines on stdout."""
+    """Print lines on stdout, unless quiet."""
+    if not is_quiet():
+        _print(sys.stdout, lines)
+
+
+def print_values(*lines: str) -> None:
+    """Print lines on stdout that would be lost otherwise."""
     _print(sys.stdout, lines)
 
 
+def print_progress(line: str) -> None:
+    """Print a line on stderr, unless quiet."""
+    if not is_quiet():
+        _print(sys.stderr, [line])
+
+
 def print_findings(*problems: Finding | str) -> None:
-    """Print problems on stderr, each in one line, followed by its excerpt."""
+    """Print problems on stderr, each in one line, followed by its excerpt; no remarks if quiet."""
     for problem in problems:
         finding = problem if isinstance(problem, Finding) else Finding(Location(), problem)
+        if is_quiet() and finding.severity == "remark":
+            continue
         prefix = "" if finding.severity == "error" else f"{finding.severity}: "
         excerpt = finding.excerpt.split("\n") if finding.excerpt else []
         _print(sys.stderr, [prefix + str(problem).replace("\n", " "), *(f"    {text}" for text in excerpt)])

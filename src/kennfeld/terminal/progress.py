@@ -17,7 +17,7 @@ from typing import Any, Self
 from kennfeld.optimize.result import Progress, TraceLine
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.terminal.command_line import INTERRUPTED
-from kennfeld.terminal.output import print_findings
+from kennfeld.terminal.output import is_quiet, print_progress
 from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
 
 LINE_INTERVAL = 0.5  # s between plain lines of one stage
@@ -27,7 +27,7 @@ READING_INTERVAL = 2.0  # s between plain lines while files are read
 @contextmanager
 def display(task: str, starts: int = 1) -> Iterator[Progress]:
     """Show the progress of a task while the block runs; each line names its start if there are several."""
-    if not sys.stderr.isatty():
+    if is_quiet() or not sys.stderr.isatty():
         yield _Lines(starts)
         return
     from rich import progress
@@ -54,7 +54,7 @@ class _Lines:
         new = before is None or (before != line.stage and not self._several)
         if new or now - self._shown >= LINE_INTERVAL:
             self._shown = now
-            print_findings(_format(line, self._several))
+            print_progress(_format(line, self._several))
         self._stages[line.start] = line.stage
 
 
@@ -71,7 +71,7 @@ class ReadingProgress:
 
     def __call__(self, done: int, total: int) -> None:
         """Show the progress; the last call removes it from a terminal."""
-        live = sys.stderr.isatty()
+        live = sys.stderr.isatty() and not is_quiet()
         if live and self._width and done == total:
             sys.stderr.write(f"\r{' ' * self._width}\r")
             self._width = 0
@@ -82,7 +82,7 @@ class ReadingProgress:
                 sys.stderr.write(f"\r{line}")
                 sys.stderr.flush()
             else:
-                print_findings(line)
+                print_progress(line)
 
 
 class Interrupt:
@@ -117,6 +117,11 @@ class Interrupt:
 
         return watched
 
+    def stopped(self) -> bool:
+        """Return whether there was a signal; from the first call on there is something to keep."""
+        self._searching = True
+        return self.pressed
+
     def _press(self, number: int, frame: FrameType | None) -> None:
         if number == HANGUP:
             leave_terminal()
@@ -127,6 +132,8 @@ class Interrupt:
         self.pressed = True
         if not self._searching:
             raise KeyboardInterrupt
+        if is_quiet():
+            return
         # not print: the signal may interrupt one
         with suppress(OSError):
             os.write(2, b"\nStopping at the best values so far. Press Ctrl-C again to exit without results.\n")

@@ -3,8 +3,7 @@
 What a command needs is imported inside it, so that `kennfeld --help` starts at once.
 """
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,22 +19,26 @@ from kennfeld.terminal.command_line import (
     PATH,
     WRONG_INPUT,
     argument,
+    only_problems,
     option,
     project_file,
 )
-from kennfeld.terminal.output import align, print_findings, print_lines
+from kennfeld.terminal.output import align, is_quiet, print_findings, print_lines, print_progress, print_values
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
     from kennfeld.optimize.result import Result
+    from kennfeld.parameter_set import ParameterSet
     from kennfeld.project import Project
 
 FOLDS = ("auto", "files", "blocks", "random")
+by_file = option("--by-file", "Print the errors and the worst stretch of each file, the worst first.")
 
 
 @click.command
 @argument("name", "[NAME]", "torque, exhaust or idle.  [default: torque]", type=str, default="torque")
 @option("--dir folder", "Folder to create.", "DIR", "kennfeld-demo-NAME", type=PATH)
+@only_problems
 def demo(name: str, folder: Path | None) -> int:
     """Write an example project with its data, and calibrate it."""
     from kennfeld.project import Project
@@ -97,7 +100,7 @@ def _open(path: Path, scheduler: str | None = None, workers: int | None = None) 
     from kennfeld.terminal.progress import ReadingProgress
 
     read = replace(Project.read(path), watch=ReadingProgress())
-    project = read.on_cluster(scheduler, workers, print_findings)
+    project = read.on_cluster(scheduler, workers, print_progress)
     try:
         yield project
     finally:
@@ -137,6 +140,8 @@ def _print_warnings(findings: Sequence[Finding]) -> str:
 @option("--resume", "Resume from the checkpoints in the results folder (see save_every).")
 @option("--cross-validate folds", "After calibrating, run K-fold cross-validation.", "K", type=int)
 @option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", True, default="auto")
+@by_file
+@only_problems
 def calibrate(
     path: Path,
     output: Path | None,
@@ -145,6 +150,7 @@ def calibrate(
     resume: bool,
     folds: int | None,
     parts: str,
+    by_file: bool,
 ) -> int:
     """Fit the free parameters to the data and write the results.
 
@@ -157,25 +163,31 @@ def calibrate(
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
     folder = output or path.parent / "results"
     with _open(path, scheduler, workers) as project:
-        status = _calibrate(project, folder, workers, resume)
+        status = _calibrate(project, folder, workers, resume, by_file)
         if folds is None or status == INTERRUPTED:
             return status
         return max(status, _cross_validate(project, folder, folds, parts))
 
 
-def _calibrate(project: "Project", folder: Path, workers: int | None = None, resume: bool = False) -> int:
+def _calibrate(
+    project: "Project", folder: Path, workers: int | None = None, resume: bool = False, by_file: bool = False
+) -> int:
     from kennfeld.analysis.extrapolation import find_extrapolation
     from kennfeld.optimize.tuning.shift_estimation import apply_shifts
     from kennfeld.project.fallback import write_somewhere
     from kennfeld.project.results import require_room
     from kennfeld.report import document_safely
     from kennfeld.terminal.progress import Interrupt, display
+    from kennfeld.terminal.result_lines import resume_lines
 
     require_room(folder)
     findings = project.check()
     _print_warnings(findings)
     if resume:
-        print_findings(*project.saves(folder).resume_points().findings)
+        points = project.saves(folder).resume_points()
+        print_findings(*points.findings)
+        for line in resume_lines(points.states, project.file.optimizer.starts):
+            print_progress(line)
     write_findings = Findings()
     try:
         with Interrupt() as interrupt:
@@ -187,7 +199,7 @@ def _calibrate(project: "Project", folder: Path, workers: int | None = None, res
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:
         return _stop()
-    _print_result(result, extrapolations)
+    _print_result(result, extrapolations, by_file)
     print_findings(*write_findings)
     _print_paths(project, result, written)
     if interrupt.pressed:
@@ -202,14 +214,18 @@ def _stop() -> int:
     return INTERRUPTED
 
 
-def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]") -> None:
+def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]", by_file: bool) -> None:
     from kennfeld.optimize.trust.undetermined import undetermined_lines
     from kennfeld.terminal.result_lines import MORE, choice_lines, extrapolation_lines
 
     print_lines(*align(result.table()), "")
+    if by_file:
+        print_lines(*align(result.recordings_table()), "")
     if len(result.starts) > 1:
         print_lines(*align(result.starts_table()), "")
     print_lines(f"{result.status}: {result.message}")
+    if is_quiet() and not result.converged:
+        print_findings(Finding(Location(), f"{result.status}: {result.message}", severity="warning"))
     print_findings(*result.warnings)
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
@@ -222,12 +238,13 @@ def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) 
     if written:
         print_lines(f"Written to {written[0].parent}: {', '.join(path.name for path in written)}")
     else:
-        print_lines("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
+        print_values("The values, as parameters.json:", write_json(result.parameters.without(project.surrogates), "-"))
 
 
 def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
     from kennfeld.analysis.cross_validation import cross_validate
-    from kennfeld.project.results import write_text
+    from kennfeld.project.results import RESULT, write_text, write_validation
+    from kennfeld.report import from_folder
     from kennfeld.terminal.progress import Interrupt, display
 
     try:
@@ -236,10 +253,11 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
             validation = cross_validate(project.problem(), folds=folds, kind=parts, options=options, progress=progress)
     except KeyboardInterrupt:
         return _stop()
-    text = json.dumps(validation.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
-    print_lines("", *align(validation.table()), "", *validation.summary())
-    path = write_text(f"{text}\n", folder / "cross_validation.json")
-    print_lines(f"Written to {path}")
+    print_lines("", *align(validation.table()), "", *validation.summary(), *validation.conclusions())
+    written = [write_validation(validation.as_json(), folder)]
+    if (folder / RESULT).is_file():
+        written.append(write_text(from_folder(project, folder), folder / "report.html"))
+    print_lines(f"Written to {', '.join(map(str, written))}")
     return INTERRUPTED if interrupt.pressed else DONE
 
 
@@ -249,7 +267,9 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 @option(
     "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
 )
-def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
+@by_file
+@only_problems
+def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
     from kennfeld.project.results import write_simulation
@@ -260,16 +280,33 @@ def simulate(path: Path, parameters: Path | None, output: Path | None) -> int:
         simulation = project.simulation(values, shifts)
         written = write_simulation(simulation, output or path.parent / "simulation.parquet")
         print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
-        if project.surrogates:
-            from kennfeld.analysis.extrapolation import find_extrapolation
-            from kennfeld.optimize.tuning.shift_estimation import apply_shifts
-            from kennfeld.project.simulation import replace_parameters
-            from kennfeld.terminal.result_lines import extrapolation_lines
-
-            problem = apply_shifts(project.problem(), shifts)
-            print_lines(*extrapolation_lines(find_extrapolation(problem, replace_parameters(problem, values)), ""))
+        _print_fit(project, values, shifts, by_file)
     print_lines(f"Written to {written}")
     return DONE
+
+
+def _print_fit(
+    project: "Project", values: "ParameterSet | None", shifts: "Mapping[str, Mapping[str, float]]", by_file: bool
+) -> None:
+    """Print the errors by file on request, and the use of surrogates outside their training data."""
+    if not (by_file or project.surrogates):
+        return
+    from kennfeld.optimize.tuning.shift_estimation import apply_shifts
+    from kennfeld.project.simulation import replace_parameters
+
+    problem = apply_shifts(project.problem(), shifts)
+    parameters = replace_parameters(problem, values)
+    if by_file:
+        from kennfeld.optimize.quality import Scorer
+        from kennfeld.optimize.recording_quality import recordings_table
+
+        rows = Scorer(problem).scores(parameters, parameters).recordings
+        print_lines("", *align(recordings_table(rows, before=False)), "")
+    if project.surrogates:
+        from kennfeld.analysis.extrapolation import find_extrapolation
+        from kennfeld.terminal.result_lines import extrapolation_lines
+
+        print_lines(*extrapolation_lines(find_extrapolation(problem, parameters), ""))
 
 
 def _stored_shifts(project: "Project", parameters: Path | None) -> dict[str, dict[str, float]]:
@@ -300,7 +337,11 @@ def _stored_shifts(project: "Project", parameters: Path | None) -> dict[str, dic
 @project_file
 @option("-o --output", "Output file, .html.", "FILE", "report.html in the results folder", type=PATH)
 @option("-r --results", "Folder of the results.", "DIR", "results/ next to the project file", type=PATH)
-def report(path: Path, output: Path | None, results: Path | None) -> int:
+@option("--title", "Heading of the report, instead of that in [report].", "TEXT")
+@option("--author", "Author of the calibration, instead of that in [report].", "TEXT")
+@only_problems
+@option("--comment", "Text below the heading, instead of that in [report].", "TEXT")
+def report(path: Path, output: Path | None, results: Path | None, **heading: str | None) -> int:
     """Write the report on the results of an earlier run.
 
     Without results, it covers the initial values only.
@@ -310,24 +351,38 @@ def report(path: Path, output: Path | None, results: Path | None) -> int:
 
     folder = results or path.parent / "results"
     with _open(path) as project:
-        text = from_folder(project, folder)
+        changed = {name: text for name, text in heading.items() if text is not None}
+        text = from_folder(project, folder, replace(project.file.report, **changed))
     print_lines(f"Written to {write_text(text, output or folder / 'report.html')}")
     return DONE
 
 
 @click.command
 @argument("path", "FILE", "The training file, surrogate.toml.")
+@only_problems
 def train(path: Path) -> int:
-    """Train a surrogate on recordings and write it as a file that projects can use."""
+    """Train a surrogate on recordings and write it as a file that projects can use.
+
+    Ctrl-C, SIGTERM and SIGHUP stop the training; the best surrogate so far is written.
+    """
     from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate.surrogate_file import write_surrogate
+    from kennfeld.terminal.progress import Interrupt
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
     training = read_training(path)
-    surrogate = training.train(print_lines)
+    try:
+        with Interrupt() as interrupt:
+            surrogate = training.train(print_lines, interrupt.stopped)
+            write_surrogate(surrogate, training.target)
+    except KeyboardInterrupt:
+        return _stop()
     stability = getattr(surrogate, "stability", "")
     print_lines(describe_surrogate(surrogate), *([stability] if stability else []))
     print_lines("", *align(quality_table(surrogate)), "")
-    write_surrogate(surrogate, training.target)
     print_lines(f"Written to {training.target}")
+    if interrupt.pressed:
+        message = "the training was stopped; the surrogate is the best so far"
+        print_findings(Finding(Location(training.target.name), message, "Train again.", severity="warning"))
+        return INTERRUPTED
     return DONE

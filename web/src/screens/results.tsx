@@ -7,6 +7,7 @@ import { Footer, Key } from "../frame";
 import { Icon } from "../icons";
 import { Pictures } from "../instruments/pictures";
 import { open, screen, state } from "../store";
+import { ByFilePane } from "./results/by-file";
 import { ExportPane } from "./results/export";
 import { IfPinned } from "./results/pinned";
 import { TrustPane } from "./results/trust";
@@ -33,7 +34,7 @@ export function Results() {
           <div class="head"><h2>{own?.name ?? MISSING}</h2><span class="sub">{own ? describe(own) : ""}</span>{own && <span class="right">{choiceScore.value && <span class="q" id="choice">RMSE with this choice <b class="ink">{number(choiceScore.value.rmse)}</b> {choiceScore.value.unit}</span>}<button class="btn small" onClick={() => { open(own.name); screen.value = "parameters"; }}>Edit</button></span>}</div>
           {own && <Pictures {...own} titles={[first.value, second.value]} hatched={rejected.value[own.name]} />}
         </section>
-        <TrustPane />
+        <div class="lower"><ByFilePane /><TrustPane /></div>
         <section class="pane ep"><IfPinned /><ExportPane /></section>
       </main>
       <Footer><Key keys={["Space"]} text="accept or keep" /><Key keys={["Ctrl", "E"]} text="export" /></Footer>

@@ -42,6 +42,7 @@ QUESTIONS: dict[str, Question] = {
     "worst": error_split.worst,
     "progress": runs.progress,
     "outcome": runs.outcome,
+    "by-file": runs.by_file,
     "compare": runs.compare,
     "choice": runs.choice,
     "trust": trust.trust,

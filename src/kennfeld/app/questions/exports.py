@@ -152,7 +152,8 @@ def _result(session: Session, project: Project) -> Result:
         raise InputError.of(Location(session.path.name), "there is no result yet", "Run the calibration first.")
     last, view = session.runs[-1].result, session.require_view()
     start, now = view.start.parameters, view.now.parameters
-    return replace(last, parameters=now, start=start, quality=Scorer(project.problem()).quality(start, now))
+    scores = Scorer(project.problem()).scores(start, now)
+    return replace(last, parameters=now, start=start, quality=scores.quality, recordings=scores.recordings)
 
 
 def _write_stored_report(project: Project, folder: Path) -> Path:

@@ -119,6 +119,7 @@ SCREENS = {
     "step": "optimization",
     "optimizer": "optimization",
     "cluster": "optimization",
+    "report": "results",
 }
 
 

@@ -5,8 +5,9 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import CrossValidation, Kind
+from kennfeld.analysis.cross_validation import Kind
 from kennfeld.analysis.extrapolation import Extrapolation, find_extrapolation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.questions.pictures import thumbnail
@@ -16,11 +17,13 @@ from kennfeld.app.session.session import Run, Session, View
 from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
+from kennfeld.optimize.recording_quality import of_several_files, recordings_table
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
 MAX_CHANGES = 400  # grid points of a table that are listed
+MAX_RECORDINGS = 500  # rows that are listed
 
 
 def run(session: Session, given: Given) -> Answer:
@@ -105,6 +108,21 @@ def outcome(session: Session, given: Given) -> Answer:
     )
 
 
+def by_file(session: Session, given: Given) -> Answer:
+    """Return the errors of the last run by file, the worst first; `several` tells if a dataset has several files."""
+    last = session.runs[-1].result if session.runs else None
+    recordings = () if last is None else last.recordings
+    table = recordings_table(recordings)
+    return Answer(
+        {
+            "run": session.runs[-1].number if session.runs else None,
+            "rows": table[: 1 + MAX_RECORDINGS],
+            "more": max(len(table) - 1 - MAX_RECORDINGS, 0),
+            "several": bool(of_several_files(recordings)),
+        }
+    )
+
+
 def _outcome(session: Session, last: Result) -> dict[str, Any]:
     return {
         "run": session.runs[-1].number,
@@ -142,7 +160,7 @@ def _extrapolation(session: Session, run: Run) -> Sequence[Extrapolation]:
 
 
 def _folds(validation: CrossValidation) -> dict[str, Any]:
-    return {"table": validation.table(), "summary": validation.summary()}
+    return {"table": validation.table(), "summary": [*validation.summary(), *validation.conclusions()]}
 
 
 def _start(session: Session, number: int, lines: Sequence[TraceLine]) -> dict[str, Any]:

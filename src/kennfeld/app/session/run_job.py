@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from dataclasses import field, replace
 from typing import Any
 
-from kennfeld.analysis.cross_validation import CrossValidation, Kind
+from kennfeld.analysis.cross_validation import Kind
 from kennfeld.analysis.extrapolation import Extrapolation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.run_checkpoints import INTERVAL, RunCheckpoints
 from kennfeld.arrays import Float
 from kennfeld.dask_runner import ClusterAddress, DaskRunner

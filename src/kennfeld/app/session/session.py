@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from kennfeld.analysis.cross_validation import CrossValidation
 from kennfeld.analysis.extrapolation import Extrapolation
+from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.evidence import Evidence
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples

@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float, ignore_floating_errors
 from kennfeld.errors import Findings, Location
+from kennfeld.formatting import join_names
 from kennfeld.free_axes import breakpoints_by_name
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.fit import FitRun
@@ -82,6 +83,7 @@ class _Multistart:
         self.trace: list[TraceLine] = []
         self.outcomes: dict[int, StartOutcome] = {}
         self.resumed_names: list[str] = []
+        self.finished: list[int] = []  # starts that had converged before
         self.without_workers = False  # although several processes were requested
         self.began = time.perf_counter()
 
@@ -158,6 +160,7 @@ class _Multistart:
                 done = abs(runner.cost(values) - row.cost_after) <= COST_TOLERANCE * abs(row.cost_after)
             if row is not None and done and saved.step >= last:
                 self.outcomes[number] = StartOutcome(row, values)
+                self.finished.append(number)
             else:
                 yield StartPoint(number, values, drawn, min(saved.step + done, last), saved.iteration)
 
@@ -207,8 +210,23 @@ class _Multistart:
             sentences += [f"{failed} of them failed."] if failed else []
         if self.without_workers:
             sentences.append("The starts ran sequentially because no worker process could load the problem.")
-        sentences += [f"Resumed from {', '.join(self.resumed_names)}."] if self.resumed_names else []
+        sentences += self._describe_resumption()
         return "stopped" if stopped else best.row.status, " ".join(sentences)
+
+    def _describe_resumption(self) -> Iterator[str]:
+        """Yield which starts were resumed, which were not repeated, and which began anew."""
+        if not self.resumed_names:
+            return
+        yield f"Resumed from {', '.join(self.resumed_names)}."
+        if self.finished:
+            yield f"Not repeated, because converged: {_describe_starts(self.finished)}."
+        anew = [number for number in range(1, self.options.starts + 1) if number not in self.resumed]
+        if anew:
+            yield f"Without a checkpoint, begun anew: {_describe_starts(anew)}."
+
+
+def _describe_starts(numbers: Sequence[int]) -> str:
+    return f"start{'s' * (len(numbers) > 1)} {join_names(list(map(str, numbers)))}"
 
 
 def _run_in_turn(

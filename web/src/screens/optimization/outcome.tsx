@@ -24,7 +24,8 @@ export function OutcomeBody({ steps }: { steps: StepRow[] }) {
   return own === null ? <p class="pad q">After a run: errors by criterion and dataset, chosen smoothness and shifts, and what the search remarks.</p> : <ResultTables own={own} />;
 }
 
-function Cells({ rows, id }: { rows: string[][]; id: string }) {
+/** A table of text with a heading; columns of numbers are aligned right. */
+export function Cells({ rows, id }: { rows: string[][]; id: string }) {
   const [head = [], ...body] = rows;
   const text = (column: number): boolean => body.some((row) => Number.isNaN(Number(row[column])) && row[column] !== "-");
   return (

@@ -44,7 +44,7 @@ function QuickFields() {
 }
 
 /** The keys of a section that have no field of their own above. */
-function Further({ section, skip, label }: { section: string; skip: string[]; label: string }) {
+export function Further({ section, skip, label }: { section: string; skip: string[]; label: string }) {
   const open = useSignal(false);
   const rest = keysOf(section).filter((key) => !skip.includes(key.name));
   const isWanted = rest.some((key) => wanted.value === `${section}.${key.name}`);

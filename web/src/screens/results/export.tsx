@@ -4,6 +4,7 @@ import { effect, signal } from "@preact/signals";
 import { RoundedTable, type Rounded } from "../../instruments/rounded";
 import { request, screen, settled, state } from "../../store";
 import { address } from "../../uploads";
+import { Further } from "../optimization/settings";
 
 interface Formats { formats: string[]; own: string[]; folder: string; stored: boolean }
 interface Exported { files: string[]; findings: string[]; rounded: Rounded[] }
@@ -48,6 +49,7 @@ export function ExportPane() {
           {EXTRAS.map(([key, text, help]) => <label title={help}><input type="checkbox" checked={extras.value[key]} disabled={(key === "whole" && !state.value.runs.length) || (key === "stored" && !formats.value.stored)} onChange={(event) => { extras.value = { ...extras.value, ...(event.currentTarget.checked && key === "report" ? { stored: false } : event.currentTarget.checked && key === "stored" ? { report: false } : {}), [key]: event.currentTarget.checked }; }} /> {text}</label>)}
           <label title="All nodes and targets over all datasets at the present values, as kennfeld simulate writes them">simulation <select class="field small" aria-label="Simulation" value={simulation.value} onChange={(event) => { simulation.value = event.currentTarget.value; }}><option value="">no</option><option value=".parquet">simulation.parquet</option><option value=".csv">simulation.csv</option></select></label>
         </div>
+        <Further section="report" skip={[]} label="title, author and comment of the report" />
         <p class="q cut" title={folder}>into {folder.split(/[\\/]/).slice(-2).join("/")}</p>
         <div class="go"><button class="btn primary" id="export-files" disabled={!total} onClick={run}>{total === 1 ? "Export 1 file" : "Export"}</button><a class="btn" id="export-folder" href="/project.zip" download title="The folder of the project as it is on disk; unsaved changes are not in it">Folder as ZIP</a></div>
         {state.value.unsaved.length > 0 && <p class="q">The ZIP holds what is saved.</p>}
