@@ -24,7 +24,7 @@ from kennfeld.matlab.operators import (
     transpose,
 )
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.simulink_objects import construct_object, is_constructor
+from kennfeld.matlab.simulink_objects import ENUMERATION, construct_object, is_constructor
 from kennfeld.matlab.traversal import access_chain, names_read
 
 HostFunction = Callable[..., Any]
@@ -223,6 +223,8 @@ class NumericEvaluator:
                 if isinstance(value, v.MatlabFunctionHandle):
                     return self.apply(value, self.flat_values(step.arguments), outputs)
                 indices = self.indices(step.arguments, value)
+                if isinstance(value, v.MatlabStruct) and value.kind == ENUMERATION and len(step.arguments) == 1:
+                    return [v.numbers(self.value(step.arguments[0]))]
                 if isinstance(value, v.OpaqueValue):
                     raise v.MatlabValueError(f"a {value.kind} can be read by MATLAB only")
                 return [v.with_class_of(value, index_array(v.elements_of(value), indices, self.budget))]

@@ -11,7 +11,7 @@ from simulink_files import Model
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.reader.document import document
-from kennfeld.models.simulink.variables.model_variables import collect_variables
+from kennfeld.models.simulink.variables.model_variables import FileSearch, collect_variables
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Block, Map, Scalar
 
@@ -121,7 +121,30 @@ def test_a_dictionary_that_is_given_must_be_there_while_that_of_the_model_is_tol
     with pytest.raises(InputError, match=r"lost.sldd: file not found"):
         variables(tmp_path, given=[tmp_path / "lost.sldd"])
     own = document(Model(dictionary="lost.sldd").written("slx parts"), Path(tmp_path / "m.slx"))
-    assert "lost.sldd: cannot be read" in str(collect_variables(own, ()).findings[0])
+    assert "lost.sldd: the data dictionary was not found" in str(collect_variables(own, ()).findings[0])
+
+
+@pytest.mark.parametrize("name", ["data.sldd", "tables/data.sldd"])
+def test_a_dictionary_is_found_in_further_folders_and_not_missed_if_it_is_given(name, tmp_path):
+    (tmp_path / "tables").mkdir()
+    path = tmp_path / "tables" / "data.sldd"
+    path.write_bytes(sldd({"K": entry(1.0)}))
+    drawn = document(Model(dictionary=name).written("slx parts"), tmp_path / "m.slx")
+    for found in (collect_variables(drawn, (), FileSearch((tmp_path / "tables",))), collect_variables(drawn, [path])):
+        assert found["K"].value.item() == 1.0
+        assert not found.findings
+
+
+def test_a_referenced_dictionary_is_found_in_further_folders_and_not_missed_if_it_is_given(tmp_path):
+    (tmp_path / "tables").mkdir()
+    part = tmp_path / "tables" / "part.sldd"
+    part.write_bytes(sldd({"K": entry(1.0)}))
+    (tmp_path / "data.sldd").write_bytes(sldd({"L": entry(2.0)}, ["part.sldd"]))
+    drawn = document(Model(dictionary="data.sldd").written("slx parts"), tmp_path / "m.slx")
+    assert "part.sldd" in str(collect_variables(drawn, ()).findings[0])
+    for found in (collect_variables(drawn, (), FileSearch((tmp_path / "tables",))), collect_variables(drawn, [part])):
+        assert found.keys() >= {"K", "L"}
+        assert not found.findings
 
 
 def test_a_model_leads_to_no_dictionary_elsewhere(tmp_path):

@@ -125,7 +125,6 @@ class BlockReader:
     load: Callable[[str], SectionNode | None]
     charts: Mapping[str, StoredChart]
     defaults: Mapping[str, Mapping[str, str]]
-    enumerations: dict[str, None] = field(default_factory=dict)
     # parts of the file already read: each belongs to one block; sharing could multiply content without bound
     _used: set[str] = field(default_factory=set)
 
@@ -164,8 +163,6 @@ class BlockReader:
         if instance is not None:
             parameters |= instance.keys
         parameters |= _bus_element(section)
-        if parameters.get("OutDataTypeStr", "").startswith("Enum:"):
-            self.enumerations[parameters["OutDataTypeStr"][5:].strip()] = None
         inner = section.first("System")
         chart = self.charts.get(path) if keys.get("SFBlockType", "NONE") != "NONE" else None
         return ModelBlock(

@@ -374,9 +374,8 @@ class ModelDocument:
     """A Simulink file.
 
     `version` is a release ("R2017b") or, in older files, the Simulink version number. `callbacks` is the code of
-    InitFcn, PreLoadFcn and so on; `dictionaries` are names of `.sldd` files; `enumerations` are the
-    enumerated types that blocks name; `mask` is that of a subsystem file for the blocks that reference it; `warnings`
-    are findings on what could not be read.
+    InitFcn, PreLoadFcn and so on; `dictionaries` are names of `.sldd` files; `mask` is that of a subsystem file for the
+    blocks that reference it; `warnings` are findings on what could not be read.
     """
 
     name: str
@@ -388,6 +387,5 @@ class ModelDocument:
     callbacks: Mapping[str, str] = field(default_factory=dict)
     workspace: StoredWorkspace = StoredWorkspace()
     dictionaries: tuple[str, ...] = ()
-    enumerations: tuple[str, ...] = ()
     mask: Mask | None = None
     warnings: tuple[Finding, ...] = ()
