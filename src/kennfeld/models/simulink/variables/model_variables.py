@@ -191,6 +191,9 @@ def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable])
     if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
         return Variable({"Condition": condition}, source=source)
     value = _value(entry, known)
+    if value is None and entry.kind.rpartition(".")[2] == "Signal":  # it may declare a data store
+        parts = {"InitialValue": "", **entry.properties}
+        value = {name: part for name in parts if (part := _value(parts[name], known)) is not None}
     if value is None:
         return None
     fixed = _is_enumerated(entry) or _is_enumerated(entry.value)
