@@ -20,6 +20,7 @@ from kennfeld.models.simulink.reader.model_tree import (
     StoredChart,
     System,
     join_path,
+    normalize_path,
     split_arguments,
 )
 from kennfeld.models.simulink.reader.section_tree import COMPLETE_COPY, ReadDiagnostics, SectionNode, normalize_name
@@ -315,4 +316,4 @@ def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode |
     specific = instance.keys if instance is not None else {}
     rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | specific
     rest = {key: value for key, value in rest.items() if key not in _LINKING}
-    return LibraryLink(normalize_name(source), parameters.get("SourceType", ""), rest)
+    return LibraryLink(normalize_path(source), parameters.get("SourceType", ""), rest)

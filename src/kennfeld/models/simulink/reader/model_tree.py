@@ -164,6 +164,15 @@ def split_path(path: str) -> tuple[str, ...]:
     )
 
 
+def normalize_path(path: str) -> str:
+    """Return a path with the white space of each name normalized, as the paths of blocks are.
+
+    >>> normalize_path("Engine / km//h ")
+    'Engine/km//h'
+    """
+    return join_path(*split_path(path))
+
+
 @dataclass(frozen=True, slots=True)
 class Endpoint:
     """One end of a line: the SID of a block, and its port.
