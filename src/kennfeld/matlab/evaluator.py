@@ -193,6 +193,8 @@ class NumericEvaluator:
         """Evaluate a variable or a call, and the accesses behind it."""
         base, steps = access_chain(node)
         at = 0
+        if self.undefined and isinstance(base, m.Name):
+            self._check_fields(base, steps)
         if not isinstance(base, m.Name):
             values = [self.value(base)]
         elif base.name in self.variables:
@@ -206,6 +208,16 @@ class NumericEvaluator:
                 raise v.MatlabValueError(f"expected one value, got {len(values)}")
             values = self.step(values[0], steps[k], outputs if k == len(steps) - 1 else 1)
         return values
+
+    def _check_fields(self, base: m.Name, steps: Sequence[m.Expression]) -> None:
+        """Raise `MatlabError` if a field of a struct has no value."""
+        path = base.name
+        for step in steps:
+            if not isinstance(step, m.Field):
+                return
+            path = f"{path}.{step.name}"
+            if path in self.undefined:
+                raise MatlabError.at(self.name, base.place, f"{path} is undefined: {self.undefined[path]}")
 
     def step(self, value: v.Value, step: m.Expression, outputs: int = 1) -> list[v.Value]:
         """Return the part of a value that a field, an index or a brace index selects."""

@@ -8,8 +8,10 @@ import pytest
 import scipy.io
 from simulink_data import Thing, entry, matfile, sldd
 from simulink_files import Model
+from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.reader.document import document
 from kennfeld.models.simulink.variables.model_variables import FileSearch, collect_variables
 from kennfeld.parameter_set import ParameterSet
@@ -82,6 +84,39 @@ def test_what_a_script_leaves_without_a_value_loses_the_one_it_had(tmp_path):
     found = variables(tmp_path, "K = nowhere(3); L = 2; N = nowhere(4);", [tmp_path / "first.m", {"N": 7.0}])
     assert {name: found[name].value.item() for name in found} == {"L": 2.0, "M": 1.0, "N": 7.0}
     assert "K remains undefined" in str(found.findings[0])
+
+
+@pytest.mark.parametrize(
+    "loading",
+    [
+        "load('sub/deep/x.mat')",
+        "load(fullfile('sub', 'deep', 'x'))",
+        "load sub/deep/x.mat",
+        "load('.\\sub\\deep\\x.mat')",
+    ],
+)
+def test_a_script_loads_files_from_folders_below_its_own(loading, tmp_path):
+    (tmp_path / "sub" / "deep").mkdir(parents=True)
+    saved(tmp_path / "sub" / "deep", {"K": 4.0}, "x.mat")
+    (tmp_path / "init.m").write_text(f"{loading}\nL = K + 1;\n")
+    found = variables(tmp_path, given=[tmp_path / "init.m"])
+    assert found["L"].value.item() == 5.0
+
+
+def test_a_script_loads_nothing_from_folders_above_its_own(tmp_path):
+    (tmp_path / "m").mkdir()
+    saved(tmp_path, {"K": 4.0}, "x.mat")
+    for name in ("../x.mat", "./../x.mat", str(tmp_path / "x.mat")):
+        (tmp_path / "m" / "init.m").write_text(f"load('{name}')\n")
+        assert "K" not in variables(tmp_path, given=[tmp_path / "m" / "init.m"])
+
+
+def test_a_field_of_a_struct_that_a_script_cannot_compute_leaves_the_others(tmp_path):
+    (tmp_path / "init.m").write_text("par.K = 3;\npar.opt = simset('Solver', 'ode3');\n")
+    model = imported(alone("Gain", Gain="par.K"), tmp_path, parameters=[tmp_path / "init.m"])
+    assert run(model, {"u1": [2.0]})["y1"].tolist() == [6.0]
+    report = import_simulink(alone("Gain", Gain="par.opt").write(tmp_path), parameters=[tmp_path / "init.m"]).report
+    assert "variable par.opt: undefined (assignment failed in init.m line 2)" in str(report.findings[0])
 
 
 def workspace_of(folder, code, given):

@@ -38,7 +38,7 @@ from kennfeld.models.simulink.variables.mask_scope import (
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
 _MAX_FILE_BYTES = 2_000_000  # bytes
 
-_SCRIPT_NAME = re.compile(r"[\w.-]{1,128}\Z")
+_SCRIPT_NAME = re.compile(r"[\w. -]{1,128}\Z")  # of a file or a folder
 
 
 class FunctionFiles:
@@ -185,7 +185,7 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
     """Run MATLAB code and add its variables to `variables`; variables it leaves without a value are removed.
 
     Variables given by the user stay, so that they can replace what a script cannot compute. Files are loaded from
-    `folder` only.
+    `folder` and the folders below it.
     """
     values = {key: _script_value(variable) for key, variable in variables.items()}
     outcome = run_script(text, name, values, partial(_load_file, folder))
@@ -217,8 +217,11 @@ def _script_value(variable: Variable) -> Any:
 
 
 def _load_file(folder: Path, name: str) -> bytes | None:
-    path = folder / name
-    return read_file(path) if _SCRIPT_NAME.match(name) and path.is_file() else None
+    parts = name.replace("\\", "/").removeprefix("./").split("/")
+    if not all(_SCRIPT_NAME.match(part) and part.strip(".") for part in parts):  # a path could name any local file
+        return None
+    path = folder.joinpath(*parts)
+    return read_file(path) if path.is_file() else None
 
 
 def read_file(path: Path) -> bytes:
