@@ -7,7 +7,6 @@ are evaluated by the MATLAB evaluator.
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -188,7 +187,14 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
     `folder` and the folders below it.
     """
     values = {key: _script_value(variable) for key, variable in variables.items()}
-    outcome = run_script(text, name, values, partial(_load_file, folder))
+
+    def load(file: str) -> bytes | None:
+        content = _load_file(folder, file)
+        if content is None and file.casefold().endswith(".mat"):
+            variables.missing_files[file] = name
+        return content
+
+    outcome = run_script(text, name, values, load)
     for finding in outcome.findings:  # a script skips plots, and what follows an error
         severity: Severity = "warning" if finding.severity == "warning" else "remark"
         variables.findings.append(replace(finding, severity=severity))

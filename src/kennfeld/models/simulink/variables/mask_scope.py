@@ -225,14 +225,16 @@ def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
 class VariableTable(dict[str, Variable]):
     """Variables by name, with findings of their sources.
 
-    `undefined` gives reasons why scripts could not assign a variable, `solvers` are configurations by name, `strangers`
-    parameters of calibration files unknown to the model.
+    `undefined` gives reasons why scripts could not assign a variable, `missing_files` are absent data files with the
+    scripts that load them, `solvers` are configurations by name, `strangers` parameters of calibration files unknown to
+    the model.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
         self.undefined: dict[str, str] = {}
+        self.missing_files: dict[str, str] = {}
         self.solvers: dict[str, StoredSolver] = {}
         self.strangers = ParameterSet()
 
