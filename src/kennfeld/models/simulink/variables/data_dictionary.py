@@ -193,7 +193,11 @@ class Dictionary:
 
 
 def read_dictionary(
-    path: str | Path, follow: bool = True, folders: Sequence[Path] = (), given: Collection[str] = ()
+    path: str | Path,
+    follow: bool = True,
+    folders: Sequence[Path] = (),
+    given: Collection[str] = (),
+    known: dict[Path, Dictionary] | None = None,
 ) -> Dictionary:
     """Read the variables of a `.sldd` file.
 
@@ -202,6 +206,7 @@ def read_dictionary(
         follow: read referenced dictionaries next to it, too; entries of the file itself take precedence.
         folders: further folders to search for referenced dictionaries.
         given: names of files that the user gives; references to these are not followed.
+        known: files that have been read, to which those read here are added.
 
     Returns:
         The dictionary; `data.unreadable` lists undecodable entries and missing or damaged references.
@@ -209,8 +214,8 @@ def read_dictionary(
     Raises:
         InputError: if the file itself is not a dictionary.
     """
-    path = Path(path)
-    read, seen = _read_file(path), {path.resolve()}
+    path, known = Path(path), {} if known is None else known
+    read, seen = _read_once(path, known), {path.resolve()}
     waiting = [(path.parent, name) for name in read.references] if follow else []
     while waiting:
         folder, name = waiting.pop(0)
@@ -218,7 +223,7 @@ def read_dictionary(
         if file.resolve() in seen or file.name in given:
             continue
         seen.add(file.resolve())
-        further = _read_referenced(file, name)
+        further = _read_referenced(file, name, known)
         read = read.merged_with(further)
         waiting += [(folder, reference) for reference in further.references]
     return read
@@ -239,15 +244,21 @@ def find_beside(name: str, folders: Iterable[Path]) -> Path | None:
     return next((path for folder in folders if plain and (path := folder / plain).is_file()), None)
 
 
-def _read_referenced(file: Path, name: str) -> Dictionary:
+def _read_referenced(file: Path, name: str, known: dict[Path, Dictionary]) -> Dictionary:
     """Return a referenced dictionary; if it cannot be read, one without entries that gives the reason."""
     why = "this referenced dictionary was not found next to it"
     if file.is_file():
         try:
-            return _read_file(file)
+            return _read_once(file, known)
         except InputError as error:
             why = f"this referenced dictionary: {error.findings[0].message}"
     return Dictionary(file, StoredVariables({}, {name: why}))
+
+
+def _read_once(path: Path, known: dict[Path, Dictionary]) -> Dictionary:
+    if path not in known:
+        known[path] = _read_file(path)
+    return known[path]
 
 
 def _read_file(path: Path) -> Dictionary:

@@ -1,6 +1,7 @@
 """Collection of a model's variables and solver settings from workspace, dictionaries, scripts and given values."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import field
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -10,7 +11,12 @@ from kennfeld.errors import Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredSolver
-from kennfeld.models.simulink.variables.data_dictionary import file_name, find_beside, read_dictionary
+from kennfeld.models.simulink.variables.data_dictionary import (
+    Dictionary,
+    file_name,
+    find_beside,
+    read_dictionary,
+)
 from kennfeld.models.simulink.variables.enumerations import enumeration_files, enumeration_variable, members_of
 from kennfeld.models.simulink.variables.m_files import read_file, run_parameter_script, run_text
 from kennfeld.models.simulink.variables.mask_scope import (
@@ -42,15 +48,35 @@ _NAMES: Final = ("bdroot", "gcs", "gcb")
 
 @dataclass(frozen=True)
 class FileSearch:
-    """Where the files of a model are found: in its own folder and in `folders`; `given` are files of the user."""
+    """Where the files of a model are found: in its own folder and in `folders`; `given` are files of the user.
+
+    Each dictionary and each folder is read once, since referenced models share them.
+    """
 
     folders: tuple[Path, ...] = ()
     given: tuple[Path, ...] = ()
+    _dictionaries: dict[Path, Dictionary] = field(default_factory=dict, repr=False)
+    _enumerations: dict[Path, dict[str, Variable]] = field(default_factory=dict, repr=False)
 
     @property
     def given_names(self) -> frozenset[str]:
         """Names of the user's files, which need not be found elsewhere."""
         return frozenset(path.name for path in self.given)
+
+    def dictionary(self, path: Path) -> Dictionary:
+        """Return a data dictionary with those it refers to."""
+        return read_dictionary(
+            path, folders=self.folders, given=self.given_names - {path.name}, known=self._dictionaries
+        )
+
+    def enumerations(self, folder: Path) -> dict[str, Variable]:
+        """Return the enumerations whose class files are given, in a folder or in the further ones, in this order."""
+        enumerations = enumeration_files((), [path for path in self.given if path.suffix == ".m"])
+        for place in (folder, *self.folders):
+            if place not in self._enumerations:
+                self._enumerations[place] = enumeration_files([place])
+            enumerations = {**self._enumerations[place], **enumerations}
+        return enumerations
 
 
 def collect_variables(
@@ -102,8 +128,7 @@ def _hidden(document: ModelDocument, name: str) -> Finding:
 def _add_adjacent_files(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
     """Add enumerations and data dictionaries next to a model; folders in the names of dictionaries are ignored."""
     folders = (document.path.parent, *search.folders)
-    scripts = [path for path in search.given if path.suffix == ".m"]
-    variables.update(enumeration_files(folders, scripts))
+    variables.update(search.enumerations(document.path.parent))
     for name in document.dictionaries:
         if file_name(name) in search.given_names:
             continue
@@ -148,7 +173,7 @@ def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[
 
 
 def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
-    read = read_dictionary(path, folders=search.folders, given=search.given_names - {path.name})
+    read = search.dictionary(path)
     variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
