@@ -160,6 +160,41 @@ def test_a_variable_that_gets_a_value_again_is_defined():
     assert run_script("a = tf(1); a = 2; b = a;").variables["b"].tolist() == [[2.0]]
 
 
+def test_only_the_field_that_a_failed_statement_assigns_is_undefined():
+    outcome = run_script(
+        "par.a = 1;\npar.opt = simset('x');\npar.in.k = simset(1);\npar.in.m = 3;\nc = par.opt + 1;\nd = par.a;"
+    )
+    par = outcome.variables["par"].fields
+    assert (par.keys(), par["in"].fields.keys()) == ({"a", "in"}, {"m"})
+    assert outcome.variables["d"].item() == 1
+    assert set(outcome.undefined) == {"par.opt", "par.in.k", "c"}
+    told = [str(finding) for finding in outcome.findings]
+    assert told[0].startswith("script.m line 2, column 11: unknown function simset; par.opt remains undefined")
+    assert "par.opt is undefined: assignment failed in script.m line 2; c remains undefined" in told[2]
+
+
+def test_a_field_that_had_a_value_loses_it_if_its_assignment_fails():
+    outcome = run_script("par.a = 1; par.b = 2; if 1, par.a = simset(1); end")
+    assert outcome.variables["par"].fields.keys() == {"b"}
+    assert set(outcome.undefined) == {"par.a"}
+
+
+@pytest.mark.parametrize("later", ["par.opt = 2;", "par = struct('opt', 2);"])
+def test_a_field_is_defined_again_by_a_later_assignment(later):
+    outcome = run_script(f"par.opt = simset(1); {later} x = par.opt;")
+    assert outcome.variables["x"].item() == 2
+    assert not outcome.undefined
+
+
+def test_the_elements_of_a_struct_array_are_undefined_as_a_whole():
+    assert set(run_script("q(1).x = 3; q(2).x = simset(1);").undefined) == {"q"}
+
+
+def test_the_parts_of_a_path_are_joined():
+    found = values("a = fullfile('sub', 'x.mat'); b = fullfile('sub/', '', '/deep/', 'x.mat');")
+    assert ["".join(found[name].ravel()) for name in "ab"] == ["sub/x.mat", "sub/deep/x.mat"]
+
+
 def test_a_part_of_an_undefined_variable_cannot_be_assigned():
     assert set(run_script("a = tf(1); a(2) = 1;").undefined) == {"a"}
 

@@ -37,6 +37,18 @@ def assign(evaluator: NumericEvaluator, target: m.Expression, value: v.Value) ->
     return name
 
 
+def without_field(value: v.Value | None, path: Sequence[str]) -> v.MatlabStruct | None:
+    """Return a struct without the field at a path; None if it is not a single struct."""
+    if not isinstance(value, v.MatlabStruct) or value.elements.size != 1:
+        return None
+    name, *rest = path
+    fields = {key: inner for key, inner in value.fields.items() if key != name}
+    if rest and name in value.fields:
+        inner = without_field(value.fields[name], rest)
+        fields = {**value.fields, name: inner} if inner is not None else fields
+    return v.MatlabStruct.of(fields, value.kind)
+
+
 def _assign_part(
     evaluator: NumericEvaluator, known: v.Value | None, steps: Sequence[m.Expression], value: v.Value, owned: bool
 ) -> v.Value:

@@ -24,7 +24,7 @@ from kennfeld.matlab.operators import (
     transpose,
 )
 from kennfeld.matlab.parser import parse_expression
-from kennfeld.matlab.simulink_objects import construct_object, is_constructor
+from kennfeld.matlab.simulink_objects import ENUMERATION, construct_object, is_constructor
 from kennfeld.matlab.traversal import access_chain, names_read
 
 HostFunction = Callable[..., Any]
@@ -193,6 +193,8 @@ class NumericEvaluator:
         """Evaluate a variable or a call, and the accesses behind it."""
         base, steps = access_chain(node)
         at = 0
+        if self.undefined and isinstance(base, m.Name):
+            self._check_fields(base, steps)
         if not isinstance(base, m.Name):
             values = [self.value(base)]
         elif base.name in self.variables:
@@ -206,6 +208,16 @@ class NumericEvaluator:
                 raise v.MatlabValueError(f"expected one value, got {len(values)}")
             values = self.step(values[0], steps[k], outputs if k == len(steps) - 1 else 1)
         return values
+
+    def _check_fields(self, base: m.Name, steps: Sequence[m.Expression]) -> None:
+        """Raise `MatlabError` if a field of a struct has no value."""
+        path = base.name
+        for step in steps:
+            if not isinstance(step, m.Field):
+                return
+            path = f"{path}.{step.name}"
+            if path in self.undefined:
+                raise MatlabError.at(self.name, base.place, f"{path} is undefined: {self.undefined[path]}")
 
     def step(self, value: v.Value, step: m.Expression, outputs: int = 1) -> list[v.Value]:
         """Return the part of a value that a field, an index or a brace index selects."""
@@ -223,6 +235,8 @@ class NumericEvaluator:
                 if isinstance(value, v.MatlabFunctionHandle):
                     return self.apply(value, self.flat_values(step.arguments), outputs)
                 indices = self.indices(step.arguments, value)
+                if isinstance(value, v.MatlabStruct) and value.kind == ENUMERATION and len(step.arguments) == 1:
+                    return [v.numbers(self.value(step.arguments[0]))]
                 if isinstance(value, v.OpaqueValue):
                     raise v.MatlabValueError(f"a {value.kind} can be read by MATLAB only")
                 return [v.with_class_of(value, index_array(v.elements_of(value), indices, self.budget))]

@@ -15,7 +15,7 @@ from kennfeld.errors import Finding, Location, Severity
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab import values as v
-from kennfeld.matlab.assignment import assign
+from kennfeld.matlab.assignment import assign, without_field
 from kennfeld.matlab.errors import Budget, LimitError, MatlabError
 from kennfeld.matlab.evaluator import HostFunction, NumericEvaluator
 from kennfeld.matlab.functions.reductions import matches_case
@@ -23,7 +23,7 @@ from kennfeld.matlab.parser import parse_leniently
 from kennfeld.matlab.printer import format_expression
 from kennfeld.matlab.script_files import Files, ScriptFiles
 from kennfeld.matlab.simulink_objects import define_enumeration
-from kennfeld.matlab.traversal import access_chain, names_assigned
+from kennfeld.matlab.traversal import access_chain, assigned_path, paths_assigned
 
 _UNCLOSED = ("is never closed", "deep")  # findings after which the rest of the script is lost
 _FAILURE_STEPS = 100  # reporting takes longer than a statement
@@ -173,17 +173,27 @@ class _ScriptRunner(NumericEvaluator):
         if isinstance(error, v.MatlabValueError):
             error = MatlabError.at(self.name, statement.place, str(error))
         line = f"{self.name} line {statement.place.line}"
-        lost = sorted(names_assigned(statement))
+        lost = sorted(paths_assigned(statement))
         for finding in error.findings:
             message = finding.message + (f"; {', '.join(lost[:5])} remains undefined" if lost else "")
             self.shared.report(finding.location, message, finding.remedy)
         self.forget(lost, f"assignment failed in {line}")
 
-    def forget(self, names: Iterable[str], why: str) -> None:
-        """Remove the values of variables."""
-        for name in names:
-            self.variables.pop(name, None)
-            self.undefined[name] = why
+    def forget(self, paths: Iterable[str], why: str) -> None:
+        """Remove the values of variables and of fields; the other fields of a struct stay."""
+        for path in paths:
+            name, *fields = path.split(".")
+            rest = without_field(self.variables.get(name), fields) if fields else None
+            if rest is not None:
+                self.variables[name] = rest
+            elif not fields:
+                self.variables.pop(name, None)
+            self.undefined[path] = why
+
+    def define(self, path: str) -> None:
+        """Record that a variable or field has a value again, and so do the fields in it."""
+        for known in [key for key in self.undefined if key == path or key.startswith(f"{path}.")]:
+            del self.undefined[known]
 
     def _run_statement(self, statement: m.Statement) -> None:
         match statement:
@@ -230,7 +240,8 @@ class _ScriptRunner(NumericEvaluator):
         if count > _MAX_NESTED or depth > _MAX_DEPTH:
             self.variables.pop(name)
             raise LimitError(f"{name} contains too many nested values")
-        self.undefined.pop(name, None)
+        if self.undefined:
+            self.define(assigned_path(target))
         if name in self.globals:
             self.shared.globals[name] = self.variables[name]
         self.lines.setdefault(name, statement.place.line)
@@ -409,7 +420,7 @@ def _load(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePositi
     runner.variables |= loaded
     runner.owned.clear()
     for name in loaded:
-        runner.undefined.pop(name, None)
+        runner.define(name)
 
 
 def _run(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:
@@ -425,7 +436,7 @@ def _clear(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosit
     """Remove named variables; `clear all` is ignored, since it would remove values from other files."""
     for word in (v.text(value) for value in arguments):
         runner.variables.pop(word, None)
-        runner.undefined.pop(word, None)
+        runner.define(word)
 
 
 def _error(runner: _ScriptRunner, arguments: Sequence[Any], place: m.SourcePosition) -> None:

@@ -118,7 +118,8 @@ def default_properties(kind: str) -> dict[str, v.Value]:
         return {"Breakpoints": v.MatlabStruct.of(default_properties(_POINTS), _POINTS)}
     if name in ("Parameter", "Signal"):
         fields = {key: value for key, value in _PLAIN.items() if key != "Value" or name == "Parameter"}
-        return {**fields, "DocUnits": _NO_TEXT, "CoderInfo": _CODER, "StorageClass": v.characters("Auto")}
+        store = {"InitialValue": _NO_TEXT, "Dimensions": v.scalar(-1.0)} if name == "Signal" else {}
+        return {**fields, **store, "DocUnits": _NO_TEXT, "CoderInfo": _CODER, "StorageClass": v.characters("Auto")}
     return {}
 
 

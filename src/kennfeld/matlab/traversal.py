@@ -5,6 +5,7 @@ A tree is an expression, a statement, or a tuple of them.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, is_dataclass, replace
+from itertools import takewhile
 from typing import Any
 
 from kennfeld.matlab import syntax as m
@@ -58,13 +59,37 @@ def declares_persistent(tree: object) -> bool:
 
 def names_assigned(tree: object) -> frozenset[str]:
     """Return the variables that statements assign to, as a whole or in part."""
-    targets: list[m.Expression | None] = []
+    return frozenset(name for target in _targets(tree) if (name := assigned_name(target)))
+
+
+def paths_assigned(tree: object) -> frozenset[str]:
+    """Return what statements assign to: variables, and fields `a.b` of structs if they assign no more than these.
+
+    >>> from kennfeld.matlab.parser import parse_script
+    >>> sorted(paths_assigned(parse_script("a.b.c(2) = 1; d(3).e = 2; f = 3;").statements))
+    ['a.b.c', 'd', 'f']
+    """
+    return frozenset(path for target in _targets(tree) if (path := assigned_path(target)))
+
+
+def _targets(tree: object) -> Iterator[m.Expression]:
     for node in _nodes(tree):
         if isinstance(node, m.Assign):
-            targets += node.targets
+            yield from (target for target in node.targets if target is not None)
         elif isinstance(node, m.For):
-            targets.append(node.target)
-    return frozenset(name for target in targets if target is not None and (name := assigned_name(target)))
+            yield node.target
+
+
+def assigned_path(target: m.Expression) -> str:
+    """Return the variable or the field of a struct that the target of an assignment is part of, else ""."""
+    base, steps = access_chain(target)
+    if not isinstance(base, m.Name):
+        return ""
+    fields = takewhile(lambda step: isinstance(step, m.Field), steps)
+    names = [step.name for step in fields if isinstance(step, m.Field)]
+    rest = steps[len(names) :]
+    whole = not any(isinstance(step, m.Field | m.DynamicField) for step in rest)
+    return ".".join([base.name, *names]) if whole else base.name
 
 
 def assigned_name(target: m.Expression) -> str:

@@ -1,11 +1,16 @@
 """Inputs, outputs and parameters of an imported model, as reports of imports list them."""
 
 import math
+import re
 
 import numpy as np
 
+from kennfeld.formatting import size_text
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Parameter
+
+_MAX_WRITTEN = 200  # values of a table that are written one by one
+_PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+\Z")  # of a TOML table, without quotes
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,42 @@ class CalibratableParameter:
     upper: float | None
     locked: bool
     source: str
+
+
+@dataclass(frozen=True)
+class UndefinedParameter:
+    """A parameter without a value: its shape (() for a scalar, None if unknown), the fields that use it, and why.
+
+    `fields` are "Path:Field", or paths of blocks if the field is unknown.
+    """
+
+    name: str
+    shape: tuple[int, ...] | None
+    fields: tuple[str, ...]
+    reason: str = ""
+
+    @property
+    def project_section(self) -> str:
+        """The section of a project file that defines it, with `nan` for its values.
+
+        >>> print(UndefinedParameter("K", (), ("Plant/Gain:Gain",)).project_section)
+        # used by Plant/Gain:Gain; a scalar
+        [parameters.K]
+        initial = nan
+        """
+        key = self.name if _PLAIN_KEY.match(self.name) else f'"{self.name}"'
+        size = f"{size_text(self.shape)} values" if self.shape else "a scalar"
+        size = "a number, or all values" if self.shape is None else size
+        shape = self.shape if self.shape and math.prod(self.shape) <= _MAX_WRITTEN else ()
+        comment = "; ".join(filter(None, (self.reason, f"used by {', '.join(self.fields)}", size)))
+        return f"# {' '.join(comment.split())}\n[parameters.{key}]\ninitial = {_placeholder(shape)}"
+
+
+def _placeholder(shape: tuple[int, ...]) -> str:
+    """Return an array of `nan` as TOML."""
+    if not shape:
+        return "nan"
+    return f"[{', '.join([_placeholder(shape[1:])] * shape[0])}]"
 
 
 def calibratable(parameter: Parameter, source: str = "") -> CalibratableParameter:

@@ -97,8 +97,8 @@ class ModelEntry:
         by="block",
     )
     folders: tuple[str, ...] = key(
-        "a folder or a list of folders in which libraries, referenced models and functions of a Simulink model, or "
-        "packages of an ASCET project, are searched, in addition to its own folder",
+        "a folder or a list of folders in which libraries, referenced models, data dictionaries, classes and functions "
+        "of a Simulink model, or packages of an ASCET project, are searched, in addition to its own folder",
         (),
         holds="folder",
     )

@@ -25,6 +25,7 @@ class NamedPort(Protocol):
 
 MAX_REMARKS = 20  # on one import
 MAX_PATHS = 3  # of blocks in a cell
+_SECTIONS = "To define them in a project file, replace nan with values in:"
 
 
 def model_summary(outline: ModelOutline) -> str:
@@ -131,6 +132,7 @@ def import_notes(report: ImportReport) -> list[str]:
         *report.substitutions,
         *report.fixed,
         *shorten([str(remark) for remark in report.remarks], MAX_REMARKS, " remarks; --json lists them"),
+        *([f"{_SECTIONS}\n\n{report.project_sections}"] if report.definitions else []),
     ]
 
 

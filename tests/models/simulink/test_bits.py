@@ -199,9 +199,43 @@ def test_shifts_drop_bits_at_both_ends_of_the_word(tmp_path):
     assert found.tolist() == [25, 400 % 256, 200, 800 % 256]
 
 
+def behind(kind, **parameters):
+    """A shift by one bit of a block's output."""
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block(kind, "K", ports=(0, 1), **parameters)
+    drawn.block("ArithShift", "B", BitShiftNumber="1", BinPtShiftNumber="0")
+    drawn.outport("y")
+    drawn.chain("K", "B", "y")
+    return drawn
+
+
 def test_a_shift_of_an_unknown_type_is_refused(tmp_path):
-    with pytest.raises(InputError, match="depends on the integer type"):
-        imported(alone("ArithShift", BitShiftNumber="1"), tmp_path)
+    for kind, value in (("Constant", "k"), ("Constant", "1 + uint8(3)"), ("DataStoreRead", "")):
+        with pytest.raises(InputError, match=r"depends on the integer type|data store A not found"):
+            imported(behind(kind, Value=value), tmp_path, parameters=[{"k": 3.0}])
+
+
+@pytest.mark.parametrize(
+    ("path", "bits", "point", "factor"),
+    [
+        ("Right", "2", "0", 0.25),
+        ("Left", "3", "0", 8),
+        ("Bidirectional", "-1", "0", 2),
+        ("Bidirectional", "2", "1", 0.5),
+    ],
+)
+def test_a_shift_scales_a_floating_point_number(path, bits, point, factor, tmp_path):
+    u = np.array([-6.625, 0.3, 5.0])
+    drawn = alone("ArithShift", BitShiftDirection=path, BitShiftNumber=bits, BinPtShiftNumber=point)
+    np.testing.assert_array_equal(run(imported(drawn, tmp_path), {"u1": u})["y1"], factor * u)
+    assert run(imported(behind("Constant", Value="5"), tmp_path), samples=1)["y"][0] == 2.5
+
+
+@pytest.mark.parametrize("mask", ["0xF1", "hex2dec('F1')", "0b11110001", "bin2dec('11110001')", "mask"])
+def test_a_mask_may_be_written_in_hexadecimal_and_binary(mask, tmp_path):
+    drawn = alone("x", special="Bitwise Operator", logicop="AND", UseBitMask="on", BitMask=mask)
+    model = imported(drawn, tmp_path, parameters=[{"mask": 241.0}])
+    assert run(model, {"u1": [255.0, 14.0, 1027.0]})["y1"].tolist() == [241, 0, 1]
 
 
 def test_the_slope_of_bits_is_0(tmp_path):

@@ -70,6 +70,25 @@ def test_elements_at_the_top_are_channels_and_outputs_of_their_own(tmp_path):
     np.testing.assert_allclose(found["Result.k"], 3 * V)
 
 
+@pytest.mark.parametrize(
+    ("selected", "expected"),
+    [("a1,a2", [1, 2]), ("a(signal1),a (signal 2)", [1, 2]), ("a2,b", [2, 3]), ("a,b3", [1, 3])],
+)
+def test_duplicate_names_in_a_bus_get_port_numbers(selected, expected, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("BusCreator", "C", Inputs="3", ports=(3, 1))
+    for at, name in enumerate("aab", 1):
+        drawn.inport(f"u{at}")
+        drawn.line(f"u{at}", f"C:{at}", name=name)
+    drawn.block("BusSelector", "S", OutputSignals=selected, ports=(1, 2))
+    drawn.line("C", "S")
+    for at in (1, 2):
+        drawn.outport(f"y{at}")
+        drawn.line(f"S:{at}", f"y{at}")
+    found = run(imported(drawn, tmp_path), {"u1": [1.0], "u2": [2.0], "u3": [3.0]})
+    assert [found["y1"][0], found["y2"][0]] == expected
+
+
 def test_an_element_that_the_bus_does_not_have_is_told(tmp_path):
     model = drawn()
     model.blocks[4].system.blocks[0].parameters["Element"] = "speed"

@@ -19,6 +19,47 @@ def found(drawn, folder, **columns):
     return run(imported(drawn, folder), columns)["y1"]
 
 
+def controlled(steps, enabled, resets, first):
+    """A delay by recurrence: enabling and a reset refill it, a disabled one holds its output and sees no reset."""
+    content, y, was, seen, ys = [first] * steps, 0.0, 0.0, None, []
+    for k in range(COUNT):
+        if enabled[k]:
+            if not was or resets(seen, PULSE[k]):
+                content = [first] * steps
+            seen = PULSE[k]
+            y = content[-1]
+            content = [U[k], *content[:-1]]
+        elif seen is None:
+            seen = PULSE[0]
+        was = enabled[k]
+        ys.append(y)
+    return np.array(ys)
+
+
+@pytest.mark.parametrize("steps", [1, 3])
+@pytest.mark.parametrize(
+    ("kind", "resets"),
+    [
+        ("Rising", lambda before, now: before is not None and before <= 0 < now),
+        ("Level hold", lambda before, now: now != 0),
+        ("Level", lambda before, now: now != 0 or before not in (None, 0)),
+    ],
+)
+def test_a_delay_with_an_enable_port_and_a_reset_port_is_reset_only_while_it_runs(kind, resets, steps, tmp_path):
+    drawn = alone("Delay", 3, DelayLength=steps, ExternalReset=kind, ShowEnablePort="on", InitialCondition="9")
+    enabled = np.array([1.0, 1, 1, 1, 1, 1, 1, 0, 0, 1] * 4)
+    y = found(drawn, tmp_path, u1=U, u2=enabled, u3=PULSE)
+    np.testing.assert_array_equal(y, controlled(steps, enabled, resets, 9.0))
+
+
+@pytest.mark.parametrize("kind", ["Falling", "Either"])
+def test_a_delay_with_both_ports_knows_all_edges(kind, tmp_path):
+    drawn = alone("Delay", 3, DelayLength="1", ExternalReset=kind, ShowEnablePort="on", InitialCondition="9")
+    edges = crossings(PULSE)[1] if kind == "Falling" else np.logical_or(*crossings(PULSE))
+    y = found(drawn, tmp_path, u1=U, u2=np.ones(COUNT), u3=PULSE)
+    np.testing.assert_array_equal(y[1:], np.where(edges, 9.0, np.roll(U, 1))[1:])
+
+
 @pytest.mark.parametrize("straight", ["off", "on"])
 def test_the_length_of_a_delay_may_be_an_input(straight, tmp_path):
     length = np.array([0.0, 3.0, 1.9, 7.0, -2.0] * 8)

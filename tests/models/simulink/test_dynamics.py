@@ -647,11 +647,6 @@ def test_settings_that_are_not_supported_are_told(tmp_path):
             "InterpMethod 'Akima spline'",
         ),
         ("Integrator", {"WrapState": "on"}, "WrapState is on"),
-        (
-            "Delay",
-            {"ShowEnablePort": "on", "ExternalReset": "Rising"},
-            "it has both an enable port and a reset port, which is not supported",
-        ),
         ("SwitchCase", {"CaseConditions": "{1, Mode.idle}"}, "variable Mode.idle: undefined"),
         ("SignalGenerator", {"WaveForm": "sawtooth"}, "its wave form 'sawtooth'"),
     ):

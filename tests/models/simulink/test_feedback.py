@@ -175,6 +175,21 @@ def test_a_matrix_behind_an_integrator_gives_it_its_width(tmp_path):
         x = x + T * (A @ x + B @ u[k])
 
 
+@pytest.mark.parametrize(
+    ("kind", "fields", "inputs", "expected"),
+    [
+        ("Selector", {"Indices": "[3 1 2]", "InputPortWidth": "3"}, [4.0, 5.0, 6.0], [6.0, 4.0]),
+        ("CombinatorialLogic", {"TruthTable": "[0 8;1 7;2 6;3 5]"}, [1.0, 0.0], [2.0, 6.0]),
+    ],
+)
+def test_a_selector_or_a_truth_table_gives_an_inport_its_width(kind, fields, inputs, expected, tmp_path):
+    model = imported(alone(kind, **fields), tmp_path)
+    columns = {f"u1[{at}]": [value] for at, value in enumerate(inputs, 1)}
+    assert set(model.graph.inputs) == set(columns)
+    found = run(model, columns)
+    assert [found[f"y1[{at}]"][0] for at in (1, 2)] == expected
+
+
 def test_a_demux_or_a_matrix_gives_an_inport_its_width(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     for name in ("u", "v"):

@@ -122,7 +122,6 @@ def test_what_concerns_the_whole_model_is_kept(read):
     assert dict(read.callbacks) == {"InitFcn": 'k1 = 2; % "half"\ninit_engine', "PreLoadFcn": "load x.mat"}
     assert (read.workspace.kind, read.workspace.text) == ("m-code", "K = 3;\nT = 0.1;")
     assert read.dictionaries == ("engine.sldd",)
-    assert read.enumerations == ("Gear",)
     assert (read.name, read.kind, read.warnings) == ("engine", "model", ())
 
 

@@ -174,3 +174,17 @@ def test_a_signal_of_a_bus_is_held_between_the_hits_of_a_function(tmp_path):
     drawn.outport("out")
     drawn.chain("u", "F", "B", "out")
     np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u": np.arange(6.0)})["out"], [0, 0, 4, 4, 8, 8])
+
+
+@pytest.mark.parametrize(("holder", "name"), [("S", " F"), ("S ", "F"), (" S", "F "), ("S/ ", "\na /b")])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_blanks_around_the_names_of_blocks_hide_no_code(holder, name, layout, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    inner = drawn.subsystem(holder)
+    inner.function(name, "function y = f(u)\ny = 2*u;\nend", ["u"], ["y"])
+    inner.between(["u"], name, ["y"])
+    drawn.inport("u")
+    drawn.outport("y")
+    drawn.line("u", holder)
+    drawn.line(holder, "y")
+    assert run(imported(drawn, tmp_path, layout), {"u": [1.0, 2.0]})["y"].tolist() == [2.0, 4.0]

@@ -104,6 +104,22 @@ def test_a_library_may_link_to_itself_by_its_own_name(tmp_path):
     assert (found.document.root.at("O").type, found.document.root.at("O").value("Gain")) == ("Gain", "5")
 
 
+def test_libraries_that_use_their_own_name_may_link_to_one_another(tmp_path):
+    for name, other in (("first", "second/Outer"), ("second", "$bdroot/Inner")):
+        made = Model(name, kind="Library")
+        made.block("Gain", "Inner", Gain="5" if name == "second" else "3")
+        made.link("Outer", "$bdroot/Middle")
+        made.link("Middle", other)
+        made.write(tmp_path)
+    model = Model("top")
+    model.link("O", "first/Outer")
+    model.link("I", "$bdroot/Group/K")
+    model.subsystem("Group").block("Gain", "K", Gain="7")
+    found = resolved(model, tmp_path)
+    assert (found.problems, dict(found.missing)) == ((), {})
+    assert [found.document.root.at(name).value("Gain") for name in "OI"] == ["5", "7"]
+
+
 def test_an_unknown_block_of_a_library_is_told_with_the_nearest(tmp_path):
     library().write(tmp_path)
     model = Model()

@@ -177,8 +177,9 @@ def test_a_row_of_a_truth_table_is_chosen_by_its_digits(tmp_path):
     rows = (4 * A + 2 * B + C).astype(int)
     np.testing.assert_array_equal(found["y1[1]"], table[rows, 0])
     np.testing.assert_array_equal(found["y1[2]"], table[rows, 1])
-    with pytest.raises(InputError, match="a table of 8 rows does not match 1 inputs"):
-        imported(alone("CombinatorialLogic"), tmp_path)
+    drawn.blocks[1].parameters["PortDimensions"] = "2"
+    with pytest.raises(InputError, match="a table of 8 rows does not match 2 inputs"):
+        imported(drawn, tmp_path)
 
 
 # next Q and !Q by S, R and Q

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from simulink_data import sldd
 from simulink_files import LAYOUTS, Mask, Model
 from simulink_runs import alone, imported, run
 from torque_drawing import TORQUE, torque
@@ -92,6 +93,44 @@ def in_order(reader, writer, first):
 def test_the_faster_of_two_tasks_comes_first_whatever_the_priorities(reader, writer, mode, priorities, first, tmp_path):
     model = imported(tasks(reader, writer, mode, priorities), tmp_path)
     np.testing.assert_allclose(run(model, {"u": U})["y"], in_order(reader, writer, first))
+
+
+SIGNAL = "A = Simulink.Signal; A.InitialValue = 'start*2'; A.Dimensions = 1; start = 3;"
+
+
+def signal_entry(initial):
+    element = f'<P Name="InitialValue" Class="char">{initial}</P><P Name="Dimensions" Class="double">1</P>'
+    return f'<P Name="Value"><Element Class="Simulink.Signal">{element}</Element></P>'
+
+
+@pytest.mark.parametrize("source", ["script", "dictionary", "workspace"])
+def test_a_signal_object_declares_a_data_store(source, tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete", code=SIGNAL if source == "workspace" else "")
+    drawn.inport("u")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A", Priority="1")
+    inner = drawn.subsystem("S", Priority="2")
+    inner.inport("u")
+    inner.block("DataStoreWrite", "W", ports=(1, 0), DataStoreName="A")
+    inner.line("u", "W")
+    drawn.outport("y")
+    drawn.line("u", "S")
+    drawn.line("R", "y")
+    (tmp_path / "init.m").write_text(SIGNAL)
+    (tmp_path / "data.sldd").write_bytes(sldd({"A": signal_entry("2*start")}))
+    sources = {"script": [tmp_path / "init.m"], "dictionary": [tmp_path / "data.sldd", {"start": 3.0}], "workspace": []}
+    model = imported(drawn, tmp_path, parameters=sources[source])
+    assert run(model, {"u": [1.0, 2.0, 3.0]})["y"].tolist() == [6, 1, 2]
+    assert list(model.graph.parameters) == ["start"]
+
+
+def test_a_data_store_of_a_signal_object_without_a_value_starts_at_0(tmp_path):
+    drawn = alone("Gain")
+    drawn.block("DataStoreRead", "R", ports=(0, 1), DataStoreName="A")
+    drawn.outport("z")
+    drawn.line("R", "z")
+    (tmp_path / "init.m").write_text("A = Simulink.Signal; A.Dimensions = [1 2];")
+    found = run(imported(drawn, tmp_path, parameters=[tmp_path / "init.m"]), {"u1": [5.0]})
+    assert [found["z[1]"][0], found["z[2]"][0]] == [0.0, 0.0]
 
 
 def test_a_data_store_without_a_memory_is_told(tmp_path):

@@ -284,3 +284,32 @@ def test_a_variable_may_be_a_table_and_numbers(first, tmp_path):
     found = run(imported(drawn, tmp_path, parameters=[{"R": [1.0, 2.0, 0.0]}]), {"u": U})
     np.testing.assert_allclose(found["yLookup_n-D"], np.interp(U, [0, 1, 3], [1, 2, 0]), atol=1e-12)
     np.testing.assert_allclose(found["yGain[2]"], 2 * U)
+
+
+@pytest.mark.parametrize(
+    ("method", "expected"),
+    [
+        ("Use Input Nearest", [10, 10, 20, 20, 40, 40, 40]),
+        ("Use Input Below", [10, 10, 10, 20, 20, 40, 40]),
+        ("Use Input Above", [10, 10, 20, 20, 40, 40, 40]),
+        ("Interpolation-Use End Values", [10, 10, 15, 20, 30, 40, 40]),
+        ("Interpolation-Extrapolation", [0, 10, 15, 20, 30, 40, 50]),
+    ],
+)
+@pytest.mark.parametrize("dynamic", [True, False])
+def test_old_methods_choose_the_point_below_above_or_nearest(method, expected, dynamic, tmp_path):
+    u = [0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0]
+    if dynamic:
+        drawn = Model(step="0.1", solver="FixedStepDiscrete")
+        drawn.inport("u1")
+        drawn.block("Constant", "X", Value="[1 2 4]", ports=(0, 1))
+        drawn.block("Constant", "Y", Value="[10 20 40]", ports=(0, 1))
+        drawn.link("B", "lib/B", "Lookup Table Dynamic", ports=(3, 1), LookUpMeth=method)
+        drawn.outport("y1")
+        drawn.line("u1", "B:1")
+        drawn.line("X", "B:2")
+        drawn.line("Y", "B:3")
+        drawn.line("B", "y1")
+    else:
+        drawn = alone("Lookup", InputValues="[1 2 4]", Table="[10 20 40]", LookUpMeth=method)
+    assert run(imported(drawn, tmp_path), {"u1": u})["y1"].tolist() == expected

@@ -8,10 +8,12 @@ import pytest
 import scipy.io
 from simulink_data import Thing, entry, matfile, sldd
 from simulink_files import Model
+from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
+from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.reader.document import document
-from kennfeld.models.simulink.variables.model_variables import collect_variables
+from kennfeld.models.simulink.variables.model_variables import FileSearch, collect_variables
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Block, Map, Scalar
 
@@ -84,6 +86,39 @@ def test_what_a_script_leaves_without_a_value_loses_the_one_it_had(tmp_path):
     assert "K remains undefined" in str(found.findings[0])
 
 
+@pytest.mark.parametrize(
+    "loading",
+    [
+        "load('sub/deep/x.mat')",
+        "load(fullfile('sub', 'deep', 'x'))",
+        "load sub/deep/x.mat",
+        "load('.\\sub\\deep\\x.mat')",
+    ],
+)
+def test_a_script_loads_files_from_folders_below_its_own(loading, tmp_path):
+    (tmp_path / "sub" / "deep").mkdir(parents=True)
+    saved(tmp_path / "sub" / "deep", {"K": 4.0}, "x.mat")
+    (tmp_path / "init.m").write_text(f"{loading}\nL = K + 1;\n")
+    found = variables(tmp_path, given=[tmp_path / "init.m"])
+    assert found["L"].value.item() == 5.0
+
+
+def test_a_script_loads_nothing_from_folders_above_its_own(tmp_path):
+    (tmp_path / "m").mkdir()
+    saved(tmp_path, {"K": 4.0}, "x.mat")
+    for name in ("../x.mat", "./../x.mat", str(tmp_path / "x.mat")):
+        (tmp_path / "m" / "init.m").write_text(f"load('{name}')\n")
+        assert "K" not in variables(tmp_path, given=[tmp_path / "m" / "init.m"])
+
+
+def test_a_field_of_a_struct_that_a_script_cannot_compute_leaves_the_others(tmp_path):
+    (tmp_path / "init.m").write_text("par.K = 3;\npar.opt = simset('Solver', 'ode3');\n")
+    model = imported(alone("Gain", Gain="par.K"), tmp_path, parameters=[tmp_path / "init.m"])
+    assert run(model, {"u1": [2.0]})["y1"].tolist() == [6.0]
+    report = import_simulink(alone("Gain", Gain="par.opt").write(tmp_path), parameters=[tmp_path / "init.m"]).report
+    assert "variable par.opt: undefined (assignment failed in init.m line 2)" in str(report.findings[0])
+
+
 def workspace_of(folder, code, given):
     """The variables of a model whose workspace is made by code."""
     return collect_variables(document(Model(code=code).written("slx parts"), Path(folder / "m.slx")), given)
@@ -121,7 +156,30 @@ def test_a_dictionary_that_is_given_must_be_there_while_that_of_the_model_is_tol
     with pytest.raises(InputError, match=r"lost.sldd: file not found"):
         variables(tmp_path, given=[tmp_path / "lost.sldd"])
     own = document(Model(dictionary="lost.sldd").written("slx parts"), Path(tmp_path / "m.slx"))
-    assert "lost.sldd: cannot be read" in str(collect_variables(own, ()).findings[0])
+    assert "lost.sldd: the data dictionary was not found" in str(collect_variables(own, ()).findings[0])
+
+
+@pytest.mark.parametrize("name", ["data.sldd", "tables/data.sldd"])
+def test_a_dictionary_is_found_in_further_folders_and_not_missed_if_it_is_given(name, tmp_path):
+    (tmp_path / "tables").mkdir()
+    path = tmp_path / "tables" / "data.sldd"
+    path.write_bytes(sldd({"K": entry(1.0)}))
+    drawn = document(Model(dictionary=name).written("slx parts"), tmp_path / "m.slx")
+    for found in (collect_variables(drawn, (), FileSearch((tmp_path / "tables",))), collect_variables(drawn, [path])):
+        assert found["K"].value.item() == 1.0
+        assert not found.findings
+
+
+def test_a_referenced_dictionary_is_found_in_further_folders_and_not_missed_if_it_is_given(tmp_path):
+    (tmp_path / "tables").mkdir()
+    part = tmp_path / "tables" / "part.sldd"
+    part.write_bytes(sldd({"K": entry(1.0)}))
+    (tmp_path / "data.sldd").write_bytes(sldd({"L": entry(2.0)}, ["part.sldd"]))
+    drawn = document(Model(dictionary="data.sldd").written("slx parts"), tmp_path / "m.slx")
+    assert "part.sldd" in str(collect_variables(drawn, ()).findings[0])
+    for found in (collect_variables(drawn, (), FileSearch((tmp_path / "tables",))), collect_variables(drawn, [part])):
+        assert found.keys() >= {"K", "L"}
+        assert not found.findings
 
 
 def test_a_model_leads_to_no_dictionary_elsewhere(tmp_path):

@@ -140,6 +140,13 @@ def _strjoin(call: NumericArguments) -> v.Value:
     return v.characters(delimiter.join(word or "" for word in _each_text(call[0])))
 
 
+@function("fullfile", 1, MANY)
+def _fullfile(call: NumericArguments) -> v.Value:
+    parts = [call.text(at).replace("\\", "/") for at in range(len(call))]
+    joined = "/".join(part for part in parts if part)
+    return v.characters(re.sub(r"(?<!^)/+", "/", joined))
+
+
 @function("blanks", 1)
 def _blanks(call: NumericArguments) -> v.Value:
     call.budget.allocate(call.integer(0))

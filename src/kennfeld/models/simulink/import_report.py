@@ -5,7 +5,7 @@ from typing import Any
 
 from kennfeld.errors import Finding, Location
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.models.quantities import CalibratableParameter, Quantity
+from kennfeld.models.quantities import CalibratableParameter, Quantity, UndefinedParameter
 
 TYPES_IGNORED = "data types are ignored: all values are physical, in double precision"
 
@@ -62,6 +62,8 @@ class ImportReport:
         inputs: inputs of the function if `whole`; likewise `outputs`.
         subsystems: subsystems that can be imported on their own, if requested.
         reasons: by variable, why scripts could not assign it a value.
+        definitions: what to define, if variables are undefined.
+        missing_files: data files that were not found, with the scripts that load them.
         stopped: errors that prevent lowering altogether.
     """
 
@@ -80,12 +82,22 @@ class ImportReport:
     outputs: tuple[Quantity, ...] = ()
     subsystems: tuple[ImportableSubsystem, ...] = ()
     reasons: dict[str, str] = field(default_factory=dict)
+    definitions: tuple[UndefinedParameter, ...] = ()
+    missing_files: dict[str, str] = field(default_factory=dict)
     stopped: tuple[Finding, ...] = ()
 
     @property
     def whole(self) -> bool:
         """True if all outputs are supported."""
         return not self.stopped and not self.loops and not any(block.stops for block in self.unsupported)
+
+    @property
+    def project_sections(self) -> str:
+        """The undefined variables as sections of a project file, with `nan` for values; "" if there are none."""
+        if not self.definitions:
+            return ""
+        absent = [f"# {script} loads {name}, which was not found" for name, script in self.missing_files.items()]
+        return "\n".join([*absent, *(parameter.project_section for parameter in self.definitions)])
 
     @property
     def fixed(self) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ def simulink(
         bind: channels or formulas that replace blocks, by block path; append ":2" for the second output alone.
         promote: block fields such as "Torque/Gain1:Gain" whose literals become parameters. A value of that name in
             `parameters` replaces the literal.
-        folders: folders to search for libraries in addition to the model's own.
+        folders: folders to search for libraries, dictionaries and classes in addition to the model's own.
         step: time step in s that replaces the one of the model.
 
     Returns:

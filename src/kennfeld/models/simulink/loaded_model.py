@@ -17,7 +17,12 @@ from kennfeld.models.simulink.reader.library_links import LibraryResolver
 from kennfeld.models.simulink.reader.model_tree import ModelBlock, ModelDocument, System, join_path, split_path
 from kennfeld.models.simulink.variables.m_files import FunctionFiles
 from kennfeld.models.simulink.variables.mask_scope import Scope, Variable, VariableTable
-from kennfeld.models.simulink.variables.model_variables import ParameterSource, collect_variables, model_properties
+from kennfeld.models.simulink.variables.model_variables import (
+    FileSearch,
+    ParameterSource,
+    collect_variables,
+    model_properties,
+)
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,14 @@ class LoadedModel:
         parameters, folders = tuple(parameters), tuple(folders)
         resolved = LibraryResolver(folders).resolve(read_document(path))
         document = resolved.document
-        variables = collect_variables(document, parameters)
-        models = {name: Scope(_visible_variables(document, variables)) for name, document in resolved.models.items()}
+        named = tuple(Path(source) for source in parameters if isinstance(source, str | Path))
+        search = FileSearch(tuple(map(Path, folders)), named)
+        variables = collect_variables(document, parameters, search)
+        models = {
+            name: Scope(_visible_variables(document, variables, search)) for name, document in resolved.models.items()
+        }
         remarks = (*document.warnings, *resolved.problems, *variables.findings)
         variables.update(model_properties(document, variables))
-        named = [Path(source) for source in parameters if isinstance(source, str | Path)]
         files = FunctionFiles([Path(path).parent, *map(Path, folders)], named)
         return LoadedModel(Path(path), document, variables, models, remarks, files)
 
@@ -95,10 +103,10 @@ class LoadedModel:
             raise InputError.of(Location(self.path.name), str(error)) from None
 
 
-def _visible_variables(document: ModelDocument, around: VariableTable) -> dict[str, Variable]:
+def _visible_variables(document: ModelDocument, around: VariableTable, search: FileSearch) -> dict[str, Variable]:
     """Return the names that a referenced model sees: its own before those of the parent model.
 
     Values of calibration files replace its own unless the parent model has a variable of that name.
     """
-    own = collect_variables(document, (around.strangers,))
+    own = collect_variables(document, (around.strangers,), search)
     return {**around, **own, **model_properties(document, own)}

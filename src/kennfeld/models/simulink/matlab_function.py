@@ -91,7 +91,7 @@ def _evaluation_context(block: BlockContext, functions: Mapping[str, m.FunctionD
 
     return EvaluationContext(
         block.builder,
-        workspace=partial(resolve_parameter, expressions, scope, enumeration=block.compiler.files.enumeration),
+        workspace=partial(resolve_parameter, expressions, scope),
         number=partial(parameter_value_at, expressions),
         functions=dict(functions),
         find=block.compiler.files.find,

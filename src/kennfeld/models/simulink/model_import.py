@@ -34,6 +34,7 @@ from kennfeld.models.simulink.model_assembly import NodeNames
 from kennfeld.models.simulink.reader.model_tree import System
 from kennfeld.models.simulink.signals import Signal, SignalOrBus
 from kennfeld.models.simulink.solver_selection import SolverSelection
+from kennfeld.models.simulink.undefined_parameters import undefined_parameters
 from kennfeld.models.simulink.variables.mask_scope import Scope
 from kennfeld.models.simulink.variables.model_variables import solver_settings
 
@@ -109,7 +110,7 @@ class ModelImport:
         compiler = self.compile()
         report = self.report(compiler)
         if not report.whole:
-            return ImportResult(None, report)
+            return ImportResult(None, self._with_definitions(report, compiler))
         model = self._model(compiler, report)
         graph, units = model.graph, model.graph.units
         inputs, outputs = (
@@ -117,6 +118,12 @@ class ModelImport:
         )
         used = tuple(parameter for parameter in report.parameters if parameter.name in model.values)
         return ImportResult(model, replace(report, inputs=inputs, outputs=outputs, parameters=used))
+
+    def _with_definitions(self, report: ImportReport, compiler: BlockCompiler) -> ImportReport:
+        """Return a report with the undefined variables as parameters to define."""
+        failed, reasons = tuple(compiler.failures), self.variables.undefined
+        definitions = undefined_parameters(failed, compiler.expressions, report.undefined, reasons)
+        return replace(report, definitions=definitions, missing_files=dict(self.variables.missing_files))
 
     @property
     def asked(self) -> int:

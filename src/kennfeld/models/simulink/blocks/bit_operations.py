@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from kennfeld.models.imperative import integer_types
 from kennfeld.models.imperative.integer_types import IntegerType
-from kennfeld.models.simulink.flattening.integer_signals import integer_type_of
+from kennfeld.models.simulink.flattening.integer_signals import integer_type_of, is_floating
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.models.simulink.signals import Signal, SignalOrBus, apply, broadcast, period_of, select
 
@@ -197,9 +197,10 @@ def _bit(block: BlockContext) -> tuple[Signal, int, float]:
 @block("Shift Arithmetic", linked=True)
 def old_shift(block: BlockContext) -> SignalOrBus:
     """Shift as `shift` does, in files before R2009b: a positive number shifts right, a negative one left."""
-    if block.numeric_field("nBinPtShiftRight"):
-        raise UnsupportedError("it shifts the binary point, but data types are ignored")
-    by = block.parameter("nBitShiftRight")
+    by, point = block.parameter("nBitShiftRight"), block.numeric_field("nBinPtShiftRight")
+    if is_floating(block.source()):
+        return _scale(block, by, point)
+    _refuse_point_shift(point)
     word = _require_integer_type(integer_type_of(block.source()))
     return _shift_bits(block, stored_integer(block, 0), by, "Bidirectional", word)
 
@@ -208,13 +209,27 @@ def old_shift(block: BlockContext) -> SignalOrBus:
        BitShiftNumber="0", BinPtShiftNumber="0", DiagnosticForOORShift="None")  # fmt: skip
 def shift(block: BlockContext) -> SignalOrBus:
     """Shift the input: floor(u / 2^n) to the right; to the left the bits of u 2^n that fit the word."""
-    if block.numeric_field("BinPtShiftNumber"):
-        raise UnsupportedError("it shifts the binary point, but data types are ignored")
-    path = block.option("BitShiftDirection", "Left", "Right", "Bidirectional")
-    word = _require_integer_type(integer_type_of(block.source()))
-    x, source = stored_integer(block, 0), block.option("BitShiftNumberSource", "Dialog", "Input port")
+    path, point = (
+        block.option("BitShiftDirection", "Left", "Right", "Bidirectional"),
+        block.numeric_field("BinPtShiftNumber"),
+    )
+    source = block.option("BitShiftNumberSource", "Dialog", "Input port")
     by = block.parameter("BitShiftNumber") if source == "Dialog" else stored_integer(block, 1)
-    return _shift_bits(block, x, by, path, word)
+    if is_floating(block.source()):
+        return _scale(block, -by if path == "Left" else by, point)
+    _refuse_point_shift(point)
+    word = _require_integer_type(integer_type_of(block.source()))
+    return _shift_bits(block, stored_integer(block, 0), by, path, word)
+
+
+def _scale(block: BlockContext, right: Signal, point: float) -> Signal:
+    """Shift a floating-point number: u 2^-n for n bits to the right, u 2^n if its binary point moves to the right."""
+    return block.input() * 2.0 ** (point - right)
+
+
+def _refuse_point_shift(point: float) -> None:
+    if point:
+        raise UnsupportedError("it shifts the binary point, but data types are ignored")
 
 
 def _shift_bits(block: BlockContext, x: Signal, by: Signal, path: str, word: IntegerType) -> Signal:

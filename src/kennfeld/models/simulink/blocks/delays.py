@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from kennfeld.models.simulink.blocks.continuous import external_reset, has_external_reset
+from kennfeld.models.simulink.blocks.continuous import external_reset, has_external_reset, reset_signal
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block, no_feedthrough
 from kennfeld.models.simulink.signals import Signal, SignalOrBus, SignalRule, apply, period_of, select, select_by_index
 
@@ -114,14 +114,8 @@ def _taps(block: BlockContext, init: Signal, steps: int, runs: Signal | None, an
 def _controlled_delay(
     block: BlockContext, ports: dict[str, int], init: Signal, steps: int, length: Signal | None
 ) -> Signal:
-    if "enable" in ports and "reset" in ports:
-        raise UnsupportedError("it has both an enable port and a reset port, which is not supported")
-    runs = anew = None
-    if "reset" in ports:
-        anew = external_reset(block, port=ports["reset"])
-    if "enable" in ports:
-        runs = enabled = block.is_true(ports["enable"])
-        anew = enabled & ~block.discrete_state(block.constant(0.0), lambda _: enabled)
+    runs = block.is_true(ports["enable"]) if "enable" in ports else None
+    anew = _restarts(block, ports, runs)
     taps = _taps(block, init, steps, runs, anew)
     y, shortest = taps[-1], _shortest(block)
     if length is not None:
@@ -129,6 +123,21 @@ def _controlled_delay(
     if runs is None:
         return y
     return block.feedback(block.constant(0.0), lambda before: select(runs, y, before))  # 0 before it first runs
+
+
+def _restarts(block: BlockContext, ports: dict[str, int], runs: Signal | None) -> Signal | None:
+    """Return 1 if the content is reset: by the reset port, and when the block is enabled again.
+
+    A disabled block does not see its reset port, so an edge is one between two steps in which the block runs.
+    """
+    if runs is None:
+        return external_reset(block, port=ports["reset"]) if "reset" in ports else None
+    again = runs & ~block.discrete_state(block.constant(0.0), lambda _: runs)
+    if "reset" not in ports:
+        return again
+    u = block.hold_in_minor_steps(block.input(ports["reset"]))
+    seen = block.feedback(u, lambda before: select(runs, u, before))
+    return again | runs & reset_signal(block, seen, block.field_text("ExternalReset"))
 
 
 @block("Tapped Delay Line", "Tapped Delay", needs=lambda block: range(block.is_on("includeCurrent")),

@@ -96,6 +96,9 @@ def detect_edge(block: BlockContext) -> SignalOrBus:
 def combinatorial_logic(block: BlockContext) -> SignalOrBus:
     """Return the row of a truth table whose index is given by the inputs as bits, most significant first."""
     table, u = block.matrix("TruthTable"), block.input()
+    width = table.shape[0].bit_length() - 1
+    if u.size == 1 < width:
+        block.suggest_dimensions((width,))
     if table.shape[0] != 2**u.size or table.shape[0] > _MAX_ROWS:
         raise UnsupportedError(f"a table of {table.shape[0]} rows does not match {u.size} inputs")
     row = block.constant(0.0)

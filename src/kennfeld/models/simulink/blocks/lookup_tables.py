@@ -44,6 +44,7 @@ _METHODS = {
     "Interpolation-Extrapolation": "linear", "Interpolation-Use End Values": "linear",
     "Nearest": "nearest", "Use Input Nearest": "nearest",
     "Flat": "flat", "None - Flat": "flat", "Use Input Below": "flat", "Below": "flat",
+    "Use Input Above": "above",
     **dict.fromkeys(_SPLINE, "spline"),
 }  # fmt: skip
 _EXTRAPOLATIONS = {"Clip": "clip", "None - Clip": "clip", "Linear": "linear"}
@@ -144,7 +145,7 @@ def _matrix(points: Numbers) -> Numbers:
 
 
 class Method(NamedTuple):
-    """Interpolation (linear, nearest, flat, spline) and extrapolation (clip, linear; cubic for a spline)."""
+    """Interpolation (linear, nearest, flat, above, spline) and extrapolation (clip, linear; cubic for a spline)."""
 
     between: str
     beyond: str
@@ -305,8 +306,13 @@ def _reshape_values(values: Numbers, shape: tuple[int, ...], table: str) -> Numb
 
 
 def _snap(block: BlockContext, x: Signal, axis: Axis, how: str) -> Signal:
-    """Round a coordinate to a breakpoint: the nearest (ties to the upper one), or the one below."""
+    """Round a coordinate to a breakpoint: the nearest (ties to the upper one), or the one below or above."""
     first, *points = axis.breakpoints.tolist()
+    if how == "above":
+        rounded = block.constant(first)
+        for low, high in pairwise([first, *points]):
+            rounded = select(x > low, high, rounded)
+        return rounded
     limits = points if how == "flat" else [(low + high) / 2 for low, high in pairwise([first, *points])]
     return staircase(x, block.constant(first), zip(limits, points, strict=True))
 
@@ -360,15 +366,26 @@ def lookup_dynamic(block: BlockContext) -> SignalOrBus:
     if block.input_count != 3:
         raise UnsupportedError(f"it must have three inputs (x, breakpoints and values), got {block.input_count}")
     x, xs, ys = (block.input(at) for at in range(3))
-    if method.between != "linear" or xs.size != ys.size or xs.size < 2:
-        raise UnsupportedError("only linear interpolation between at least two points is supported")
+    if xs.size != ys.size or xs.size < 2:
+        raise UnsupportedError(f"it must have at least two points, got {xs.size} breakpoints and {ys.size} values")
     points, values = xs.elements, ys.elements
+    if method.between != "linear":
+        return _select_point(x, points, values, method.between)
     result = interpolate_line(x, points, values)
     for at in range(1, xs.size - 1):
         result = select(x >= points[at], interpolate_line(x, points[at:], values[at:]), result)
     if method.beyond == "linear":
         return result
     return select(x > points[-1], values[-1], select(x < points[0], values[0], result))
+
+
+def _select_point(x: Signal, points: list[Signal], values: list[Signal], how: str) -> Signal:
+    """Return the value at the breakpoint below x, above it, or nearest to it (ties to the upper one)."""
+    result = values[0]
+    for low, high, value in zip(points, points[1:], values[1:], strict=False):
+        limits = {"flat": x >= high, "above": x > low, "nearest": x >= 0.5 * (low + high)}
+        result = select(limits[how], value, result)
+    return result
 
 
 def index_axes(block: BlockContext, table: str, shape: tuple[int, ...]) -> list[Axis]:

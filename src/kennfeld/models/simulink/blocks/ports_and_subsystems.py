@@ -38,6 +38,8 @@ _DASHBOARD = (
 def inport(block: BlockContext) -> SignalOrBus:
     """Return an input of the model: one channel per element of a vector, one per used signal of a bus."""
     shape: tuple[int, ...] = (1,)
+    if block.is_on("OutputFunctionCall"):
+        return _call_every_step(block)
     if block.flat.type == "Inport":
         shape = tuple(int(n) for n in block.numeric_array("PortDimensions").ravel() if n > 0)
         shape = shape or block.compiler.shapes.input_shape(block.flat)
@@ -49,6 +51,18 @@ def inport(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError(f"it has {count} elements; at most {_MAX_PORT_WIDTH} are supported")
     names = [name] if count == 1 else [f"{name}[{i + 1}]" for i in range(count)]
     return block.signal([block.builder.input(text) for text in names], CONTINUOUS, shape)
+
+
+def _call_every_step(block: BlockContext) -> SignalOrBus:
+    """Return a function call from outside of the model at each sample hit of its port, by default in every step."""
+    period = block.compiler.timing.specified_period(block.flat) or CONTINUOUS
+    calls = block.compiler.timing.hits(0.0 if math.isinf(period) else period)
+    rhythm = f"every {period:g} s" if calls.period else "in every step"
+    block.warn(
+        f"is a function call from outside of the model: it is called {rhythm}. To call it otherwise, bind it to a "
+        "channel or formula that is not 0 in the steps of its calls"
+    )
+    return calls
 
 
 @block("ToWorkspace", sink=True, VariableName="simulink_output", SampleTime="0")
@@ -254,6 +268,14 @@ def function_call_generator(block: BlockContext) -> SignalOrBus:
     if block.numeric_field("numberOfIterations") != 1:
         raise UnsupportedError("it issues several calls in a step, which is not supported")
     return block.compiler.timing.hits(block.numeric_field("sample_time"))
+
+
+@block("FunctionCallSplit", NumOutputPorts="2")
+def function_call_split(block: BlockContext) -> tuple[SignalOrBus, ...]:
+    """Pass a function call on to all outputs; called systems run in the order of their data."""
+    ports = block.flat.block.ports
+    count = ports.outputs if ports is not None and ports.outputs else block.integer_field("NumOutputPorts", 1, 1000)
+    return (block.input(),) * count
 
 
 @block("ForIterator", IterationLimit="5", IterationSource="internal", IndexMode="One-based", ResetStates="held")

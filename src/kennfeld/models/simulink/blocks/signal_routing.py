@@ -9,7 +9,7 @@ import numpy as np
 from kennfeld.formatting import size_text
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.simulink.blocks.bit_operations import fit_to_type, stored_integer
-from kennfeld.models.simulink.flattening.connections import bus_member_names
+from kennfeld.models.simulink.flattening.connections import bus_member_names, find_bus_member
 from kennfeld.models.simulink.flattening.integer_signals import integer_type_of, specified_integer_type
 from kennfeld.models.simulink.lowering import BlockContext, Outputs, UnsupportedError, block, no_feedthrough
 from kennfeld.models.simulink.lowering.parameter_fields import (
@@ -158,6 +158,8 @@ def _member_of(wired: SignalOrBus, path: str) -> SignalOrBus:
         if not isinstance(wired, Bus):
             raise UnsupportedError(f"it selects {path} from a signal that is not a bus")
         member = wired.member(name)
+        if member is None and (other := find_bus_member(list(wired.members), name)) is not None:
+            member = wired.members[other]
         if member is None:
             known = ", ".join(wired.members)
             raise UnsupportedError(f"it selects {path}, but the bus contains {known[:200]}")
@@ -246,13 +248,16 @@ def reshape(block: BlockContext) -> SignalOrBus:
         raise UnsupportedError(f"{x.size} elements cannot be reshaped to {size_text(shape)}") from None
 
 
-@block("Selector", NumberOfDimensions="1", IndexMode="One-based")
+@block("Selector", NumberOfDimensions="1", IndexMode="One-based", InputPortWidth="-1")
 def selector(block: BlockContext) -> SignalOrBus:
     """Select elements of a vector or matrix by index."""
     x = block.input()
     dimensions = block.integer_field("NumberOfDimensions", 1, 2)
     options = dimension_settings(block, "IndexOptions", "IndexOptionArray") or _old_options(block, dimensions)
     index_fields = dimension_settings(block, "Indices", "IndexParamArray") or [block.field_text("Elements", "")]
+    width = block.integer_field("InputPortWidth", -1, _MAX_SELECTED)
+    if x.size == 1 < width and dimensions == 1:
+        block.suggest_dimensions((width,))
     nodes = np.array(x.flat, dtype=np.int64) if dimensions == 1 else x.nodes
     if nodes.ndim != dimensions:
         raise UnsupportedError(f"it selects along {dimensions} dimensions, but its input has {nodes.ndim}")
@@ -365,7 +370,8 @@ def _memory(block: BlockContext) -> BlockContext:
     if block.field_text("DataStoreElements", "") or block.is_on("EnableIndexing"):
         raise UnsupportedError("it accesses elements of its data store, which is not supported")
     if block.flat.data_store is None:
-        raise UnsupportedError(f"data store {block.field_text('DataStoreName')} not found")
+        remedy = "Define it as a Simulink.Signal in a script or dictionary given as parameters, or bind this block."
+        raise UnsupportedError(f"data store {block.field_text('DataStoreName')} not found", remedy)
     return block.of(block.flat.data_store)
 
 

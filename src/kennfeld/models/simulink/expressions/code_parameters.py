@@ -3,7 +3,7 @@
 Variables of the resolved values stay parameters; fields of structs are parameters named by their paths.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -22,10 +22,9 @@ def resolve_parameter(
     expressions: ParameterExpressions,
     scope: Scope,
     name: str,
-    enumeration: Callable[[str], Variable | None] = lambda name: None,
 ) -> s.SymbolicValue | None:
     """Resolve a name in code among model parameters and enumerations; None if undefined."""
-    variable = scope.find(name) or enumeration(name)
+    variable = scope.find(name)
     if variable is None:
         return None
     try:

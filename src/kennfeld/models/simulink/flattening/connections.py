@@ -16,7 +16,7 @@ from kennfeld.models.simulink.flattening.hierarchy import (
 )
 from kennfeld.models.simulink.reader.block_ports import element_of, elements, port_number
 from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, Ports
-from kennfeld.models.simulink.variables.mask_scope import names_assigned_by_functions
+from kennfeld.models.simulink.variables.mask_scope import Scope, declared_store, names_assigned_by_functions
 
 _NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
 
@@ -91,7 +91,8 @@ class SignalTracer:
         here, sid = last[0], flat.block.sid
         ends = [Endpoint(sid, "in", number) for number in range(1, here.fed.get(sid, 0) + 1)]
         names = bus_member_names([self.label(here, end) for end in ends], flat.block.value("Inputs") or "")
-        return (here, ends[names.index(name)]) if name in names else None
+        member = find_bus_member(names, name)
+        return (here, ends[names.index(member)]) if member is not None else None
 
     def _origin(self, level: SystemInstance, end: Endpoint) -> tuple[SystemInstance, Endpoint] | None:
         """Return the end at which the signal is computed."""
@@ -174,6 +175,20 @@ def bus_member_names(labels: Sequence[str], stated: str) -> list[str]:
     return names
 
 
+def find_bus_member(names: Sequence[str], wanted: str) -> str | None:
+    """Return the member that a name in a bus selector means, None if there is none.
+
+    If input names are duplicates, Simulink appends port numbers to them, in old files as "(signal2)".
+
+    >>> find_bus_member(["n", "b", "n3"], "n(signal1)"), find_bus_member(["n", "b", "n3"], "b2")
+    ('n', 'b')
+    """
+    plain = re.sub(r"\s*\(signal\s*(\d+)\)\Z", r"\1", wanted)
+    if wanted in names or plain in names:
+        return wanted if wanted in names else plain
+    return next((name for at, name in enumerate(names, 1) if f"{name}{at}" == plain), None)
+
+
 class ConnectionResolver:
     """Connects placed blocks."""
 
@@ -181,6 +196,7 @@ class ConnectionResolver:
         self.placed = placed
         self.wires = SignalTracer(placed.gotos)
         self._ends = 0
+        self._declared: dict[str, FlatBlock | None] = {}
 
     def connect(self) -> None:
         """Resolve the sources of all inputs."""
@@ -190,7 +206,7 @@ class ConnectionResolver:
             for sid, flat in level.flat_blocks.items():
                 self._connect_inputs(level, sid, flat)
                 if flat.type in ("DataStoreRead", "DataStoreWrite"):
-                    flat.data_store = _store(level, flat.block)
+                    flat.data_store = self._store(level, flat.block)
             self._connect_controls(level)
             for flat in [flat for flat in level.flat_blocks.values() if flat.type == "MATLAB Function"]:
                 self._connect_data_stores(level, flat)
@@ -225,9 +241,26 @@ class ConnectionResolver:
         block = ModelBlock(kind, name, "", f"{flat.block.path}/{name}", {"DataStoreName": name}, ports=Ports())
         path, order = f"{flat.path}/{name}", flat.priority_path
         access = FlatBlock(kind, block, path, level.scope, level.control, priority_path=order, synthetic=True)
-        access.data_store = _store(level, block)
+        access.data_store = self._store(level, block)
         self.placed.flat_blocks.append(access)
         return access
+
+    def _store(self, level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
+        """Return the memory of a data store: that of a block around, else one declared by a signal object."""
+        memory, name = _memory_block(level, block), _store_name(block)
+        if memory is not None:
+            return memory
+        if name not in self._declared:
+            fields = declared_store(level.scope.variables.get(name))
+            self._declared[name] = None if fields is None else self._place_declared(level, name, fields)
+        return self._declared[name]
+
+    def _place_declared(self, level: SystemInstance, name: str, fields: Mapping[str, str]) -> FlatBlock:
+        """Place the memory of a data store that has no block."""
+        block = ModelBlock("DataStoreMemory", name, "", name, {"DataStoreName": name, **fields}, ports=Ports())
+        memory = FlatBlock("DataStoreMemory", block, name, Scope(level.scope.variables), synthetic=True)
+        self.placed.flat_blocks.append(memory)
+        return memory
 
     def _control_source(self, level: SystemInstance, sid: str, port: str) -> SignalSource | None:
         """Return the source at a control port; that of a variant is at the enclosing subsystem."""
@@ -259,7 +292,7 @@ class ConnectionResolver:
         flat.output_names = {number - 1: name for number, name in flat.block.signals.items()} | level.named.get(sid, {})
 
 
-def _store(level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
+def _memory_block(level: SystemInstance, block: ModelBlock) -> FlatBlock | None:
     name = _store_name(block)
     for here in enclosing_systems(level):
         for memory in here.system.of("DataStoreMemory"):

@@ -21,6 +21,15 @@ _LIKE_INPUT = {
     ),
     "Switch": (0, 2),
 }  # fmt: skip
+# types whose output is a floating-point number if all inputs are, unless the file specifies another type
+_COMPUTES_LIKE_INPUT: Final = frozenset({
+    "Abs", "ArithShift", "Bias", "Clock", "Constant", "DeadZone", "Delay", "DiscreteIntegrator", "Fcn", "Gain",
+    "Inport", "Integrator", "Lookup", "Lookup_n-D", "Math", "Memory", "MinMax", "Outport", "Product", "RateTransition",
+    "Rounding", "Saturate", "Selector", "SignalConversion", "Sin", "Sqrt", "Step", "Sum", "Switch", "Trigonometry",
+    "UnaryMinus", "UnitDelay", "ZeroOrderHold",
+})  # fmt: skip
+_LITERAL = re.compile(r"[-+.\deE\[\]\s,;]*")  # numbers that no variable gives a type
+_FLOATING: Final = ("double", "single", "half")
 _SAME: Final = ("Inherit: Same as first input", "Inherit: Same as input")
 # types that specify an integer type without converting: their values are integers already
 _ONLY_STATING: Final = frozenset({*_LIKE_INPUT, "Constant", "Inport", "DataStoreMemory", "DataStoreRead", "Merge"})
@@ -48,6 +57,37 @@ def integer_type_of(source: SignalSource | None) -> IntegerType | None:
         else:
             types.add(stated)
     return _common_type(types)
+
+
+def is_floating(source: SignalSource | None) -> bool:
+    """Return True if a signal is known to be a floating-point number: computed from such numbers only.
+
+    A root inport that specifies no type is of type double, and so are literals.
+    """
+    waiting, seen = [source], set[FlatBlock]()
+    while waiting:
+        pending = waiting.pop()
+        if pending is None or len(seen) > _MAX_TRACED_BLOCKS:
+            return False
+        flat = pending.flat
+        if flat in seen:
+            continue
+        seen.add(flat)
+        written = _specified_type(flat)
+        if written in _FLOATING:
+            continue
+        if written or flat.type not in _COMPUTES_LIKE_INPUT:
+            return False
+        if flat.type == "Constant" and not _LITERAL.fullmatch(flat.block.value("Value") or "1"):
+            return False
+        waiting += flat.inputs
+    return True
+
+
+def _specified_type(flat: FlatBlock) -> str:
+    """Return the output type that a block specifies, "" if it is inherited."""
+    words = ((flat.block.value(key) or "").strip() for key in ("OutDataTypeStr", "OutDataTypeMode", "DataType"))
+    return next((word for word in words if word and word != "auto" and not word.startswith("Inherit")), "")
 
 
 def _common_type(types: set[IntegerType | None]) -> IntegerType | None:

@@ -20,6 +20,7 @@ from kennfeld.models.simulink.reader.model_tree import (
     StoredChart,
     System,
     join_path,
+    normalize_path,
     split_arguments,
 )
 from kennfeld.models.simulink.reader.section_tree import COMPLETE_COPY, ReadDiagnostics, SectionNode, normalize_name
@@ -125,7 +126,6 @@ class BlockReader:
     load: Callable[[str], SectionNode | None]
     charts: Mapping[str, StoredChart]
     defaults: Mapping[str, Mapping[str, str]]
-    enumerations: dict[str, None] = field(default_factory=dict)
     # parts of the file already read: each belongs to one block; sharing could multiply content without bound
     _used: set[str] = field(default_factory=set)
 
@@ -164,8 +164,6 @@ class BlockReader:
         if instance is not None:
             parameters |= instance.keys
         parameters |= _bus_element(section)
-        if parameters.get("OutDataTypeStr", "").startswith("Enum:"):
-            self.enumerations[parameters["OutDataTypeStr"][5:].strip()] = None
         inner = section.first("System")
         chart = self.charts.get(path) if keys.get("SFBlockType", "NONE") != "NONE" else None
         return ModelBlock(
@@ -318,4 +316,4 @@ def _reference(kind: str, parameters: Mapping[str, str], instance: SectionNode |
     specific = instance.keys if instance is not None else {}
     rest = {key: value for key, value in parameters.items() if not _LOOKS.match(key)} | specific
     rest = {key: value for key, value in rest.items() if key not in _LINKING}
-    return LibraryLink(normalize_name(source), parameters.get("SourceType", ""), rest)
+    return LibraryLink(normalize_path(source), parameters.get("SourceType", ""), rest)

@@ -10,8 +10,9 @@ from kennfeld.models.simulink.reader.model_tree import (
     StoredJunction,
     StoredState,
     StoredTransition,
+    normalize_path,
 )
-from kennfeld.models.simulink.reader.section_tree import SectionNode, normalize_name
+from kennfeld.models.simulink.reader.section_tree import SectionNode
 
 _KINDS = {
     "EML_CHART": "MATLAB Function",
@@ -38,7 +39,7 @@ def read_charts(stateflow: SectionNode, load: Callable[[str], SectionNode | None
     charts = {}
     for section in filter(None, sections):
         number = section.keys.get("id", "")
-        name = normalize_name(names.get(number) or section.keys.get("name", ""))
+        name = normalize_path(names.get(number) or section.keys.get("name", ""))
         charts[name] = _chart(section, name, flat.content.get(number, []) if flat is not None else _content_of(section))
     return charts
 

@@ -306,6 +306,5 @@ def _document(
         callbacks=callbacks_of(model),
         workspace=read_workspace(model, stored),
         dictionaries=(dictionary,) if dictionary else (),
-        enumerations=tuple(builder.enumerations),
         mask=read_mask(model) or (read_mask(inner) if inner is not None else None),
     )

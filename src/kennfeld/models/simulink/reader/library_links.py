@@ -16,6 +16,7 @@ _ENDINGS = (".slx", ".mdl")
 _MAX_DEPTH = 100  # nested subsystems, links resolved
 _MAX_CHAIN = 30  # links to links
 _MAX_BLOCKS = 200_000  # in a model with all links resolved
+_OWN = "$bdroot"  # the name of a file for itself
 _OF_SIMULINK = ("simulink", "simulink3", "simulink_extras", "built-in")
 
 
@@ -145,7 +146,10 @@ class _LinkCopier:
 
     def _link(self, block: ModelBlock, path: str, place: _Place) -> ModelBlock:
         assert block.reference is not None
-        source, names = block.reference.source, split_path(block.reference.source)
+        source = block.reference.source
+        if source.startswith(f"{_OWN}/"):
+            source = place.document.name.replace("/", "//") + source.removeprefix(_OWN)
+        names = split_path(source)
         alone = replace(block, path=path)
         library = self._document(names[0] if names else "", source, path, place)
         if library is None or self._is_cyclic(source, path, place):
@@ -215,7 +219,7 @@ class _LinkCopier:
         return replace(alone, mask=mask, system=self.system(document.root, inner))
 
     def _document(self, name: str, source: str, path: str, place: _Place) -> ModelDocument | None:
-        if name == "$bdroot":  # a library's own name for itself
+        if name == place.document.name:
             return place.document
         file = self.libraries.find(name, place.document.path.parent)
         if file is None:

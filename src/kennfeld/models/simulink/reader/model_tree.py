@@ -164,6 +164,15 @@ def split_path(path: str) -> tuple[str, ...]:
     )
 
 
+def normalize_path(path: str) -> str:
+    """Return a path with the white space of each name normalized, as the paths of blocks are.
+
+    >>> normalize_path("Engine / km//h ")
+    'Engine/km//h'
+    """
+    return join_path(*split_path(path))
+
+
 @dataclass(frozen=True, slots=True)
 class Endpoint:
     """One end of a line: the SID of a block, and its port.
@@ -374,9 +383,8 @@ class ModelDocument:
     """A Simulink file.
 
     `version` is a release ("R2017b") or, in older files, the Simulink version number. `callbacks` is the code of
-    InitFcn, PreLoadFcn and so on; `dictionaries` are names of `.sldd` files; `enumerations` are the
-    enumerated types that blocks name; `mask` is that of a subsystem file for the blocks that reference it; `warnings`
-    are findings on what could not be read.
+    InitFcn, PreLoadFcn and so on; `dictionaries` are names of `.sldd` files; `mask` is that of a subsystem file for the
+    blocks that reference it; `warnings` are findings on what could not be read.
     """
 
     name: str
@@ -388,6 +396,5 @@ class ModelDocument:
     callbacks: Mapping[str, str] = field(default_factory=dict)
     workspace: StoredWorkspace = StoredWorkspace()
     dictionaries: tuple[str, ...] = ()
-    enumerations: tuple[str, ...] = ()
     mask: Mask | None = None
     warnings: tuple[Finding, ...] = ()

@@ -32,6 +32,7 @@ from kennfeld.models.simulink.stateflow.chart_machine import ChartMachine, Chart
 from kennfeld.models.simulink.stateflow.chart_model import ChartEvent, StateNode
 from kennfeld.models.simulink.stateflow.guarded_variables import ActionContext, Guard
 from kennfeld.models.simulink.stateflow.temporal_logic import CHANGES, TEMPORAL
+from kennfeld.models.simulink.variables.enumerations import unqualified_member
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
 _LIBRARIES: Final[Mapping[str, Mapping[str, LibraryFunction]]] = {
@@ -180,9 +181,12 @@ class ChartExpressions(ChartPart):
         key = self.resolve_key(tree, context)
         if key is not None:
             return integers(self.variables.get(key, guard), self._declared_type(key))
-        if tree == m.Name("t") and self.diagram.chart.language == "C" and self.scope.find("t") is None:
+        if not isinstance(tree, m.Name) or self.diagram.chart.language != "C" or self.scope.find(tree.name) is not None:
+            return None
+        if tree.name == "t":
             return self._array(self.machine.time)
-        return None
+        member = unqualified_member(self.scope.variables, tree.name)
+        return None if member is None else self._array(self.builder.const(member))
 
     def _may_fail(self, tree: m.Expression, context: ActionContext) -> bool:
         """Return True if an expression calls a function of the chart or reads an array element."""

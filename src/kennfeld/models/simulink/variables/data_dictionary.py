@@ -8,7 +8,7 @@ here converted to sections of the XML format. Its numbers are plain, or have a c
 import binascii
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,9 @@ from kennfeld.models.simulink.reader.document import solver_from
 from kennfeld.models.simulink.reader.model_package import is_zip, zip_package
 from kennfeld.models.simulink.reader.model_tree import StoredSolver
 from kennfeld.models.simulink.reader.section_tree import COMPLETE_COPY, ReadDiagnostics, SectionNode
-from kennfeld.models.simulink.variables.m_files import enumerals
+from kennfeld.models.simulink.variables.enumerations import enumerals
 from kennfeld.models.simulink.variables.stored_variables import (
+    ENUMERATED,
     StoredVariable,
     StoredVariables,
     UnusableValueError,
@@ -41,6 +42,7 @@ _NUMBER = re.compile(  # with its class suffix, `60000U` or `2.5F`
     r"([-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|inf|nan|true|false))[UFL]*", re.IGNORECASE
 )
 _BETWEEN = re.compile(r"[\s,;\[\]]*")  # separators of the numbers in a matrix
+_MEMBER = re.compile(r"([A-Za-z][\w.]*)\.[A-Za-z]\w*")
 _HEAD = 65536
 
 _NUMBERS = {"double", "single", "logical", "boolean", "bool", *INTEGERS}
@@ -190,12 +192,21 @@ class Dictionary:
         )
 
 
-def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
+def read_dictionary(
+    path: str | Path,
+    follow: bool = True,
+    folders: Sequence[Path] = (),
+    given: Collection[str] = (),
+    known: dict[Path, Dictionary] | None = None,
+) -> Dictionary:
     """Read the variables of a `.sldd` file.
 
     Args:
         path: the dictionary.
         follow: read referenced dictionaries next to it, too; entries of the file itself take precedence.
+        folders: further folders to search for referenced dictionaries.
+        given: names of files that the user gives; references to these are not followed.
+        known: files that have been read, to which those read here are added.
 
     Returns:
         The dictionary; `data.unreadable` lists undecodable entries and missing or damaged references.
@@ -203,30 +214,51 @@ def read_dictionary(path: str | Path, follow: bool = True) -> Dictionary:
     Raises:
         InputError: if the file itself is not a dictionary.
     """
-    path = Path(path)
-    read, seen = _read_file(path), {path.resolve()}
+    path, known = Path(path), {} if known is None else known
+    read, seen = _read_once(path, known), {path.resolve()}
     waiting = [(path.parent, name) for name in read.references] if follow else []
     while waiting:
         folder, name = waiting.pop(0)
-        file = folder / name
-        if file.resolve() in seen:
+        file = find_beside(name, (folder, *folders)) or folder / file_name(name)
+        if file.resolve() in seen or file.name in given:
             continue
         seen.add(file.resolve())
-        further = _read_referenced(file, name)
+        further = _read_referenced(file, name, known)
         read = read.merged_with(further)
         waiting += [(folder, reference) for reference in further.references]
     return read
 
 
-def _read_referenced(file: Path, name: str) -> Dictionary:
+def file_name(written: str) -> str:
+    r"""Return the name of a file without folders, however they are separated.
+
+    >>> file_name("data\\engine.sldd")
+    'engine.sldd'
+    """
+    return written.replace("\\", "/").rpartition("/")[2]
+
+
+def find_beside(name: str, folders: Iterable[Path]) -> Path | None:
+    """Return the file of a name in the first folder that contains it; folders within the name are ignored."""
+    plain = file_name(name)
+    return next((path for folder in folders if plain and (path := folder / plain).is_file()), None)
+
+
+def _read_referenced(file: Path, name: str, known: dict[Path, Dictionary]) -> Dictionary:
     """Return a referenced dictionary; if it cannot be read, one without entries that gives the reason."""
     why = "this referenced dictionary was not found next to it"
-    if Path(name).name == name and file.is_file():
+    if file.is_file():
         try:
-            return _read_file(file)
+            return _read_once(file, known)
         except InputError as error:
             why = f"this referenced dictionary: {error.findings[0].message}"
     return Dictionary(file, StoredVariables({}, {name: why}))
+
+
+def _read_once(path: Path, known: dict[Path, Dictionary]) -> Dictionary:
+    if path not in known:
+        known[path] = _read_file(path)
+    return known[path]
 
 
 def _read_file(path: Path) -> Dictionary:
@@ -302,6 +334,8 @@ def _value(section: SectionNode, depth: int = 0) -> Value:
         raise UnusableValueError(f"it is more than {_MAX_DEPTH} levels deep")
     if section.keys.get("Encoding"):
         return _encoded(section)
+    if section.keys.get("IsEnum") or _is_member(kind, section):
+        return _members(kind, section)
     if kind in _NUMBERS:
         return _numbers(section)
     if kind in _TEXTS:
@@ -321,6 +355,28 @@ def _value(section: SectionNode, depth: int = 0) -> Value:
         # an enumeration stores the name of its member, an object with only defaults stores nothing
         return section.text.strip() or stored_variable(kind, {})
     raise UnusableValueError(f"its class {kind[:60] or 'none'} is unknown")
+
+
+def _is_member(kind: str, section: SectionNode) -> bool:
+    """Return True if a value is the full name of a member of its class, `Switch.ON`."""
+    match = _MEMBER.fullmatch(section.text.strip())
+    return match is not None and match[1] == kind and not section.parts
+
+
+def _members(kind: str, section: SectionNode) -> Value:
+    """Return enumerated values: their numbers if the file gives them, else the names of their members.
+
+    They are the text of the section itself or of its elements, which then give the class.
+    """
+    elements = [*section.all("Element")] or [section]
+    kind = kind or elements[0].keys.get("Class", "")
+    words = " ".join(part.text.strip() or part.keys.get("EnumerationName", "") for part in elements).split()
+    try:
+        value: Value = _numbers(replace(section, text=" ".join(words), parts=[]))
+    except UnusableValueError:
+        names = tuple(word.rpartition(".")[2] for word in words)
+        value = names[0] if len(names) == 1 else names
+    return StoredVariable("", value, kind, f"{ENUMERATED} {kind}")
 
 
 def _struct(section: SectionNode, depth: int) -> dict[str, Value]:

@@ -1,13 +1,12 @@
-"""MATLAB files: parameter scripts, mask code, enumerations and functions, interpreted but never executed.
+"""MATLAB files: parameter scripts, mask code and functions, interpreted but never executed.
 
-Functions are files `name.m` next to the model, in its folders or among the parameters. Enumeration members are fixed
-values named `Class.Member`. Expressions that need numbers are evaluated by the MATLAB evaluator.
+Functions are files `name.m` next to the model, in its folders or among the parameters. Expressions that need numbers
+are evaluated by the MATLAB evaluator.
 """
 
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +22,10 @@ from kennfeld.matlab.parser import parse_leniently, parse_script
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import ENUMERATION, LookupTable, to_calibration_parameter
 from kennfeld.matlab.traversal import names_read
-from kennfeld.matlab.values import MatlabCell, MatlabStruct, text
+from kennfeld.matlab.values import MatlabCell, MatlabStruct, from_python, text
 from kennfeld.matlab.values import Value as MatlabValue
 from kennfeld.models.imperative.evaluation_errors import EvaluationError, ProgramError
-from kennfeld.models.simulink.reader.section_tree import SectionNode
+from kennfeld.models.simulink.variables.enumerations import enumeration_of, enumeration_variable, is_class
 from kennfeld.models.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -35,102 +34,19 @@ from kennfeld.models.simulink.variables.mask_scope import (
     equal_values,
 )
 
-_REST = re.compile(r"%.*|\.\.\..*")
-_HEAD = re.compile(r"\s*classdef\s*(?:\([^)]*\))?\s*(\w+)\s*(?:<\s*([\w.]+))?")
-_OPENS, _ENDS = re.compile(r"\s*enumeration\b\s*(?:\([^)]*\))?"), re.compile(r"\s*end\b")
-_MEMBER = re.compile(r"([A-Za-z]\w*)\s*(?:\(\s*([^()]*(?:\([^()]*\))?)\s*\))?")
-_CAST = re.compile(r"\s*(?:u?int\d+|double|single|logical)\s*\((.*)\)\s*\Z")
-_BASES = ("Simulink.IntEnumType", "Simulink.Mask.EnumerationBase", "double", "single", "logical")
 _NAME = re.compile(r"[A-Za-z]\w{0,127}\Z")
-_MAX_CLASS_CHARACTERS = 1_000_000  # in a class file
-
 _MAX_FILE_BYTES = 2_000_000  # bytes
 
-_SCRIPT_NAME = re.compile(r"[\w.-]{1,128}\Z")
-
-
-def is_class(text: str) -> bool:
-    """Return True if MATLAB code defines a class."""
-    return bool(_HEAD.match(_plain_enumeration(text)))
-
-
-def enumeration_of(text: str) -> tuple[str, dict[str, float]] | None:
-    r"""Return name and members of an enumeration class, None for other classes and non-numeric members.
-
-    >>> enumeration_of("classdef Gear < Simulink.IntEnumType\nenumeration\nFirst(1), Second(2)\nend\nend")
-    ('Gear', {'First': 1.0, 'Second': 2.0})
-    """
-    plain = _plain_enumeration(text)
-    head = _HEAD.match(plain)
-    if head is None or not (head[2] in _BASES or re.match(r"u?int\d+\Z", head[2] or "")):
-        return None
-    members: dict[str, float] = {}
-    for match in _MEMBER.finditer(_listed(plain)):
-        value = _number(match[2])
-        if value is None:
-            return None
-        members[match[1]] = value
-    return (head[1], members) if members else None
-
-
-def _listed(plain: str) -> str:
-    """Return the text between `enumeration` and `end`, of all such sections."""
-    members: list[str] = []
-    inside = False
-    for line in plain.splitlines():
-        opens = _OPENS.match(line) if not inside else None
-        inside = (inside or opens is not None) and not _ENDS.match(line)
-        if inside:
-            members.append(line[opens.end() :] if opens is not None else line)
-    return "\n".join(members)
-
-
-def _plain_enumeration(text: str) -> str:
-    """Return a text without comments and line continuations."""
-    return "\n".join(_REST.sub("", line) for line in text[:_MAX_CLASS_CHARACTERS].splitlines()).lstrip("\ufeff \t\r\n")
-
-
-def _number(written: str | None) -> float | None:
-    cast = _CAST.match(written or "")
-    try:
-        return float(cast[1] if cast else written or "")
-    except ValueError:
-        return {"true": 1.0, "false": 0.0}.get((written or "").strip())
-
-
-def enumerals(definition: SectionNode) -> dict[str, float]:
-    """Return the members of a dictionary enumeration that have numbers."""
-    members: dict[str, float] = {}
-    for part in definition.every():
-        said = {inner.keys.get("Name", ""): inner.text.strip() for inner in part.all("P")}
-        value = _number(said.get("Value"))
-        if said.get("Name") and value is not None:
-            members[said["Name"]] = value
-    return members
-
-
-def variable_of(members: Mapping[str, float], source: str) -> Variable:
-    """Return an enumeration as a struct of fixed values."""
-    return Variable({name: np.array([[value]]) for name, value in members.items()}, source=source, fixed=True)
-
-
-def enumeration_file(folder: Path, name: str) -> Variable | None:
-    """Return the enumeration in the class file of a name next to a model, None if there is none."""
-    path = folder / f"{name}.m"
-    if not _NAME.match(name) or not path.is_file() or path.stat().st_size > _MAX_CLASS_CHARACTERS:
-        return None
-    enumeration = enumeration_of(path.read_bytes().decode("utf-8", "replace"))
-    return variable_of(enumeration[1], path.name) if enumeration is not None and enumeration[0] == name else None
+_SCRIPT_NAME = re.compile(r"[\w. -]{1,128}\Z")  # of a file or a folder
 
 
 class FunctionFiles:
-    """Functions and enumerations by file name; `files` are individually named ones."""
+    """Functions by file name; `files` are individually named ones."""
 
     def __init__(self, folders: Iterable[Path], files: Iterable[Path] = ()) -> None:
         self._files = {path.stem: path for path in files if path.suffix == ".m"}
         self._folders = tuple(folders)
         self._read: dict[str, Mapping[str, m.FunctionDefinition]] = {}
-        self._enumerations: dict[str, Variable | None] = {}
 
     def find(self, name: str) -> Mapping[str, m.FunctionDefinition]:
         """Return the functions of the file `name.m`, its first one under that name; {} for a script."""
@@ -138,13 +54,6 @@ class FunctionFiles:
             path = self._path(name)
             self._read[name] = _functions(path) if path is not None else {}
         return self._read[name]
-
-    def enumeration(self, name: str) -> Variable | None:
-        """Return the enumeration in the class file of a name, None if there is none."""
-        if name not in self._enumerations:
-            candidates = (enumeration_file(folder, name) for folder in self._folders)
-            self._enumerations[name] = next((variable for variable in candidates if variable is not None), None)
-        return self._enumerations[name]
 
     def _path(self, name: str) -> Path | None:
         if not _NAME.match(name):
@@ -265,7 +174,7 @@ def run_parameter_script(variables: VariableTable, path: Path) -> None:
     if not is_class(text):
         run_text(variables, text, path.name, path.parent)
     elif (enumeration := enumeration_of(text)) is not None:
-        variables[enumeration[0]] = variable_of(enumeration[1], path.name)
+        variables[enumeration[0]] = enumeration_variable(enumeration[1], path.name)
     else:
         message = "is a class, but not an enumeration of integers"
         raise InputError.of(Location(path.name), message, "Use scripts and enumerations.")
@@ -275,10 +184,17 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
     """Run MATLAB code and add its variables to `variables`; variables it leaves without a value are removed.
 
     Variables given by the user stay, so that they can replace what a script cannot compute. Files are loaded from
-    `folder` only.
+    `folder` and the folders below it.
     """
-    values = {key: variable.value for key, variable in variables.items()}
-    outcome = run_script(text, name, values, partial(_load_file, folder))
+    values = {key: _script_value(variable) for key, variable in variables.items()}
+
+    def load(file: str) -> bytes | None:
+        content = _load_file(folder, file)
+        if content is None and file.casefold().endswith(".mat"):
+            variables.missing_files[file] = name
+        return content
+
+    outcome = run_script(text, name, values, load)
     for finding in outcome.findings:  # a script skips plots, and what follows an error
         severity: Severity = "warning" if finding.severity == "warning" else "remark"
         variables.findings.append(replace(finding, severity=severity))
@@ -299,9 +215,19 @@ def run_text(variables: VariableTable, text: str, name: str, folder: Path) -> No
             del variables[key]
 
 
+def _script_value(variable: Variable) -> Any:
+    """Return a variable for a script, in which an enumeration converts numbers."""
+    if not (variable.fixed and isinstance(variable.value, Mapping)):
+        return variable.value
+    return MatlabStruct.of({name: from_python(value) for name, value in variable.value.items()}, ENUMERATION)
+
+
 def _load_file(folder: Path, name: str) -> bytes | None:
-    path = folder / name
-    return read_file(path) if _SCRIPT_NAME.match(name) and path.is_file() else None
+    parts = name.replace("\\", "/").removeprefix("./").split("/")
+    if not all(_SCRIPT_NAME.match(part) and part.strip(".") for part in parts):  # a path could name any local file
+        return None
+    path = folder.joinpath(*parts)
+    return read_file(path) if path.is_file() else None
 
 
 def read_file(path: Path) -> bytes:

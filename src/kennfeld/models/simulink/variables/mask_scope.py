@@ -195,6 +195,24 @@ def to_parameter_value(value: Any) -> ParameterValue | None:
     return np.atleast_1d(array) if array is not None else None
 
 
+def declared_store(variable: Variable | None) -> dict[str, str] | None:
+    """Return initial value and dimensions of a data store that a Simulink.Signal declares, None for any other value."""
+    fields = variable.value if variable is not None else None
+    if not isinstance(fields, Mapping) or "InitialValue" not in fields:
+        return None
+    texts = {name: _field_text(fields.get(name)) for name in ("InitialValue", "Dimensions")}
+    return {name: text for name, text in texts.items() if text.strip() not in ("", "[]")}
+
+
+def _field_text(value: ParameterValue | None) -> str:
+    """Return a value as a block field."""
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, np.ndarray):
+        return ""
+    return f"[{'; '.join(' '.join(map(repr, row)) for row in np.atleast_2d(value).tolist())}]"
+
+
 def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
     """Return the struct field at the end of a path; raises `EvaluationError`."""
     for at, name in enumerate(path[1:], 1):
@@ -207,14 +225,16 @@ def nested_field(value: ParameterValue, path: list[str]) -> ParameterValue:
 class VariableTable(dict[str, Variable]):
     """Variables by name, with findings of their sources.
 
-    `undefined` gives reasons why scripts could not assign a variable, `solvers` are configurations by name, `strangers`
-    parameters of calibration files unknown to the model.
+    `undefined` gives reasons why scripts could not assign a variable, `missing_files` are absent data files with the
+    scripts that load them, `solvers` are configurations by name, `strangers` parameters of calibration files unknown to
+    the model.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.findings: list[Finding] = []
         self.undefined: dict[str, str] = {}
+        self.missing_files: dict[str, str] = {}
         self.solvers: dict[str, StoredSolver] = {}
         self.strangers = ParameterSet()
 

@@ -1,22 +1,24 @@
 """Collection of a model's variables and solver settings from workspace, dictionaries, scripts and given values."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import field
 from pathlib import Path
 from typing import Final, TypeAlias
 
 import numpy as np
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative.node_arrays import Numbers
 from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredSolver
-from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
-from kennfeld.models.simulink.variables.m_files import (
-    enumeration_file,
-    read_file,
-    run_parameter_script,
-    run_text,
-    variable_of,
+from kennfeld.models.simulink.variables.data_dictionary import (
+    Dictionary,
+    file_name,
+    find_beside,
+    read_dictionary,
 )
+from kennfeld.models.simulink.variables.enumerations import enumeration_files, enumeration_variable, members_of
+from kennfeld.models.simulink.variables.m_files import read_file, run_parameter_script, run_text
 from kennfeld.models.simulink.variables.mask_scope import (
     USER_SOURCE,
     ParameterValue,
@@ -26,8 +28,10 @@ from kennfeld.models.simulink.variables.mask_scope import (
     to_parameter_value,
 )
 from kennfeld.models.simulink.variables.stored_variables import (
+    ENUMERATED,
     StoredVariable,
     StoredVariables,
+    UnusableValueError,
     mat_variables,
     workspace_variables,
 )
@@ -42,15 +46,52 @@ _CALLBACKS = ("PreLoadFcn", "PostLoadFcn", "InitFcn")
 _NAMES: Final = ("bdroot", "gcs", "gcb")
 
 
-def collect_variables(document: ModelDocument, sources: Iterable[ParameterSource]) -> VariableTable:
+@dataclass(frozen=True)
+class FileSearch:
+    """Where the files of a model are found: in its own folder and in `folders`; `given` are files of the user.
+
+    Each dictionary and each folder is read once, since referenced models share them.
+    """
+
+    folders: tuple[Path, ...] = ()
+    given: tuple[Path, ...] = ()
+    _dictionaries: dict[Path, Dictionary] = field(default_factory=dict, repr=False)
+    _enumerations: dict[Path, dict[str, Variable]] = field(default_factory=dict, repr=False)
+
+    @property
+    def given_names(self) -> frozenset[str]:
+        """Names of the user's files, which need not be found elsewhere."""
+        return frozenset(path.name for path in self.given)
+
+    def dictionary(self, path: Path) -> Dictionary:
+        """Return a data dictionary with those it refers to."""
+        return read_dictionary(
+            path, folders=self.folders, given=self.given_names - {path.name}, known=self._dictionaries
+        )
+
+    def enumerations(self, folder: Path) -> dict[str, Variable]:
+        """Return the enumerations whose class files are given, in a folder or in the further ones, in this order."""
+        enumerations = enumeration_files((), [path for path in self.given if path.suffix == ".m"])
+        for place in (folder, *self.folders):
+            if place not in self._enumerations:
+                self._enumerations[place] = enumeration_files([place])
+            enumerations = {**self._enumerations[place], **enumerations}
+        return enumerations
+
+
+def collect_variables(
+    document: ModelDocument, sources: Iterable[ParameterSource], search: FileSearch | None = None
+) -> VariableTable:
     """Collect the variables that a model's expressions may use.
 
     In increasing precedence: enumerations whose class files are next to the model, data dictionaries, callback code,
     `sources` in order, the model workspace, and values of calibration files and parameter sets. The findings list what
     could not be read.
     """
+    sources = tuple(sources)
+    search = search or FileSearch(given=tuple(Path(source) for source in sources if isinstance(source, str | Path)))
     variables = VariableTable()
-    _add_adjacent_files(variables, document)
+    _add_adjacent_files(variables, document, search)
     parameter_sets: list[ParameterSet] = []
     for name in _CALLBACKS:
         if name in document.callbacks:
@@ -62,9 +103,9 @@ def collect_variables(document: ModelDocument, sources: Iterable[ParameterSource
             for name, value in _values_by_name(source).items():
                 variables[name] = Variable(value, source=USER_SOURCE)
         else:
-            parameter_sets += _add_file(variables, Path(source))
+            parameter_sets += _add_file(variables, Path(source), search)
     by_name = {name: variable for name, variable in variables.items() if variable.source == USER_SOURCE}
-    _workspace(variables, document)
+    _workspace(variables, document, search)
     variables.findings += [
         _hidden(document, name)
         for name, variable in by_name.items()
@@ -84,21 +125,23 @@ def _hidden(document: ModelDocument, name: str) -> Finding:
     return Finding(Location(document.name, path=name), message, remedy, severity="warning")
 
 
-def _add_adjacent_files(variables: VariableTable, document: ModelDocument) -> None:
-    """Add enumerations and data dictionaries next to a model; only names without folders are followed."""
-    folder = document.path.parent
-    for name in document.enumerations:
-        if (enumeration := enumeration_file(folder, name)) is not None:
-            variables[name] = enumeration
+def _add_adjacent_files(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
+    """Add enumerations and data dictionaries next to a model; folders in the names of dictionaries are ignored."""
+    folders = (document.path.parent, *search.folders)
+    variables.update(search.enumerations(document.path.parent))
     for name in document.dictionaries:
-        if Path(name).name == name:
-            try:
-                _entries(variables, folder / name)
-            except InputError as error:
-                variables.findings += error.findings
-        else:
-            location = Location(document.name, path=name[:80])
-            variables.findings.append(Finding(location, "the data dictionary was not found next to the model"))
+        if file_name(name) in search.given_names:
+            continue
+        path = find_beside(name, folders)
+        if path is None:
+            message = "the data dictionary was not found next to the model"
+            remedy = "Give it as parameters, or its folder as folders."
+            variables.findings.append(Finding(Location(document.name, path=name[:80]), message, remedy))
+            continue
+        try:
+            _entries(variables, path, search)
+        except InputError as error:
+            variables.findings += error.findings
 
 
 def _values_by_name(values_by_name: Mapping[str, object]) -> dict[str, ParameterValue]:
@@ -112,12 +155,12 @@ def _values_by_name(values_by_name: Mapping[str, object]) -> dict[str, Parameter
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _add_file(variables: VariableTable, path: Path) -> list[ParameterSet]:
+def _add_file(variables: VariableTable, path: Path, search: FileSearch) -> list[ParameterSet]:
     """Add the variables of a file; parameter sets of a calibration file are returned."""
     ending = path.suffix.casefold()
     if ending == ".sldd":
         read_file(path)  # a missing file is an error here, but not if a model names it
-        _entries(variables, path)
+        _entries(variables, path, search)
     elif ending == ".mat":
         _add(variables, mat_variables(read_file(path)), path.name)
     elif ending == ".m":
@@ -129,14 +172,14 @@ def _add_file(variables: VariableTable, path: Path) -> list[ParameterSet]:
     return []
 
 
-def _entries(variables: VariableTable, path: Path) -> None:
-    read = read_dictionary(path)
+def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
+    read = search.dictionary(path)
+    variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
-    variables.update({name: variable_of(members, path.name) for name, members in read.enumerations.items()})
 
 
-def _workspace(variables: VariableTable, document: ModelDocument) -> None:
+def _workspace(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
     kind = document.workspace.kind
     if kind == "m-code":
         before = dict(variables)
@@ -146,7 +189,7 @@ def _workspace(variables: VariableTable, document: ModelDocument) -> None:
     elif kind == "file":
         path = document.path.parent / Path(document.workspace.text).name
         if path.is_file():
-            _add_file(variables, path)
+            _add_file(variables, path, search)
         else:
             message = f"its workspace is in {path.name}, which was not found"
             variables.findings.append(Finding(Location(document.name), message))
@@ -155,36 +198,68 @@ def _workspace(variables: VariableTable, document: ModelDocument) -> None:
 
 
 def _add(variables: VariableTable, data: StoredVariables, source: str) -> None:
+    unreadable = dict(data.unreadable)
     for name, entry in data.entries.items():
-        variable = _variable(entry, source)
+        try:
+            variable = _variable(entry, source, variables)
+        except UnusableValueError as error:
+            unreadable[name] = str(error)
+            continue
         if variable is not None:
             variables[name] = variable
-    for name, why in data.unreadable.items():
-        variables.findings.append(Finding(Location(source, path=name), why, severity="warning"))
+    for name, reason in unreadable.items():
+        variables.findings.append(Finding(Location(source, path=name), reason, severity="warning"))
 
 
-def _variable(entry: StoredVariable, source: str) -> Variable | None:
+def _variable(entry: StoredVariable, source: str, known: Mapping[str, Variable]) -> Variable | None:
     condition = entry.properties.get("Condition")
     if isinstance(condition, str) and entry.value is None:  # a Simulink.Variant
         return Variable({"Condition": condition}, source=source)
-    value = _value(entry)
+    value = _value(entry, known)
+    if value is None and entry.kind.rpartition(".")[2] == "Signal":  # it may declare a data store
+        parts = {"InitialValue": "", **entry.properties}
+        value = {name: part for name in parts if (part := _value(parts[name], known)) is not None}
     if value is None:
         return None
-    variable = Variable(value, unit=entry.unit, description=entry.description, source=source)
+    fixed = _is_enumerated(entry) or _is_enumerated(entry.value)
+    variable = Variable(value, unit=entry.unit, description=entry.description, source=source, fixed=fixed)
     return variable.limited(entry.minimum, entry.maximum)
 
 
-def _value(stored: Stored) -> ParameterValue | None:
+def _is_enumerated(stored: Stored) -> bool:
+    return isinstance(stored, StoredVariable) and stored.type.startswith(ENUMERATED)
+
+
+def _member_numbers(entry: StoredVariable, known: Mapping[str, Variable]) -> ParameterValue | None:
+    """Return the numbers of enumerated values; raise `UnusableValueError` if a member is unknown."""
+    names = entry.value if isinstance(entry.value, tuple) else (entry.value,)
+    if not names or not all(isinstance(name, str) for name in names):
+        return _value(entry.value, known)
+    kind = entry.type.removeprefix(ENUMERATED).strip()
+    members = members_of(known.get(kind))
+    if not members:
+        raise UnusableValueError(
+            f"it is of the enumeration {kind[:60]}, which is not defined: place {kind[:60]}.m next to the model "
+            "or give it as parameters"
+        )
+    if unknown := [name for name in names if name not in members]:
+        raise UnusableValueError(f"its enumeration {kind[:60]} has no member {str(unknown[0])[:60]}")
+    return np.array([[members[str(name)] for name in names]])
+
+
+def _value(stored: Stored, known: Mapping[str, Variable]) -> ParameterValue | None:
     if isinstance(stored, StoredVariable):
+        if _is_enumerated(stored):
+            return _member_numbers(stored, known)
         if not stored.breakpoints:
-            return _value(stored.value)
+            return _value(stored.value, known)
         axes = {f"Breakpoints{number}": variable for number, variable in enumerate(stored.breakpoints, 1)}
         stored = {"Table": stored.value, **axes}
     if isinstance(stored, Mapping):
-        parts = {name: _value(part) for name, part in stored.items()}
+        parts = {name: _value(part, known) for name, part in stored.items()}
         return {name: part for name, part in parts.items() if part is not None}
     if isinstance(stored, tuple):
-        values = tuple(_value(part) for part in stored)
+        values = tuple(_value(part, known) for part in stored)
         if len(values) == 1:
             return values[0]
         return tuple(part for part in values if part is not None)

@@ -15,6 +15,8 @@ from kennfeld.models.simulink.reader.model_tree import StoredWorkspace
 
 Value: TypeAlias = Union[Float, str, "Mapping[str, Value]", "tuple[Value, ...]", "StoredVariable", None]
 
+ENUMERATED = "Enum:"  # begins the data type of enumerated values
+
 _MAX_BYTES = 200_000_000  # unpacked
 _MAX_ARRAYS = 1_000_000
 _NEEDED = ("Value", "Table", "Breakpoints")  # the value proper of an object
@@ -33,7 +35,8 @@ class StoredVariable:
     array, an array of structs or objects), another entry (an inner object), or None if the file gives none. `kind` is
     the class: "double", "single", "struct", "Simulink.Parameter", ... `type` is the data type that an object specifies
     ("auto", "single", "fixdt(1,16,4)"), `minimum` and `maximum` are its limits. For a Simulink.LookupTable, `value` is
-    the table and `breakpoints` are its axes; everything else is in `properties`.
+    the table and `breakpoints` are its axes; everything else is in `properties`. Enumerated values have the type
+    "Enum: Class"; their value is numbers, or the names of members.
     """
 
     name: str
