@@ -122,9 +122,10 @@ def _limits(lower: float | None, upper: float | None) -> str:
 def import_notes(report: ImportReport) -> list[str]:
     """Return how much of the model can be calibrated, and what behaves differently than in Simulink."""
     coverage = "all outputs can be calibrated" if report.whole else "not all outputs can be calibrated"
+    unreached = f", {len(report.unreached)} not reached behind others" if report.unreached else ""
     advice = "Define the variables with --parameters: scripts (.m), .mat, .sldd or calibration files."
     return [
-        f"{report.supported} of {count_noun(report.total, 'block')} supported; {coverage}",
+        f"{report.supported} of {count_noun(report.total, 'block')} supported{unreached}; {coverage}",
         *map(str, report.stopped),
         *([advice] if report.undefined else []),
         *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops),

@@ -16,7 +16,7 @@ _LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
 class UnsupportedBlock:
     """A block that is not supported; `stops` is true if an output of the model depends on it.
 
-    `undefined` names the undefined variable, if that is the reason.
+    `undefined` names the undefined variables, if these are the reason.
     """
 
     path: str
@@ -24,7 +24,7 @@ class UnsupportedBlock:
     why: str
     remedy: str
     stops: bool
-    undefined: str = ""
+    undefined: tuple[str, ...] = ()
 
     @property
     def finding(self) -> Finding:
@@ -50,7 +50,7 @@ class ImportReport:
     Attributes:
         total: number of blocks that compute something.
         supported: number of them that are supported.
-        unsupported: the other blocks, with reasons.
+        unsupported: the blocks that are not, with reasons.
         loops: algebraic loops, each as block paths.
         substitutions: sentences on differences from Simulink.
         remarks: findings on anything else of note; of severity "remark" for skipped parts of a script, such as plots.
@@ -63,6 +63,7 @@ class ImportReport:
         subsystems: subsystems that can be imported on their own, if requested.
         reasons: by variable, why scripts could not assign it a value.
         stopped: errors that prevent lowering altogether.
+        unreached: paths of blocks whose inputs come from unsupported ones; they count as neither.
     """
 
     total: int
@@ -81,6 +82,7 @@ class ImportReport:
     subsystems: tuple[ImportableSubsystem, ...] = ()
     reasons: dict[str, str] = field(default_factory=dict)
     stopped: tuple[Finding, ...] = ()
+    unreached: tuple[str, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -128,8 +130,8 @@ class ImportReport:
     @property
     def undefined(self) -> dict[str, tuple[str, ...]]:
         """Undefined variables with the paths of the blocks that use them."""
-        names = dict.fromkeys(block.undefined for block in self.unsupported if block.undefined)
-        return {name: tuple(block.path for block in self.unsupported if block.undefined == name) for name in names}
+        names = dict.fromkeys(name for block in self.unsupported for name in block.undefined)
+        return {name: tuple(block.path for block in self.unsupported if name in block.undefined) for name in names}
 
 
 def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:

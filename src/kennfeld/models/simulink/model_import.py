@@ -214,6 +214,8 @@ class ModelImport:
             if refused and flat.path not in unsupported:
                 why, remedy = _refusal(compiler, flat)
                 unsupported[flat.path] = UnsupportedBlock(flat.path, flat.block.type, why, remedy, False)
+        behind = [flat for flat in blocks if flat.path not in unsupported and not compiler.is_reached(flat)]
+        unreached = tuple(dict.fromkeys(flat.path for flat in behind))
         undecided = dict.fromkeys(
             f"{reader.path} reads the data store before it is written in the step: no priority orders it after "
             f"{writer.path}. Assign a Priority to both, because generated code may run them in another order"
@@ -225,12 +227,12 @@ class ModelImport:
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return ImportReport(
-            len(blocks), len(blocks) - len(unsupported), tuple(unsupported.values()), loops,
+            len(blocks), len(blocks) - len(unsupported) - len(unreached), tuple(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
             (*warnings, *self.remarks),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
-            reasons=dict(self.variables.undefined),
+            reasons=dict(self.variables.undefined), unreached=unreached,
         )  # fmt: skip
 
     def _model(self, compiler: BlockCompiler, report: ImportReport) -> Model:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from types import TracebackType
@@ -44,12 +44,12 @@ def evaluating(failure: str, remedy: str = "") -> Iterator[None]:
 
 
 class BlockFailure(NamedTuple):
-    """Reason why a block is unsupported, remedy, and undefined variable if that is the reason."""
+    """Reason why a block is unsupported, remedy, and undefined variables if these are the reason."""
 
     flat: FlatBlock
     why: str
     remedy: str = ""
-    undefined: str = ""
+    undefined: tuple[str, ...] = ()
 
 
 class BlockFailures(dict[FlatBlock, BlockFailure]):
@@ -57,7 +57,12 @@ class BlockFailures(dict[FlatBlock, BlockFailure]):
 
     def note(self, flat: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
         """Record why a block is unsupported unless a reason is known."""
-        self.setdefault(flat, BlockFailure(flat, message, remedy, undefined))
+        self.setdefault(flat, BlockFailure(flat, message, remedy, (undefined,) if undefined else ()))
+
+    def add_undefined(self, flat: FlatBlock, names: Iterable[str]) -> None:
+        """Add further undefined variables of a block that is known to be unsupported."""
+        failure = self[flat]
+        self[flat] = failure._replace(undefined=tuple(dict.fromkeys((*failure.undefined, *names))))
 
     def note_errors(self, flat: FlatBlock) -> "_Noting":
         """Return a context manager that records an exception as the reason of a block and suppresses it."""
