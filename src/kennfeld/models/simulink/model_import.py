@@ -9,8 +9,9 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
-from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.graph.builder import GraphTooLargeError
+from kennfeld.graph import Graph
+from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
+from kennfeld.graph.integration import apply_solver, is_continuous, without_idle_holds
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
@@ -236,14 +237,9 @@ class ModelImport:
         )  # fmt: skip
 
     def _model(self, compiler: BlockCompiler, report: ImportReport) -> Model:
-        try:
-            compiler.continuous.advance(self.solver)
-        except GraphTooLargeError as error:
-            raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
         names = NodeNames(compiler, self.flat)
-        builder, number = _without_major_marks(compiler)
-        visible = {name: number[at] for name, at in names.visible.items()}
-        graph = merge_equal_states(builder.finish(visible, {}, names.outputs))
+        equations = without_idle_holds(compiler.builder.finish(names.visible, {}, names.outputs))
+        graph = self._solve(equations)
         values, sources = compiler.declared.values(graph.parameters), compiler.declared.sources
         units = {name: parameter.unit for name, parameter in values.items() if parameter.unit} | names.units
         present = {*graph.names, *graph.inputs, *graph.parameters}
@@ -258,7 +254,15 @@ class ModelImport:
             values=values,
             remarks=report.notes,
             stepped=self.stepping.replaced,
+            equations=replace(equations, units=present_units) if is_continuous(equations) else None,
+            solver=self.solver,
         )
+
+    def _solve(self, equations: Graph) -> Graph:
+        try:
+            return merge_equal_states(apply_solver(equations, self.solver, BoundedGraphBuilder))
+        except GraphTooLargeError as error:
+            raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
 
 
 def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
@@ -301,20 +305,3 @@ def _insert_formula(compiler: LoweringPass, graph: Graph) -> Signal:
     for name in graph.inputs:
         compiler.inputs.setdefault(name, None)
     return Signal(np.array([nodes[graph.names["value"]]], dtype=np.int64))
-
-
-def _without_major_marks(compiler: BlockCompiler) -> tuple[GraphBuilder, list[int]]:
-    """Return the graph without `major` marks, and the new number of each node."""
-    builder, number = GraphBuilder(), list[int]()
-    for op, args, payload in compiler.builder.nodes:
-        new = tuple(number[a] for a in args)
-        if op == "major":
-            number.append(new[0])
-        elif op in ("const", "input", "lookup", "state"):
-            number.append(builder.node(op, new, payload))
-        else:
-            number.append(builder.call(op, *new))
-    builder.states = [
-        state._replace(init=number[state.init], next=number[state.next]) for state in compiler.builder.states
-    ]
-    return builder, number

@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 
 from kennfeld.errors import Finding, Location
+from kennfeld.graph.integration import SOLVERS
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.sample_times import common_step
 from kennfeld.models.simulink import blocks
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
-from kennfeld.models.simulink.lowering.continuous_states import SOLVERS
 from kennfeld.models.simulink.lowering.scheduling import (
     CONTINUOUS_BLOCK_TYPES,
     ModelClock,

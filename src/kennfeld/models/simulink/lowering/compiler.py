@@ -36,7 +36,7 @@ class BlockCompiler(LoweringPass):
     def demand(self, blocks: Iterable[FlatBlock]) -> None:
         """Lower blocks and everything they depend on, states included."""
         self.visits.demand(blocks)
-        self.continuous.resolve_initial_values()
+        self.continuous.close()
 
     @cached_property
     def _contexts(self) -> dict[FlatBlock, BlockContext]:
