@@ -78,10 +78,18 @@ def formula_lines(model: Model) -> list[FormulaLine]:
     """
     graph, headings, original = _arrange_by_subsystem(model)
     solver = "" if model.equations is None else model.solver
+    blocks = _computing_blocks(model)
     return [
-        FormulaLine(line.text, name := original.get(line.node, ""), _path(model, name))
+        FormulaLine(line.text, name := original.get(line.node, ""), blocks.get(name, ""))
         for line in to_lines(graph, model.step, headings, solver)
     ]
+
+
+def _computing_blocks(model: Model) -> dict[str, str]:
+    """Return the path of the block that computes each named node: not of an outport if the node has another name."""
+    names, outputs = model.graph.names, set(model.graph.outputs)
+    inner = {at: _path(model, name) for name, at in reversed(list(names.items())) if name not in outputs}
+    return {name: inner.get(at) or _path(model, name) for name, at in names.items()}
 
 
 def _path(model: Model, name: str) -> str:
