@@ -85,7 +85,7 @@ def model_notes(outline: ModelOutline) -> list[str]:
 
 
 def import_tables(report: ImportReport) -> list[Rows]:
-    """Return parameters, variables without a value, unsupported blocks, and subsystems that can be imported."""
+    """Return parameters, unsupported blocks, variables without a value, and subsystems that can be imported."""
     undefined = ((name, str(len(paths)), join_names(paths, MAX_PATHS)) for name, paths in report.undefined.items())
     unsupported: Rows = [("not supported", "type", "why", "remedy", "stops an output")]
     for blocks in report.groups:
@@ -95,8 +95,8 @@ def import_tables(report: ImportReport) -> list[Rows]:
     subsystems = ((s.path, str(s.blocks), ", ".join(s.inputs), ", ".join(s.outputs)) for s in report.subsystems)
     return [
         parameter_rows(report.parameters),
-        [("variable without a value", "blocks", "needed by"), *undefined],
         unsupported,
+        [("variable without a value", "blocks", "needed by"), *undefined],
         [("can be imported by itself", "blocks", "inputs", "outputs"), *subsystems],
     ]
 
@@ -127,8 +127,8 @@ def import_notes(report: ImportReport) -> list[str]:
     return [
         f"{report.supported} of {count_noun(report.total, 'block')} supported{unreached}; {coverage}",
         *map(str, report.stopped),
-        *([advice] if report.undefined else []),
         *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops),
+        *([advice] if report.undefined else []),
         *report.substitutions,
         *report.fixed,
         *shorten([str(remark) for remark in report.remarks], MAX_REMARKS, " remarks; --json lists them"),

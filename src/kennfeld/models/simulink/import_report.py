@@ -109,11 +109,11 @@ class ImportReport:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Reasons why outputs are not supported; undefined variables first, each once."""
+        """Reasons why outputs are not supported: blocks and loops, then undefined variables, each once."""
         undefined = (_undefined_finding(name, paths, self._reason(name)) for name, paths in self.undefined.items())
         others = (_merge_findings(blocks) for blocks in self.groups if blocks[0].stops)
         loops = (Finding(Location(path=loop[0]), _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
-        return (*self.stopped, *undefined, *others, *loops)
+        return (*self.stopped, *others, *loops, *undefined)
 
     def _reason(self, name: str) -> str:
         return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")

@@ -17,6 +17,7 @@ from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
+from kennfeld.models.simulink.constant_outputs import find_constant_outputs
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, FlatModel
 from kennfeld.models.simulink.flattening.integer_signals import find_integer_conversions
 from kennfeld.models.simulink.import_report import (
@@ -224,13 +225,14 @@ class ModelImport:
         )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
         sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
-        warnings = (Finding(Location(), sentence, severity="warning") for sentence in sentences)
+        constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
+        warnings = (*constant, *(Finding(Location(), sentence, severity="warning") for sentence in sentences))
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return ImportReport(
             len(blocks), len(blocks) - len(unsupported) - len(unreached), tuple(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
-            (*warnings, *self.remarks),
+            tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
             reasons=dict(self.variables.undefined), unreached=unreached,

@@ -78,7 +78,7 @@ class ParameterExpressions:
 
     @contextmanager
     def assuming(self, names: Collection[str]) -> Iterator[None]:
-        """Take undefined variables as NaN, in order to find the other undefined ones."""
+        """Take undefined variables as 1, in order to find the other undefined ones."""
         self._assumed, before = frozenset(names), self._assumed
         try:
             yield
@@ -230,7 +230,7 @@ class ParameterExpressions:
         """Return the value of a name or of a path of fields; None if the name is undefined."""
         name, variable = ".".join(path), scope.find(path[0])
         if name in self._assumed or path[0] in self._assumed:
-            return s.constants(self.builder, np.full((1, 1), np.nan))
+            return s.constants(self.builder, np.ones((1, 1)))
         if isinstance(variable, MaskVariable) and len(path) > 1:
             outside = field_path(parse_expression(variable.text))
             return self._find([*outside, *path[1:]], variable.outside, live) if outside is not None else None
