@@ -115,7 +115,7 @@ def test_text_with_a_solver_is_printed_as_it_is_read(body):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("solver ode45\ny = u", "line 1, column 8: solver must be one of ode1, ode2, ode3, ode4, ode5"),
+        ("solver ode45\ny = u", "line 1, column 8: solver must be one of ode1, ode2, ode3, ode4, ode5, ode8"),
         ("solver %ode4%\ny = u", "line 1, column 8: solver must be one of"),
         ("solver ode4 0.1\ny = u", "solver must be one of"),
         ("solver ode4\nsolver ode3\ny = u", "line 2, column 1: duplicate solver, first in formula line 1. Remove one."),
