@@ -122,6 +122,7 @@ def _limits(lower: float | None, upper: float | None) -> str:
 def import_notes(report: ImportReport) -> list[str]:
     """Return how much of the model can be calibrated, and what behaves differently than in Simulink."""
     coverage = "all outputs can be calibrated" if report.whole else "not all outputs can be calibrated"
+    step = "the step of the data" if report.step is None else f"a step of {number_text(report.step)} s"
     unreached = f", {len(report.unreached)} not reached behind others" if report.unreached else ""
     advice = "Define the variables with --parameters: scripts (.m), .mat, .sldd or calibration files."
     return [
@@ -129,6 +130,7 @@ def import_notes(report: ImportReport) -> list[str]:
         *map(str, report.stopped),
         *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops),
         *([advice] if report.undefined else []),
+        f"runs with {step}",
         *report.substitutions,
         *report.fixed,
         *shorten([str(remark) for remark in report.remarks], MAX_REMARKS, " remarks; --json lists them"),

@@ -73,7 +73,9 @@ def test_a_step_replaces_that_of_the_model(step, tmp_path):
     drawn.block("Integrator", "I")
     drawn.outport("y")
     drawn.chain("u", "I", "y")
-    assert inspect_simulink(drawn.write(tmp_path, "slx parts"), step=step).step == (step or 0.1)
+    report = inspect_simulink(drawn.write(tmp_path, "slx parts"), step=step)
+    assert report.step == (step or 0.1)
+    assert f"runs with a step of {step or 0.1} s" in import_notes(report)
 
 
 def test_the_axes_of_a_table_that_is_undefined_are_reported_with_it(tmp_path):
