@@ -271,9 +271,7 @@ def closed(t):
     return np.exp(-0.15 * t) * (np.cos(w * t) + (0.5 + 0.15) / w * np.sin(w * t))
 
 
-@pytest.mark.parametrize(
-    ("solver", "order"), [("ode1", 1), ("ode2", 2), ("ode3", 3), ("ode4", 4), ("ode5", 5)]
-)
+@pytest.mark.parametrize(("solver", "order"), [("ode1", 1), ("ode2", 2), ("ode3", 3), ("ode4", 4), ("ode5", 5)])
 def test_solvers_have_their_order(solver, order, tmp_path):
     errors = []
     for step, samples in (("0.2", 21), ("0.1", 41)):

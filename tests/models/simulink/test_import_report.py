@@ -16,7 +16,7 @@ def broken():
     drawn.block("S-Function", "S", ports=(1, 1))
     drawn.block("Gain", "After", ports=(1, 1), Gain="2")
     drawn.block("Saturate", "Sat", ports=(1, 1), UpperLimit="hi", LowerLimit="min(lo, other)")
-    drawn.block("UnitDelay", "U", ports=(1, 1), InitialCondition="x0")
+    drawn.block("UnitDelay", "U", ports=(1, 1), InitialCondition="x0", SampleTime="Ts")
     drawn.outport("y")
     drawn.chain("u", "G", "T", "S", "After", "Sat", "U", "y")
     return drawn
@@ -24,7 +24,9 @@ def broken():
 
 def test_all_undefined_variables_are_reported_at_once(tmp_path):
     report = inspect_simulink(broken().write(tmp_path, "slx parts"))
-    assert sorted(report.undefined) == sorted(["a", "b", "data.c", "num", "k", "T1", "den", "hi", "lo", "other", "x0"])
+    assert sorted(report.undefined) == sorted(
+        ["a", "b", "data.c", "num", "k", "T1", "den", "hi", "lo", "other", "x0", "Ts"]
+    )
     assert report.undefined["den"] == ("T",)
 
 

@@ -95,6 +95,7 @@ class BlockCompiler(LoweringPass):
         while kind is not None and self.failures[flat].undefined != names:
             names = self.failures[flat].undefined
             with self.expressions.assuming(names), self._ignoring_all_but_undefined(flat):
+                self.timing.specified_sample_time(flat)
                 self._call_handler(flat, kind)
         self.visits.agenda.drop((flat, flat.last), since=begun)
 
@@ -106,7 +107,6 @@ class BlockCompiler(LoweringPass):
         except (UnsupportedError, *PARAMETER_ERRORS) as error:
             if isinstance(error, UnsupportedError | EvaluationError) and error.undefined:
                 self.failures.note(flat, str(error), error.remedy, error.undefined)
-                self.failures.add_undefined(flat, [error.undefined])
 
     def is_reached(self, flat: FlatBlock) -> bool:
         """Return False for a block behind an unsupported one, which was therefore not checked."""

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from types import TracebackType
@@ -56,13 +56,10 @@ class BlockFailures(dict[FlatBlock, BlockFailure]):
     """The unsupported blocks."""
 
     def note(self, flat: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
-        """Record why a block is unsupported unless a reason is known."""
-        self.setdefault(flat, BlockFailure(flat, message, remedy, (undefined,) if undefined else ()))
-
-    def add_undefined(self, flat: FlatBlock, names: Iterable[str]) -> None:
-        """Add further undefined variables of a block that is known to be unsupported."""
-        failure = self[flat]
-        self[flat] = failure._replace(undefined=tuple(dict.fromkeys((*failure.undefined, *names))))
+        """Record why a block is unsupported unless a reason is known; undefined variables are collected."""
+        failure = self.setdefault(flat, BlockFailure(flat, message, remedy, (undefined,) if undefined else ()))
+        if undefined and failure.undefined:
+            self[flat] = failure._replace(undefined=tuple(dict.fromkeys((*failure.undefined, undefined))))
 
     def note_errors(self, flat: FlatBlock) -> "_Noting":
         """Return a context manager that records an exception as the reason of a block and suppresses it."""
