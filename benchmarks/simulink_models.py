@@ -29,7 +29,8 @@ def row(path: Path, settings: dict[str, Any], beside: Path) -> str:
     reasons = "; ".join(shorten([f"{finding.location}: {finding.message}" for finding in report.findings], 4))
     largest = f"{parts[0].path} ({parts[0].blocks} blocks)" if parts else ""
     kind = "whole" if report.whole else "partial"
-    return f"| {path.name} | {kind} | {report.supported} of {report.total} | {reasons} | {largest} |"
+    unreached = f", {len(report.unreached)} not reached" if report.unreached else ""
+    return f"| {path.name} | {kind} | {report.supported} of {report.total}{unreached} | {reasons} | {largest} |"
 
 
 def _bound(path: Path, parameters: list[Any], folders: list[Path], bind: dict[str, str] | None) -> ImportReport:

@@ -38,7 +38,9 @@ def test_the_diagram_has_all_blocks_and_the_lines_that_come_from_them(sensor: Se
     assert blocks["Sensor/Radiation"]["state"] == "bound"
     lines = {line["path"]: line["text"] for line in own["lines"]}
     assert lines["Sensor/Radiation"] == "Radiation = 0.15 * (t_wand - 20)"
-    assert {line["node"] for line in own["lines"]} - {""} == set(sensor.require_view().model.problem.model.graph.names)
+    assert lines["Sensor/Element"] == "T_sensor[degC] = integrator(Rate, 20)"
+    names = set(sensor.require_view().model.problem.model.graph.names)
+    assert {line["node"] for line in own["lines"]} - {""} == names - {"Sensor/Element"}
     assert own["whole"]
     assert own["files"] == ["exhaust.m"]
     assert own["problems"] == []
@@ -48,13 +50,19 @@ def test_without_its_binding_and_its_script_the_diagram_says_what_is_missing(sen
     set_keys(sensor, (("model", "bind"), None), (("model", "parameters"), None))
     own = QUESTIONS["diagram"](sensor, {}).head
     assert [block["path"] for block in own["blocking"]] == ["Sensor/Radiation"]
-    assert {each["name"] for each in own["undefined"]} == {"MapGas", "KRetard", "TauSensor"}
+    assert {each["name"] for each in own["undefined"]} == {
+        "MapGas", "NAxis", "LoadAxis", "KRetard", "TauSensor",
+    }  # fmt: skip
     assert states(sensor)["Gas/MapGas"] == "undefined"
+    assert states(sensor)["Gas/Cooling"] == "supported"
+    assert states(sensor)["Sensor/Element"] == "unreached"
     assert states(sensor)["Sensor/Radiation"] == "unsupported"
     assert not own["whole"]
     assert own["lines"] == []
     set_keys(sensor, (("parameters", "TauSensor", "initial"), 9.0))
-    assert {each["name"] for each in QUESTIONS["diagram"](sensor, {}).head["undefined"]} == {"MapGas", "KRetard"}
+    assert {each["name"] for each in QUESTIONS["diagram"](sensor, {}).head["undefined"]} == {
+        "MapGas", "NAxis", "LoadAxis", "KRetard",
+    }  # fmt: skip
 
 
 def test_a_part_can_be_imported_alone(sensor: Session) -> None:

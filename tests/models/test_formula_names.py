@@ -128,9 +128,9 @@ def test_arguments_of_a_function_hide_other_names():
         ("y = PT1(u)", "line 1, column 5: PT1 takes 2 to 3 arguments, got 1. Write PT1(x, T, init=x)."),
         ("y = timeDelay()", "line 1, column 5: timeDelay takes 1 to 2 arguments, got 0. Write timeDelay(x, init=0)."),
         (
-            "y = integrator(u, 1, 2, 3, 4)",
-            "line 1, column 5: integrator takes 1 to 4 arguments, got 5. "
-            "Write integrator(x, init=0, lower=-inf, upper=inf).",
+            "y = integrator(u, 1, 2, 3, 4, 5)",
+            "line 1, column 5: integrator takes 1 to 5 arguments, got 6. "
+            "Write integrator(x, init=0, lower=-inf, upper=inf, start=itself).",
         ),
     ],
 )

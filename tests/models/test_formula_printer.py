@@ -100,15 +100,18 @@ def test_a_node_with_two_names_is_printed_once():
 
 
 def test_inner_nodes_that_are_used_twice_get_names():
-    assert printed("y = sin(u * v) + cos(u * v)") == ["_1 = u * v", "y = sin(_1) + cos(_1)"]
+    assert printed("y = sin(u * v) + cos(u * v)") == ["_y_1 = u * v", "y = sin(_y_1) + cos(_y_1)"]
 
 
 def test_auxiliary_names_avoid_those_that_are_taken():
-    assert printed("y = sin(%_1% * v) + cos(%_1% * v)") == ["_2 = %_1% * v", "y = sin(_2) + cos(_2)"]
+    assert printed("y = sin(%_y_1% * v) + cos(%_y_1% * v)") == [
+        "_y_2 = %_y_1% * v",
+        "y = sin(_y_2) + cos(_y_2)",
+    ]
 
 
 def test_feedback_is_printed_through_a_name():
-    assert printed("y = PT1(u, 3)") == ["_1 = prev(y, u)", "y = _1 + dt / (3 + dt) * (u - _1)"]
+    assert printed("y = PT1(u, 3)") == ["_y_1 = prev(y, u)", "y = _y_1 + dt / (3 + dt) * (u - _y_1)"]
 
 
 def test_a_text_is_complete_by_itself():
@@ -165,7 +168,7 @@ def test_memories_of_equal_content_are_printed_as_one():
         b.close(state, zero, next_)
     graph = b.finish({"y": b.call("mul", states[2], states[3])})
     text = to_text(graph)
-    assert lines(graph) == ["_1 = prev(prev(u, 0), 0)", "y = _1 * _1"]
+    assert lines(graph) == ["_y_1 = prev(prev(u, 0), 0)", "y = _y_1 * _y_1"]
     values = {"u": np.array([1.0, 2.0, 3.0, 4.0])}
     again = evaluate(formula(text).graph, values, ParameterSet())["y"]
     np.testing.assert_array_equal(again, evaluate(graph, values, ParameterSet())["y"])

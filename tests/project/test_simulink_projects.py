@@ -300,10 +300,23 @@ def test_a_project_starts_from_a_calibration_file_without_clipping_the_tables_of
     np.testing.assert_allclose(data["y"].values, np.where(u < 1, 2 + u, 3 + 2 * (u - 1)), rtol=1e-12, atol=1e-12)
 
 
+def test_a_step_on_the_command_line_replaces_that_of_the_model(drawn, capsys):
+    (drawn.folder / "init.m").write_text("Slope = 3;")
+    source, target = str(drawn.folder / "line.slx"), drawn.folder / "fine.kf"
+    options = ["--parameters", str(drawn.folder / "init.m"), "--step", "0.004"]
+    assert cli.run(["convert", source, str(target), *options]) == 0
+    assert read_formula(target).step == 0.004
+    capsys.readouterr()
+    assert cli.run(["info", "--json", source, *options]) == 0
+    assert json.loads(capsys.readouterr().out)["import"]["step"] == 0.004
+    for wrong in ("0", "-1", "inf", "often"):
+        assert cli.run(["info", source, "--step", wrong]) == 2
+
+
 def test_info_tells_how_much_of_a_model_is_supported(drawn, capsys):
     assert cli.run(["info", str(drawn.folder / "line.slx")]) == 0
     out = capsys.readouterr().out
-    assert "3 of 4 blocks supported; not all outputs can be calibrated" in out
+    assert "1 of 4 blocks supported, 2 not reached behind others; not all outputs can be calibrated" in out
     assert re.search(r"Slope +1 +Times", out)
     assert cli.run(["info", "--json", str(drawn.folder / "line.slx")]) == 0
     assert json.loads(capsys.readouterr().out)["import"]["whole"] is False

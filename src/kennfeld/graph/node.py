@@ -26,6 +26,13 @@ class Node(NamedTuple):
     | state | | index into `Graph.states` |
     | lookup | coordinates, none for a scalar | parameter name |
 
+    Until a solver has been applied (`integration.py`), there are two more:
+
+    | op | args | payload |
+    |---|---|---|
+    | advance | value at the start of the step, derivative, lower and upper limit | |
+    | hold | x, constant within the step of the solver | |
+
     Preparation for a set of parameters (`lookup_lowering.py`) replaces lookups by:
 
     | op | args | payload |

@@ -41,6 +41,9 @@ class Model:
         remarks: what runs differently from the source.
         stepped: True if continuous states use a fixed step that the source does not define; a shorter step may then
             give other values.
+        equations: the graph before the solver is applied, with the derivatives of continuous states; None if there are
+            none.
+        solver: solver of the continuous states, a name in `graph.integration.SOLVERS`; "" if the source declares none.
 
     >>> from kennfeld.models.formula import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
@@ -58,6 +61,8 @@ class Model:
     values: ParameterSet = field(default_factory=ParameterSet)
     remarks: tuple[Finding, ...] = ()
     stepped: bool = False
+    equations: Graph | None = None
+    solver: str = ""
 
     @property
     def carried(self) -> ParameterSet:

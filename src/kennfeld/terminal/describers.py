@@ -211,6 +211,7 @@ def describe_formula(path: Path, model: Model) -> FileInfo:
         "formula",
         path,
         step=model.step,
+        solver=model.solver,
         states=len(graph.states),
         events=[{"node": event.name, "kind": event.word, "parameters": event.parameters} for event in jumps],
         inputs=[{"name": name, "unit": unit} for name, unit in inputs],
@@ -247,7 +248,7 @@ def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
         from kennfeld.models.simulink.importable_subsystems import inspect_simulink  # all block types
 
         try:
-            report = inspect_simulink(path, part.subsystem or None, part.parameters, part.folders, part.bind)
+            report = inspect_simulink(path, part.subsystem or None, *part[1:])
         except InputError as error:
             if any(part):  # the selection does not fit
                 raise
@@ -256,7 +257,7 @@ def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
             if report.whole or part.subsystem:
                 tables[:2] = simulink.port_tables(report)
             tables += simulink.import_tables(report)
-            notes = list(dict.fromkeys([*notes, *simulink.import_notes(report)]))
+            notes = list(dict.fromkeys([*simulink.import_notes(report), *notes]))
             as_json |= {"import": report.as_dict()}
     return FileInfo(simulink.model_summary(outline), tables, notes, _plain(as_json))
 
@@ -275,7 +276,10 @@ def describe_esdl(path: Path, part: EsdlSelection) -> FileInfo:
     notes: list[str] = []
     if classes or is_application:
         try:
-            report = import_esdl(path, part.class_name, part.methods, task=part.tasks, folders=part.folders).report
+            result = import_esdl(
+                path, part.class_name, part.methods, task=part.tasks, folders=part.folders, step=part.step
+            )
+            report = result.report
         except InputError as error:
             if any(part):  # the selection does not fit
                 raise

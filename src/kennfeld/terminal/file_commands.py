@@ -83,8 +83,8 @@ def convert(
     if is_program:
         from kennfeld.models.ascet.formula_export import write_esdl_formula
 
-        class_name, methods, tasks, folders = selection.esdl
-        paths = write_esdl_formula(source, target, class_name, methods, task=tasks, folders=folders)
+        class_name, methods, tasks, folders, step = selection.esdl
+        paths = write_esdl_formula(source, target, class_name, methods, task=tasks, folders=folders, step=step)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
     if is_simulink:

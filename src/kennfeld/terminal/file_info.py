@@ -24,7 +24,7 @@ _SECTION = re.compile(
 )
 _FORMULA_LINE = re.compile(
     r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
-    r"|(?:input|output|scalar|curve|map|cube|rbf|step|def)\s+\S)"
+    r"|(?:input|output|scalar|curve|map|cube|rbf|step|solver|def)\s+\S)"
 )
 _CALIBRATION_KINDS = (FileKind.DCM, FileKind.CVX, FileKind.JSON)
 _MAX_MAT_SIZE = 100_000_000  # bytes of a MATLAB data file that is searched for parameters

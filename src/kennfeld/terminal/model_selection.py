@@ -1,31 +1,40 @@
 """The part of a model that a command looks at, and the options that select it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import click
+
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.terminal.command_line import PATH, option
 
 
 class SimulinkSelection(NamedTuple):
-    """Part of a Simulink model to import: subsystem, files with values, folders of libraries, replaced blocks."""
+    """Part of a Simulink model to import: subsystem, files with values, folders of libraries, replaced blocks, and a
+    step in s that replaces the model's own.
+    """
 
     subsystem: str = ""
     parameters: Sequence[str | Path] = ()
     folders: Sequence[str | Path] = ()
     bind: Mapping[str, str] = MappingProxyType({})
+    step: float | None = None
 
 
 class EsdlSelection(NamedTuple):
-    """Part of an ASCET project to import: class, methods, tasks, and folders of further projects."""
+    """Part of an ASCET project to import: class, methods, tasks, folders of further projects, and a step in s that
+    replaces the one of its tasks.
+    """
 
     class_name: str = ""
     methods: Sequence[str] = ()
     tasks: Sequence[str] = ()
     folders: Sequence[Path] = ()
+    step: float | None = None
 
 
 class ModelSelection(NamedTuple):
@@ -59,6 +68,12 @@ _OPTIONS = (
         "BINDING",
         multiple=True,
     ),
+    option(
+        "--step",
+        "Time step in s that replaces the one of a model.",
+        "SECONDS",
+        type=click.FloatRange(0.0, math.inf, min_open=True, max_open=True),
+    ),
     option("--class class_name", "Class of an ESDL file or of an .axl archive.", "NAME", default=""),
     option("--method methods", "Method of the class that a step calls. Repeatable, in order.", "NAME", multiple=True),
     option("--task tasks", 'Task of an ASCET application, "*" for all. Repeatable.', "NAME", multiple=True),
@@ -75,13 +90,14 @@ def model_options(command: Callable[..., int]) -> Callable[..., int]:
         values: Sequence[Path],
         folders: Sequence[Path],
         bind: Sequence[str],
+        step: float | None,
         class_name: str,
         methods: Sequence[str],
         tasks: Sequence[str],
         **others: Any,
     ) -> int:
-        simulink = SimulinkSelection(subsystem, values, folders, _bindings(bind))
-        esdl = EsdlSelection(class_name, methods, tasks, folders)
+        simulink = SimulinkSelection(subsystem, values, folders, _bindings(bind), step)
+        esdl = EsdlSelection(class_name, methods, tasks, folders, step)
         return command(*arguments, selection=ModelSelection(simulink, esdl), **others)
 
     decorated: Callable[..., int] = select

@@ -86,7 +86,7 @@ def model_notes(outline: ModelOutline) -> list[str]:
 
 
 def import_tables(report: ImportReport) -> list[Rows]:
-    """Return parameters, variables without a value, unsupported blocks, and subsystems that can be imported."""
+    """Return parameters, unsupported blocks, variables without a value, and subsystems that can be imported."""
     undefined = ((name, str(len(paths)), join_names(paths, MAX_PATHS)) for name, paths in report.undefined.items())
     unsupported: Rows = [("not supported", "type", "why", "remedy", "stops an output")]
     for blocks in report.groups:
@@ -96,8 +96,8 @@ def import_tables(report: ImportReport) -> list[Rows]:
     subsystems = ((s.path, str(s.blocks), ", ".join(s.inputs), ", ".join(s.outputs)) for s in report.subsystems)
     return [
         parameter_rows(report.parameters),
-        [("variable without a value", "blocks", "needed by"), *undefined],
         unsupported,
+        [("variable without a value", "blocks", "needed by"), *undefined],
         [("can be imported by itself", "blocks", "inputs", "outputs"), *subsystems],
     ]
 
@@ -123,12 +123,15 @@ def _limits(lower: float | None, upper: float | None) -> str:
 def import_notes(report: ImportReport) -> list[str]:
     """Return how much of the model can be calibrated, and what behaves differently than in Simulink."""
     coverage = "all outputs can be calibrated" if report.whole else "not all outputs can be calibrated"
+    step = "the step of the data" if report.step is None else f"a step of {number_text(report.step)} s"
+    unreached = f", {len(report.unreached)} not reached behind others" if report.unreached else ""
     advice = "Define the variables with --parameters: scripts (.m), .mat, .sldd or calibration files."
     return [
-        f"{report.supported} of {count_noun(report.total, 'block')} supported; {coverage}",
+        f"{report.supported} of {count_noun(report.total, 'block')} supported{unreached}; {coverage}",
         *map(str, report.stopped),
-        *([advice] if report.undefined else []),
         *(f"algebraic loop: {' -> '.join(loop[:10])}" for loop in report.loops),
+        *([advice] if report.undefined else []),
+        f"runs with {step}",
         *report.substitutions,
         *report.fixed,
         *shorten([str(remark) for remark in report.remarks], MAX_REMARKS, " remarks; --json lists them"),

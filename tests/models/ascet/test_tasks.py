@@ -1,5 +1,7 @@
 """Several tasks of an application at once, simulated like loops in Python."""
 
+import json
+
 import numpy as np
 import pytest
 from esdl_projects import TASKS, run, write_project
@@ -89,6 +91,16 @@ def test_formula_text_of_several_tasks_gives_the_same_results(application, tmp_p
     first = run(model, {"demand": DEMAND})
     second = run(again, {"demand": DEMAND}, parameters=read(target.with_suffix(".json")))
     np.testing.assert_array_equal(first["slow"], second["slow"])
+
+
+def test_a_step_on_the_command_line_replaces_that_of_the_tasks(application, tmp_path, capsys):
+    target = tmp_path / "plant.kf"
+    tasks = ["--task", "Fast_10ms", "--task", "Slow_30ms", "--step", "0.005"]
+    assert cli.run(["convert", str(application), str(target), *tasks]) == 0
+    assert read_formula(target).step == 0.005
+    capsys.readouterr()
+    assert cli.run(["info", "--json", str(application), *tasks]) == 0
+    assert json.loads(capsys.readouterr().out)["import"]["step"] == 0.005
 
 
 def test_info_lists_the_tasks(application, capsys):

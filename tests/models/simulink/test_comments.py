@@ -5,6 +5,8 @@ import pytest
 from simulink_files import LAYOUTS, Model
 from simulink_runs import imported, run
 
+from kennfeld.models.simulink.importing import import_simulink
+
 U = np.array([1.0, -2.0, 3.0])
 
 
@@ -90,3 +92,55 @@ def test_a_ring_of_blocks_that_are_commented_through_gives_nothing(tmp_path):
     drawn.line("B", "A", "C")
     drawn.line("C", "z")
     np.testing.assert_array_equal(run(imported(drawn, tmp_path), {"u": U})["z"], [5, 5, 5])
+
+
+def remarks(drawn, folder, **options):
+    return [str(remark) for remark in import_simulink(drawn.write(folder, "slx parts"), **options).report.remarks]
+
+
+def test_a_constant_output_names_the_block_that_is_commented_out(tmp_path):
+    drawn = Model(step="0.1", solver="ode4")
+    drawn.inport("u")
+    plant = drawn.subsystem("Plant")
+    plant.inport("a")
+    plant.block("Gain", "Off", Commented="on")
+    plant.block("Gain", "K", ports=(1, 1), Gain="5")
+    plant.block("Integrator", "I", InitialCondition="2")
+    plant.outport("b")
+    plant.chain("a", "Off", "K", "I", "b")
+    drawn.block("UnitDelay", "Z", InitialCondition="2", SampleTime="-1")
+    drawn.outport("y")
+    drawn.outport("z")
+    drawn.chain("u", "Plant", "Z", "y")
+    drawn.line("u", "z")
+    assert remarks(drawn, tmp_path) == ["y: the output is constant (2): Plant/Off is commented out"]
+    assert remarks(summed(Commented="on"), tmp_path) == []
+    assert remarks(summed(Commented="through"), tmp_path) == []
+
+
+def test_a_constant_output_names_the_subsystem_that_never_runs(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.inport("u")
+    drawn.block("Gain", "Switch", Gain="1", Commented="on")
+    inner = drawn.subsystem("Part")
+    inner.block("EnablePort", "E")
+    inner.inport("a")
+    inner.outport("b", InitialOutput="7")
+    inner.chain("a", "b")
+    drawn.outport("y")
+    drawn.line("u", "Switch", "Part")
+    drawn.line("Switch", "Part#enable")
+    drawn.line("Part", "y")
+    told = "y: the output is constant (7): Part never runs, Switch is commented out"
+    assert remarks(drawn, tmp_path) == [told]
+
+
+def test_an_output_of_a_constant_block_is_no_remark(tmp_path):
+    drawn = Model(step="0.1", solver="FixedStepDiscrete")
+    drawn.block("Constant", "C", Value="3")
+    drawn.block("Ground", "G", ports=(0, 1))
+    for name in ("y", "z"):
+        drawn.outport(name)
+    drawn.line("C", "y")
+    drawn.line("G", "z")
+    assert remarks(drawn, tmp_path) == ["z: the output is constant (0): G is grounded"]

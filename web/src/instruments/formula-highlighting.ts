@@ -1,14 +1,15 @@
-// Colours of formula text in the editor: comments, numbers, tables, functions, and the names that lines define.
+// Colours of formula text in the editor: comments, declarations, numbers, tables, functions, and the names that lines define.
 
 import type { Extension } from "@codemirror/state";
 import { Decoration, MatchDecorator, ViewPlugin, type DecorationSet, type EditorView, type ViewUpdate } from "@codemirror/view";
 import { state } from "../store";
 
-const TOKEN = /(#.*)|(%(?:[^%\n]|%%)*%)|((?<![\w.])\d+\.?\d*(?:e[+-]?\d+)?)|(\[[^\]\n]*\])|([A-Za-z_][\w.]*)(?=\s*\()|([A-Za-z_][\w.]*)(?=\s*(?:\[[^\]]*\])?\s*=[^=])|([A-Za-z_][\w.]*)/g;
+const TOKEN = /(#.*)|((?<=^\s*)(?:input|output|scalar|curve|map|cube|rbf|step|solver|def)(?=\s+[\w%.]))|(%(?:[^%\n]|%%)*%)|((?<![\w.])\d+\.?\d*(?:e[+-]?\d+)?)|(\[[^\]\n]*\])|([A-Za-z_][\w.]*)(?=\s*\()|([A-Za-z_][\w.]*)(?=\s*(?:\[[^\]]*\])?\s*=[^=])|([A-Za-z_][\w.]*)/gm;
 const MARKS = Object.fromEntries(["kc", "kn", "kp", "kf", "kd", "q"].map((name) => [name, Decoration.mark({ class: name })]));
 
-function kindOf([, comment, quoted, number, unit, call, defined, name]: RegExpExecArray): string {
+function kindOf([, comment, declaration, quoted, number, unit, call, defined, name]: RegExpExecArray): string {
   if (comment) return "kc";
+  if (declaration) return "q";
   if (number) return "kn";
   if (unit) return "q";
   if (defined) return "kd";

@@ -163,6 +163,7 @@ def _of_report(report: "ImportReport") -> dict[str, Any]:
     return {
         "total": report.total,
         "supported": report.supported,
+        "unreached": len(report.unreached),
         "whole": report.whole,
         "solver": report.solver,
         "step": report.step,

@@ -19,6 +19,7 @@ def write_esdl_formula(
     *,
     task: str | Iterable[str] = "",
     folders: Iterable[str | Path] = (),
+    step: float | None = None,
 ) -> tuple[Path, ...]:
     """Write a class or tasks of an ASCET project as formula text that gives the same results.
 
@@ -29,6 +30,7 @@ def write_esdl_formula(
         methods: methods that a step calls.
         task: name of the task, or several, or `*` for all periodic ones.
         folders: folders with further projects.
+        step: time step in s that replaces the one of the tasks.
 
     Returns:
         The paths written.
@@ -38,7 +40,7 @@ def write_esdl_formula(
     """
     source, target = Path(source), Path(target)
     check_formula_target(target)
-    result = import_esdl(source, class_name, methods, task=task, folders=folders)
+    result = import_esdl(source, class_name, methods, task=task, folders=folders, step=step)
     if result.model is None:
         raise InputError(result.report.findings)
     remarks = [str(remark) for remark in result.report.remarks]

@@ -4,12 +4,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.integration import apply_solver, is_continuous
 from kennfeld.models.formula.functions import FUNCTIONS, functions_of
 from kennfeld.models.formula.lexer import Source, split
 from kennfeld.models.formula.lowering import build
@@ -21,6 +22,7 @@ from kennfeld.models.formula.syntax import (
     Declaration,
     Definition,
     FunctionDefinition,
+    SolverDeclaration,
     Statement,
     StepDeclaration,
     Token,
@@ -30,6 +32,7 @@ from kennfeld.models.model import Model
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
+_Setting = TypeVar("_Setting", StepDeclaration, SolverDeclaration)
 _AXES = {"scalar": 0, "curve": 1, "map": 2, "cube": 3, "rbf": 1}
 
 
@@ -96,30 +99,36 @@ def _model(
 ) -> Model:
     statements = parse(source)
     names = NameTable(statements, NameScope(parameters=parameters, functions=functions_of(surrogates)), source)
-    step = _step(statements, source)
+    step = _single(StepDeclaration, "step", statements, source)
+    solver = _single(SolverDeclaration, "solver", statements, source)
     builder = GraphBuilder()
     nodes = build(names, builder, {})
     visible = {n: at for n, at in nodes.items() if not names.definitions[n].auxiliary}
     if not names.definitions and not source.findings:
         source.report_all("the text defines no node", "Write name[unit] = expression.")
     source.raise_findings()
-    graph = merge_equal_states(builder.finish(visible, {}, tuple(names.outputs)))
+    equations = merge_equal_states(builder.finish(visible, {}, tuple(names.outputs)))
+    equations = replace(equations, units=_units(names, equations))
+    graph = equations if solver is None else merge_equal_states(apply_solver(equations, solver.solver))
     return Model(
-        graph=replace(graph, units=_units(names, graph)),
+        graph=graph,
         name=name,
-        step=step,
+        step=None if step is None else step.seconds,
         declared=MappingProxyType({name: names.axes.get(name, _AXES[d.kind]) for name, d in names.declared.items()}),
         source=origin,
         locations=MappingProxyType(_locations(names, source)),
         surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
+        equations=equations if is_continuous(equations) else None,
+        solver="" if solver is None else solver.solver,
     )
 
 
-def _step(statements: Collection[Statement], source: Source) -> float | None:
-    steps = [statement for statement in statements if isinstance(statement, StepDeclaration)]
-    for second in steps[1:]:
-        source.report(second.at, f"duplicate step, first in {source.location(steps[0].at.line)}", "Remove one.")
-    return steps[0].seconds if steps else None
+def _single(kind: type[_Setting], word: str, statements: Collection[Statement], source: Source) -> _Setting | None:
+    """Return the only declaration of a kind; report others."""
+    settings = [statement for statement in statements if isinstance(statement, kind)]
+    for second in settings[1:]:
+        source.report(second.at, f"duplicate {word}, first in {source.location(settings[0].at.line)}", "Remove one.")
+    return settings[0] if settings else None
 
 
 def _units(names: NameTable, graph: Graph) -> Mapping[str, str]:
@@ -231,7 +240,9 @@ def _names_called(path: Path) -> Collection[str]:
     except OSError:
         return ()
     statements = parse(source)
-    own = {statement.at.name for statement in statements if not isinstance(statement, StepDeclaration)}
+    own = {
+        statement.at.name for statement in statements if not isinstance(statement, StepDeclaration | SolverDeclaration)
+    }
     defining = (statement for statement in statements if isinstance(statement, Definition | FunctionDefinition))
     parts = (part for statement in defining if statement.value is not None for part in walk(statement.value))
     called = dict.fromkeys(part.name for part in parts if isinstance(part, Call))

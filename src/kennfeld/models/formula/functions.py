@@ -8,7 +8,7 @@ Surrogates are functions of formula text as well: `n = engine(throttle, load)`.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -26,6 +26,8 @@ OPERATORS: Final = {
     "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
 }  # fmt: skip
 
+ITSELF: Final = "itself"  # default of an argument that stands for the value of the call; a rule receives None
+
 Deferred = Callable[[], int]
 
 _UNARY = "abs sqrt exp log log10 sin cos tan asin acos atan sinh cosh tanh floor ceil round sign"
@@ -40,7 +42,7 @@ class InvalidArgumentError(Exception):
 
 
 class Argument(NamedTuple):
-    """An argument; `default` is a number or the name of another argument, "" if it is required."""
+    """An argument; `default` is a number, the name of another argument, or `ITSELF`; "" if it is required."""
 
     name: str
     default: str
@@ -110,15 +112,31 @@ def _delay(builder: GraphBuilder, x: Deferred, n: int, init: int) -> int:
     return builder.remember(init, lambda read: x(), int(steps))
 
 
-def _integrator(builder: GraphBuilder, x: Deferred, init: int, lower: Deferred, upper: Deferred) -> int:
+def _integrator(
+    builder: GraphBuilder, x: Deferred, init: int, lower: Deferred, upper: Deferred, start: Deferred | None
+) -> int:
     def then(read: int) -> int:
-        moved = builder.call("add", read, builder.call("mul", builder.input("dt"), x()))
+        begun = read if start is None else start()
+        moved = builder.call("add", begun, builder.call("mul", builder.input("dt"), x()))
         low, high = lower(), upper()
         if builder.value(low) != -math.inf:
             moved = builder.call("max", moved, low)
         return moved if builder.value(high) == math.inf else builder.call("min", moved, high)
 
     return builder.remember(init, then)
+
+
+def _continuous_integrator(
+    builder: GraphBuilder, x: Deferred, init: int, lower: Deferred, upper: Deferred, start: Deferred | None
+) -> int:
+    def then(read: int) -> int:
+        return builder.node("advance", (read if start is None else start(), x(), lower(), upper()))
+
+    return builder.remember(init, then)
+
+
+def _held(builder: GraphBuilder, x: int) -> int:
+    return x if builder.value(x) is not None else builder.node("hold", (x,))
 
 
 def _derivative(builder: GraphBuilder, x: int) -> int:
@@ -176,7 +194,13 @@ _TABLE = (
     _function("clip(x, lower, upper)", _clip),
     _function("prev(x, init=0)", _prev, memory=True, later="x"),
     _function("delay(x, n, init=0)", _delay, memory=True, later="x"),
-    _function("integrator(x, init=0, lower=-inf, upper=inf)", _integrator, memory=True, later="x lower upper"),
+    _function(
+        "integrator(x, init=0, lower=-inf, upper=inf, start=itself)",
+        _integrator,
+        memory=True,
+        later="x lower upper start",
+    ),
+    _function("sampled(x)", lambda builder, x: x),
     _function("derivative(x)", _derivative, memory=True),
     _function("PT1(x, T, init=x)", _pt1, memory=True),
     _function("lowpass(x, f)", _lowpass, memory=True),
@@ -186,6 +210,18 @@ _TABLE = (
 
 FUNCTIONS: Final = {function.name: function for function in _TABLE}
 FUNCTIONS["timeDelay"] = FUNCTIONS["prev"]
+
+
+def _with_solver() -> Iterator[tuple[str, BuiltinFunction]]:
+    for name, function in FUNCTIONS.items():
+        if name == "integrator":
+            yield name, function._replace(rule=_continuous_integrator)
+        elif name == "sampled":
+            yield name, function._replace(rule=_held)
+
+
+# the rules of these functions in a text that declares a solver
+CONTINUOUS_FUNCTIONS: Final = dict(_with_solver())
 
 
 def functions_of(surrogates: Iterable["Surrogate"]) -> Mapping[str, BuiltinFunction]:

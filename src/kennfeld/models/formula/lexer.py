@@ -10,7 +10,7 @@ from dataclasses import replace
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.models.formula.syntax import Token
 
-DECLARATIONS = frozenset({"input", "output", "scalar", "curve", "map", "cube", "rbf", "step", "def"})
+DECLARATIONS = frozenset({"input", "output", "scalar", "curve", "map", "cube", "rbf", "step", "solver", "def"})
 RESERVED = frozenset({"and", "or", "not", "if", "pi", "dt", "t", "inf", "nan"})
 
 # what other languages write, and what to write here

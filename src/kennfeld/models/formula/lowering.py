@@ -10,7 +10,14 @@ from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.formula.functions import CONSTANTS, OPERATORS, Argument, InvalidArgumentError
+from kennfeld.models.formula.functions import (
+    CONSTANTS,
+    CONTINUOUS_FUNCTIONS,
+    ITSELF,
+    OPERATORS,
+    Argument,
+    InvalidArgumentError,
+)
 from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
 from kennfeld.models.formula.name_resolution import NameTable, children
 from kennfeld.models.formula.syntax import Call, Chain, Definition, Expr, FunctionDefinition, Name, Number, Prefix
@@ -270,6 +277,8 @@ class GraphLowering:
         return (yield function.value, self._scopes[key])
 
     def _built_in(self, function: BuiltIn, expr: Call, scope: _Scope) -> _Steps:
+        if self.names.solver:
+            function = CONTINUOUS_FUNCTIONS.get(function.name, function)
         args: list[Any] = []
         key: list[Any] = [function.name]
         for index, argument_value in enumerate(expr.args):
@@ -283,10 +292,17 @@ class GraphLowering:
         if not function.memory:
             return function.rule(self.builder, *args)
         if tuple(key) not in self._memories:
-            self._memories[tuple(key)] = self._remember(function, expr, args)
+            self._memories[tuple(key)] = self._held(self._remember(function, expr, args))
         return self._memories[tuple(key)]
 
+    def _held(self, node: int) -> int:
+        """Return the value of a function with memory, which a solver holds within the step unless it integrates it."""
+        is_state = self.builder.nodes[node].op == "state"
+        return CONTINUOUS_FUNCTIONS["sampled"].rule(self.builder, node) if self.names.solver and not is_state else node
+
     def _default(self, argument: Argument, args: list[Any], function: BuiltIn) -> Any:
+        if argument.default == ITSELF:
+            return None
         earlier = [other.name for other in function.arguments]
         if argument.default in earlier:
             return args[earlier.index(argument.default)]

@@ -20,6 +20,7 @@ from kennfeld.models.formula.syntax import (
     FunctionDefinition,
     Name,
     Prefix,
+    SolverDeclaration,
     Statement,
     Token,
 )
@@ -87,6 +88,7 @@ class NameTable:
         self.inputs: dict[str, Declaration] = {}
         self.outputs: dict[str, Declaration] = {}
         self.declared: dict[str, Declaration] = {}
+        self.solver = next((s.solver for s in statements if isinstance(s, SolverDeclaration)), "")
         self.uses: dict[str, Token] = {}
         self.axes: dict[str, int] = dict(around.axes)
         self.broken: set[str] = set()

@@ -8,6 +8,7 @@ Precedence, from lowest to highest:
 from collections.abc import Callable, Sequence
 from typing import Any, Final, TypeVar
 
+from kennfeld.graph.integration import SOLVERS
 from kennfeld.models.formula.lexer import DECLARATIONS, FOREIGN, RESERVED, Source, statements, tokens
 from kennfeld.models.formula.syntax import (
     Call,
@@ -19,6 +20,7 @@ from kennfeld.models.formula.syntax import (
     Name,
     Number,
     Prefix,
+    SolverDeclaration,
     Statement,
     StepDeclaration,
     Token,
@@ -84,6 +86,8 @@ class _StatementParser:
         self.position += 1
         if first.text == "def":
             return self._function()
+        if first.text == "solver":
+            return self._solver(first)
         return self._step(first) if first.text == "step" else self._declaration(first)
 
     def whole(self) -> Expr | None:
@@ -130,6 +134,13 @@ class _StatementParser:
             self.source.report(number, "step must be a positive number of seconds", "Write step 0.01, for example.")
             return None
         return StepDeclaration(word, float(number.text))
+
+    def _solver(self, word: Token) -> SolverDeclaration | None:
+        name = self._next()
+        if name.kind != "name" or name.text not in SOLVERS or self._peek.kind != "end":
+            self.source.report(name, f"solver must be one of {', '.join(SOLVERS)}", "Write solver ode4, for example.")
+            return None
+        return SolverDeclaration(word, name.text)
 
     def _function(self) -> FunctionDefinition | None:
         name = self._attempt(lambda: self._name("def requires the name of the function"))

@@ -3,34 +3,40 @@
 Formula text cannot express two states with equal contents, so these are merged first.
 """
 
+import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import count
 from typing import Final, NamedTuple
 
 from kennfeld.errors import ArgumentError
 from kennfeld.graph import CLOCK, Graph, GraphBuilder, State
+from kennfeld.graph.integration import Advance, is_continuous
 from kennfeld.models.formula.functions import FUNCTIONS, OPERATORS
 from kennfeld.models.formula.lexer import DECLARATIONS, is_plain
 from kennfeld.models.formula.parser import LEVELS
 
 _INFIX: Final = {op: text for text, op in OPERATORS.items()}
-_CALLS: Final = {"select": "if"}
+_CALLS: Final = {"select": "if", "hold": "sampled"}
 _TABLES: Final = ("scalar", "curve", "map", "cube", "cube")
 _NEGATION, _COMPARISON, _POWER, _ATOM = LEVELS["*"] + 1, LEVELS["<"], LEVELS["^"], LEVELS["^"] + 1
 # deeper expressions get names for their inner parts; the parser allows 100
 _MAX_DEPTH = 40
 
 
-def to_text(graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None) -> str:
+def to_text(
+    graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None, solver: str = ""
+) -> str:
     r"""Print a graph as complete formula text: `formula(to_text(graph)).graph == graph`.
 
-    Inner nodes that are used more than once are called `_1`, `_2`, ... States of equal contents are merged.
+    Inner nodes that are used more than once are named after the node that they are written for: those of `y` are
+    `_y_1`, `_y_2`, ... States of equal contents are merged.
 
     Args:
-        graph: graph with lookups, not lowered.
+        graph: graph with lookups, not lowered; that before the solver if there is one.
         step: step in s to declare.
         headings: comment above a node, by its name; written if it differs from that of the node before.
+        solver: solver of continuous states to declare; "" if the graph has none.
 
     Raises:
         ArgumentError: text cannot express the graph: a name with two meanings, a name or unit with a line break, a unit
@@ -45,7 +51,7 @@ def to_text(graph: Graph, step: float | None = None, headings: Mapping[str, str]
     output y
     y[Nm] = M(n, 2 * q) - K * prev(n, 0)
     """
-    return "\n".join([*(line.text for line in to_lines(graph, step, headings)), ""])
+    return "\n".join([*(line.text for line in to_lines(graph, step, headings, solver)), ""])
 
 
 class PrintedLine(NamedTuple):
@@ -56,12 +62,14 @@ class PrintedLine(NamedTuple):
 
 
 def to_lines(
-    graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None
+    graph: Graph, step: float | None = None, headings: Mapping[str, str] | None = None, solver: str = ""
 ) -> Sequence[PrintedLine]:
     """Return the lines of `to_text`; those of auxiliary nodes belong to the node that they are written for."""
     _check(graph)
     graph = merge_equal_states(graph)
-    declared = [] if step is None else [f"step {step!r}"]
+    if is_continuous(graph) and not solver:
+        raise ArgumentError("the graph has continuous states and needs a solver")
+    declared = [*([] if step is None else [f"step {step!r}"]), *([f"solver {solver}"] if solver else [])]
     declarations = [PrintedLine(text) for text in (*declared, *_declarations(graph))]
     return [*declarations, *_Printer(graph).lines(headings or {})]
 
@@ -167,10 +175,11 @@ class _Printer:
         for name, at in graph.names.items():
             if not self._is_leaf(at):
                 self._named.setdefault(at, name)
-        uses = Counter(part for at in range(len(graph.nodes)) for part in self._parts(at))
+        written = (at for at, node in enumerate(graph.nodes) if node.op != "advance")  # part of its state
+        uses = Counter(part for at in written for part in self._parts(at))
         self._shared = {at for at, times in uses.items() if times > 1 and not self._is_leaf(at)} - self._named.keys()
-        taken = {*graph.names, *graph.inputs, *graph.parameters}
-        self._free_names = (name for name in map("_{}".format, count(1)) if name not in taken)
+        self._taken = {*graph.names, *graph.inputs, *graph.parameters}
+        self._numbers = Counter[str]()
         self._auxiliary: dict[int, str] = {}
         self._begun: set[int] = set()
         self._done: dict[int, _Text] = {}
@@ -200,7 +209,21 @@ class _Printer:
         if op != "state":
             return args
         state = self.graph.states[payload]
-        return state.next, state.init
+        advance = self.graph.nodes[state.next]
+        if advance.op != "advance":
+            return state.next, state.init
+        return self._integrator_arguments(at, state.init, Advance(*advance.args))
+
+    def _integrator_arguments(self, at: int, init: int, advance: Advance) -> Sequence[int]:
+        """Return the arguments of an integrator without the last ones that have their defaults."""
+        arguments = [advance.slope, init, advance.lower, advance.upper, advance.start]
+        defaults = [False, *map(self._is_constant, arguments[1:4], (0.0, -math.inf, math.inf)), advance.start == at]
+        count = max(index for index, default in enumerate(defaults) if not default) + 1
+        return arguments[:count]
+
+    def _is_constant(self, at: int, value: float) -> bool:
+        op, _, payload = self.graph.nodes[at]
+        return op == "const" and bool(payload == value)
 
     def _write(self, root: int) -> None:
         """Write the expression of a node, preceded by the lines of its auxiliary nodes."""
@@ -212,16 +235,25 @@ class _Printer:
             elif at not in self._begun:
                 self._begun.add(at)
                 if at in self._shared:
-                    self._auxiliary[at] = next(self._free_names)
+                    self._auxiliary[at] = self._free_name()
                 parts = [part for part in self._parts(at) if part not in self._named]
                 stack += [(at, True), *((part, False) for part in reversed(parts))]
 
     def _finish(self, at: int, root: int) -> None:
         text = self._done[at] = self._expression(at)
         if at != root and text.depth > _MAX_DEPTH and at not in self._auxiliary:
-            self._auxiliary[at] = next(self._free_names)
+            self._auxiliary[at] = self._free_name()
         if at in self._auxiliary:
             self.output.append(PrintedLine(f"{self._auxiliary[at]} = {text.text}", self._written))
+
+    def _free_name(self) -> str:
+        """Return a name for an auxiliary node, after the node that is written."""
+        word = re.sub(r"\W+", "_", self._written).strip("_")
+        while True:
+            self._numbers[word] += 1
+            name = f"_{word}_{self._numbers[word]}" if word else f"_{self._numbers[word]}"
+            if name not in self._taken:
+                return name
 
     def _read(self, at: int) -> _Text:
         """Return a node as it appears in another expression."""
@@ -242,6 +274,8 @@ class _Printer:
             return _infix(op, *parts)
         if op in ("neg", "not"):
             return _prefix(op, *parts)
+        if op == "state" and self.graph.nodes[self.graph.states[payload].next].op == "advance":
+            return _call("integrator", parts)
         if op == "state":
             latency, (content, init) = self.graph.states[payload].latency, parts
             return _call("prev", parts) if latency == 1 else _call("delay", [content, _Text(str(latency)), init])

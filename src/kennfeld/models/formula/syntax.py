@@ -114,4 +114,11 @@ class StepDeclaration(NamedTuple):
     seconds: float
 
 
-Statement: TypeAlias = Definition | Declaration | FunctionDefinition | StepDeclaration
+class SolverDeclaration(NamedTuple):
+    """`solver ode4`."""
+
+    at: Token
+    solver: str
+
+
+Statement: TypeAlias = Definition | Declaration | FunctionDefinition | StepDeclaration | SolverDeclaration

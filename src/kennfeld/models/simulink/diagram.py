@@ -13,7 +13,7 @@ from kennfeld.models.simulink.model_import import ModelImport
 from kennfeld.models.simulink.reader.model_tree import ModelBlock, System
 from kennfeld.models.simulink.variables.model_variables import ParameterSource
 
-State = Literal["supported", "bound", "undefined", "unsupported", "unused"]
+State = Literal["supported", "bound", "undefined", "unsupported", "unused", "unreached"]
 MAX_DETAIL = 40  # characters
 _DETAILS = {  # the field that says most about a block of a type
     "BusSelector": "OutputSignals",
@@ -142,7 +142,7 @@ def read_diagram(
 
 def _states(report: ImportReport | None, cuts: Mapping[str, str]) -> dict[str, State]:
     """Return the state of each block that is not simply supported, by path."""
-    states: dict[str, State] = {}
+    states: dict[str, State] = dict.fromkeys(report.unreached if report is not None else (), "unreached")
     for block in report.unsupported if report is not None else ():
         states[block.path] = "undefined" if block.undefined else "unsupported" if block.stops else "unused"
     for loop in report.loops if report is not None else ():

@@ -22,11 +22,12 @@ def write_formula(
     parameters: Iterable[str | Path] = (),
     folders: Iterable[str | Path] = (),
     bind: Mapping[str, str] | None = None,
+    step: float | None = None,
 ) -> tuple[Path, ...]:
     """Write a Simulink model as formula text that gives the same results.
 
-    Nodes are named after their blocks, or after block paths where a name would be ambiguous, and grouped by subsystem.
-    Differences from Simulink are listed in comments at the top.
+    A node is named after its outport, else its signal, else its block, or the path of the block if another node has
+    that name. Nodes are grouped by subsystem. Differences from Simulink are listed in comments at the top.
 
     Args:
         source: the `.slx` or `.mdl` file.
@@ -35,6 +36,7 @@ def write_formula(
         parameters: sources of variables as in `simulink`.
         folders: folders to search for libraries.
         bind: blocks to replace as in `simulink`.
+        step: time step in s that replaces the one of the model.
 
     Returns:
         The paths written.
@@ -44,7 +46,7 @@ def write_formula(
     """
     source, target = Path(source), Path(target)
     check_formula_target(target)
-    result = import_simulink(source, subsystem or None, parameters, bind, folders=folders)
+    result = import_simulink(source, subsystem or None, parameters, bind, folders=folders, step=step)
     if result.model is None:
         raise InputError(result.report.findings)
     head = [
@@ -70,12 +72,24 @@ class FormulaLine:
 
 
 def formula_lines(model: Model) -> list[FormulaLine]:
-    """Return the formula text of an imported model, grouped by subsystem, each line with the block it comes from."""
+    """Return the formula text of an imported model, grouped by subsystem, each line with the block it comes from.
+
+    Continuous states are written as integrators of their derivatives, below a declaration of the solver.
+    """
     graph, headings, original = _arrange_by_subsystem(model)
+    solver = "" if model.equations is None else model.solver
+    blocks = _computing_blocks(model)
     return [
-        FormulaLine(line.text, name := original.get(line.node, ""), _path(model, name))
-        for line in to_lines(graph, model.step, headings)
+        FormulaLine(line.text, name := original.get(line.node, ""), blocks.get(name, ""))
+        for line in to_lines(graph, model.step, headings, solver)
     ]
+
+
+def _computing_blocks(model: Model) -> dict[str, str]:
+    """Return the path of the block that computes each named node: not of an outport if the node has another name."""
+    names, outputs = model.graph.names, set(model.graph.outputs)
+    inner = {at: _path(model, name) for name, at in reversed(list(names.items())) if name not in outputs}
+    return {name: inner.get(at) or _path(model, name) for name, at in names.items()}
 
 
 def _path(model: Model, name: str) -> str:
@@ -84,15 +98,16 @@ def _path(model: Model, name: str) -> str:
 
 def _arrange_by_subsystem(model: Model) -> tuple[Graph, dict[str, str], dict[str, str]]:
     """Return the graph in the order of subsystems with short names, the heading above each node, and its own name."""
-    graph = model.graph
-    paths = {name: _path(model, name) for name in graph.names}
+    graph = model.graph if model.equations is None else model.equations
+    kept = _best_names(graph)
+    paths = {name: _path(model, name) for name in kept}
     ways = {name: split_path(path) for name, path in paths.items()}
     short = {name: _short_name(name, path, ways[name]) for name, path in paths.items()}
     uses = Counter([*short.values(), *graph.inputs, *graph.parameters, *CLOCK])
-    new = {name: short[name] if uses[short[name]] == 1 else name for name in graph.names}
-    above = {name: "" if name in graph.outputs else join_path(*ways[name][:-1]) for name in graph.names}
+    new = {name: short[name] if uses[short[name]] == 1 else name for name in kept}
+    above = {name: "" if name in graph.outputs else join_path(*ways[name][:-1]) for name in kept}
     order = {heading: at for at, heading in enumerate(dict.fromkeys(["", *above.values()]))}
-    names = sorted(graph.names, key=lambda name: order[above[name]])
+    names = sorted(kept, key=lambda name: order[above[name]])
     arranged = Graph(
         graph.nodes,
         MappingProxyType({new[name]: graph.names[name] for name in names}),
@@ -101,6 +116,18 @@ def _arrange_by_subsystem(model: Model) -> tuple[Graph, dict[str, str], dict[str
         tuple(new[name] for name in graph.outputs),
     )
     return arranged, {new[name]: above[name] for name in names}, {new[name]: name for name in names}
+
+
+def _best_names(graph: Graph) -> list[str]:
+    """Return the outputs, and the first name of each other node, which is that of its signal if it has one."""
+    named = {graph.names[name] for name in graph.outputs}
+    kept = dict.fromkeys(graph.outputs)
+    for name, at in graph.names.items():
+        is_leaf = not graph.nodes[at].args and graph.nodes[at].op != "state"
+        if at not in named and not is_leaf:
+            named.add(at)
+            kept[name] = None
+    return [name for name in graph.names if name in kept]
 
 
 def _short_name(name: str, path: str, field_path: tuple[str, ...]) -> str:

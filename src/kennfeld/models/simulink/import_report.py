@@ -16,7 +16,7 @@ _LOOP_REMEDY = "Insert a Unit Delay into the loop, or bind one of its blocks."
 class UnsupportedBlock:
     """A block that is not supported; `stops` is true if an output of the model depends on it.
 
-    `undefined` names the undefined variable, if that is the reason.
+    `undefined` names the undefined variables, if these are the reason.
     """
 
     path: str
@@ -24,7 +24,7 @@ class UnsupportedBlock:
     why: str
     remedy: str
     stops: bool
-    undefined: str = ""
+    undefined: tuple[str, ...] = ()
 
     @property
     def finding(self) -> Finding:
@@ -50,7 +50,7 @@ class ImportReport:
     Attributes:
         total: number of blocks that compute something.
         supported: number of them that are supported.
-        unsupported: the other blocks, with reasons.
+        unsupported: the blocks that are not, with reasons.
         loops: algebraic loops, each as block paths.
         substitutions: sentences on differences from Simulink.
         remarks: findings on anything else of note; of severity "remark" for skipped parts of a script, such as plots.
@@ -65,6 +65,7 @@ class ImportReport:
         definitions: what to define, if variables are undefined.
         missing_files: data files that were not found, with the scripts that load them.
         stopped: errors that prevent lowering altogether.
+        unreached: paths of blocks whose inputs come from unsupported ones; they count as neither.
     """
 
     total: int
@@ -85,6 +86,7 @@ class ImportReport:
     definitions: tuple[UndefinedParameter, ...] = ()
     missing_files: dict[str, str] = field(default_factory=dict)
     stopped: tuple[Finding, ...] = ()
+    unreached: tuple[str, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -119,11 +121,11 @@ class ImportReport:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Reasons why outputs are not supported; undefined variables first, each once."""
+        """Reasons why outputs are not supported: blocks and loops, then undefined variables, each once."""
         undefined = (_undefined_finding(name, paths, self._reason(name)) for name, paths in self.undefined.items())
         others = (_merge_findings(blocks) for blocks in self.groups if blocks[0].stops)
         loops = (Finding(Location(path=loop[0]), _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
-        return (*self.stopped, *undefined, *others, *loops)
+        return (*self.stopped, *others, *loops, *undefined)
 
     def _reason(self, name: str) -> str:
         return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")
@@ -140,8 +142,8 @@ class ImportReport:
     @property
     def undefined(self) -> dict[str, tuple[str, ...]]:
         """Undefined variables with the paths of the blocks that use them."""
-        names = dict.fromkeys(block.undefined for block in self.unsupported if block.undefined)
-        return {name: tuple(block.path for block in self.unsupported if block.undefined == name) for name in names}
+        names = dict.fromkeys(name for block in self.unsupported for name in block.undefined)
+        return {name: tuple(block.path for block in self.unsupported if name in block.undefined) for name in names}
 
 
 def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:

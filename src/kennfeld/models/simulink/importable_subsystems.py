@@ -33,6 +33,7 @@ def inspect_simulink(
     parameters: Iterable[ParameterSource] = (),
     folders: Iterable[str | Path] = (),
     bind: Mapping[str, str] | None = None,
+    step: float | None = None,
 ) -> ImportReport:
     """Report on the import of a file or subsystem and, if it fails, on the subsystems that can be imported.
 
@@ -42,19 +43,20 @@ def inspect_simulink(
         parameters: sources of variables as in `simulink`.
         folders: folders to search for libraries.
         bind: blocks to replace as in `simulink`.
+        step: time step in s that replaces the one of the model.
 
     Raises:
         InputError: if the file cannot be read or has too many blocks.
     """
     loaded = LoadedModel.of(path, parameters, folders)
     system, scope, prefix = loaded.system(subsystem)
-    report = ModelImport(loaded, system, scope, loaded.cuts(bind or {}, prefix)).inspect().report
+    report = ModelImport(loaded, system, scope, loaded.cuts(bind or {}, prefix), step=step).inspect().report
     if report.whole:
         return report
     search = _SubsystemSearch(loaded, report, len(split_path(prefix)) if prefix else 0)
     search.search(system, scope)
     limit = [Finding(Location(), _LIMIT_REACHED, severity="warning")] if search.ended else []
-    return replace(report, subsystems=search.largest, remarks=(*report.remarks, *limit))
+    return replace(report, subsystems=search.largest, remarks=(*limit, *report.remarks))
 
 
 def find_subsystems(

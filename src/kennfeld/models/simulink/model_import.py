@@ -9,13 +9,15 @@ import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
-from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.graph.builder import GraphTooLargeError
+from kennfeld.graph import Graph
+from kennfeld.graph.builder import BoundedGraphBuilder, GraphTooLargeError
+from kennfeld.graph.integration import apply_solver, is_continuous, without_idle_holds
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.formula.frontend import expression
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.models.model import Model
 from kennfeld.models.quantities import Quantity, calibratable
+from kennfeld.models.simulink.constant_outputs import find_constant_outputs
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock, FlatModel
 from kennfeld.models.simulink.flattening.integer_signals import find_integer_conversions
 from kennfeld.models.simulink.import_report import (
@@ -221,6 +223,8 @@ class ModelImport:
             if refused and flat.path not in unsupported:
                 why, remedy = _refusal(compiler, flat)
                 unsupported[flat.path] = UnsupportedBlock(flat.path, flat.block.type, why, remedy, False)
+        behind = [flat for flat in blocks if flat.path not in unsupported and not compiler.is_reached(flat)]
+        unreached = tuple(dict.fromkeys(flat.path for flat in behind))
         undecided = dict.fromkeys(
             f"{reader.path} reads the data store before it is written in the step: no priority orders it after "
             f"{writer.path}. Assign a Priority to both, because generated code may run them in another order"
@@ -228,27 +232,23 @@ class ModelImport:
         )
         loops = tuple(tuple(flat.path for flat in loop) for loop in compiler.visits.loops)
         sentences = (*compiler.warnings, *_integer_types(self.flat.blocks))
-        warnings = (Finding(Location(), sentence, severity="warning") for sentence in sentences)
+        constant = () if unsupported or loops else find_constant_outputs(compiler, self.flat)
+        warnings = (*constant, *(Finding(Location(), sentence, severity="warning") for sentence in sentences))
         note = [TYPES_IGNORED] if any(flat.type == "DataTypeConversion" for flat in self.flat.blocks) else []
         sources = compiler.declared.sources
         return ImportReport(
-            len(blocks), len(blocks) - len(unsupported), tuple(unsupported.values()), loops,
+            len(blocks), len(blocks) - len(unsupported) - len(unreached), tuple(unsupported.values()), loops,
             (*self.flat.variant_choices, *self.substitutions, *undecided, *note),
-            (*warnings, *self.remarks),
+            tuple(sorted((*warnings, *self.remarks), key=lambda finding: finding.severity == "remark")),
             dict(sources), dict(compiler.expressions.frozen), self.solver, self.clock.step,
             tuple(calibratable(p, sources.get(p.name, "")) for p in compiler.declared.parameters.values()),
-            reasons=dict(self.variables.undefined),
+            reasons=dict(self.variables.undefined), unreached=unreached,
         )  # fmt: skip
 
     def _model(self, compiler: BlockCompiler, report: ImportReport) -> Model:
-        try:
-            compiler.continuous.advance(self.solver)
-        except GraphTooLargeError as error:
-            raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
         names = NodeNames(compiler, self.flat)
-        builder, number = _without_major_marks(compiler)
-        visible = {name: number[at] for name, at in names.visible.items()}
-        graph = merge_equal_states(builder.finish(visible, {}, names.outputs))
+        equations = without_idle_holds(compiler.builder.finish(names.visible, {}, names.outputs))
+        graph = self._solve(equations)
         values, sources = compiler.declared.values(graph.parameters), compiler.declared.sources
         units = {name: parameter.unit for name, parameter in values.items() if parameter.unit} | names.units
         present = {*graph.names, *graph.inputs, *graph.parameters}
@@ -263,7 +263,15 @@ class ModelImport:
             values=values,
             remarks=report.notes,
             stepped=self.stepping.replaced,
+            equations=replace(equations, units=present_units) if is_continuous(equations) else None,
+            solver=self.solver,
         )
+
+    def _solve(self, equations: Graph) -> Graph:
+        try:
+            return merge_equal_states(apply_solver(equations, self.solver, BoundedGraphBuilder))
+        except GraphTooLargeError as error:
+            raise InputError.of(Location(self.path.name, path=self.solver), error.message, error.remedy) from None
 
 
 def _integer_types(blocks: Sequence[FlatBlock]) -> tuple[str, ...]:
@@ -306,20 +314,3 @@ def _insert_formula(compiler: LoweringPass, graph: Graph) -> Signal:
     for name in graph.inputs:
         compiler.inputs.setdefault(name, None)
     return Signal(np.array([nodes[graph.names["value"]]], dtype=np.int64))
-
-
-def _without_major_marks(compiler: BlockCompiler) -> tuple[GraphBuilder, list[int]]:
-    """Return the graph without `major` marks, and the new number of each node."""
-    builder, number = GraphBuilder(), list[int]()
-    for op, args, payload in compiler.builder.nodes:
-        new = tuple(number[a] for a in args)
-        if op == "major":
-            number.append(new[0])
-        elif op in ("const", "input", "lookup", "state"):
-            number.append(builder.node(op, new, payload))
-        else:
-            number.append(builder.call(op, *new))
-    builder.states = [
-        state._replace(init=number[state.init], next=number[state.next]) for state in compiler.builder.states
-    ]
-    return builder, number

@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 
 from kennfeld.errors import Finding, Location
+from kennfeld.graph.integration import SOLVERS
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.sample_times import common_step
 from kennfeld.models.simulink import blocks
 from kennfeld.models.simulink.expressions.parameter_expressions import ParameterExpressions
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
-from kennfeld.models.simulink.lowering.continuous_states import SOLVERS
 from kennfeld.models.simulink.lowering.scheduling import (
     CONTINUOUS_BLOCK_TYPES,
     ModelClock,
@@ -19,7 +19,7 @@ from kennfeld.models.simulink.reader.model_tree import StoredSolver
 from kennfeld.models.simulink.signals import CONSTANT
 from kennfeld.models.simulink.variables.mask_scope import Scope
 
-_FIXED = {*SOLVERS, "ode8", "ode14x", "ode1be", "odeN", "FixedStepDiscrete", "FixedStepAuto"}
+_FIXED = {*SOLVERS, "ode14x", "ode1be", "odeN", "FixedStepDiscrete", "FixedStepAuto"}
 _STIFF = ("ode15s", "ode23s", "ode23t", "ode23tb", "ode14x", "ode1be", "odeN")
 _TASKS = {"on": True, "off": False, "Auto": True, "MultiTasking": True, "SingleTasking": False}
 _MIN_STEP_RATIO = 1e-4  # of the shortest sample time, for a step that hits all of them

@@ -18,8 +18,8 @@ const SIGNS: Record<string, string> = {
   SubSystem: "▭", "MATLAB Function": "ƒ", Chart: "◫", Sum: "Σ", Gain: "▷", Product: "×", Constant: "#", Integrator: "∫", DiscreteIntegrator: "∫", Inport: "→", Outport: "←",
   "Lookup_n-D": "▦", Lookup: "▦", Lookup2D: "▦", Interpolation_n_D: "▦", Switch: "⋎", MultiPortSwitch: "⋎", UnitDelay: "z", Delay: "z", Memory: "z", Saturate: "⊏", RelationalOperator: "≥", Logic: "∧", Goto: "⇥", From: "↦", Mux: "⊐", Demux: "⊏",
 };
-const WORDS: Record<BlockState, string> = { supported: "can be imported", bound: "bound to a channel or formula", undefined: "a variable has no value", unsupported: "not supported, and an output depends on it", unused: "not supported, but no output depends on it" };
-const WORSE: BlockState[] = ["supported", "unused", "bound", "undefined", "unsupported"];
+const WORDS: Record<BlockState, string> = { supported: "can be imported", bound: "bound to a channel or formula", undefined: "a variable has no value", unsupported: "not supported, and an output depends on it", unused: "not supported, but no output depends on it", unreached: "not checked: behind a block that is not supported" };
+const WORSE: BlockState[] = ["supported", "unused", "unreached", "bound", "undefined", "unsupported"];
 
 /** The state of each block, of a subsystem the worst of its blocks. */
 const states = computed(() => {
@@ -99,7 +99,7 @@ function Row({ block, state }: { block: Block; state: BlockState }) {
 function Mark({ state }: { state: BlockState }) {
   if (state === "bound") return <Icon name="link" kind="acc" />;
   if (state === "unsupported" || state === "undefined") return <Icon name="warning" kind={state === "undefined" ? "warn" : "bad"} />;
-  return state === "unused" ? <span class="q">–</span> : <Icon name="done" kind="good" />;
+  return state === "unused" || state === "unreached" ? <span class="q">–</span> : <Icon name="done" kind="good" />;
 }
 
 function toggle(block: Block): void {

@@ -6,7 +6,7 @@ import { setKeys, valueAt, type Path, type Toml } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
 
-export type BlockState = "supported" | "bound" | "undefined" | "unsupported" | "unused";
+export type BlockState = "supported" | "bound" | "undefined" | "unsupported" | "unused" | "unreached";
 export interface Block { path: string; name: string; type: string; depth: number; inner: number; field: string; detail: string; state: BlockState }
 export interface Line { text: string; node: string; path: string }
 export interface Problem { place: string; message: string; remedy: string; text: string }
@@ -15,7 +15,7 @@ export interface Variable { name: string; kind: string; shape: number[]; smalles
 export interface Part { path: string; blocks: number; inputs: string[]; outputs: string[] }
 export interface Diagram {
   file: string; subsystem: string; bind: Record<string, string>; problems: Problem[]; name?: string; version?: string;
-  blocks?: Block[]; subsystems?: string[]; lines?: Line[]; files?: string[]; total?: number; supported?: number; whole?: boolean;
+  blocks?: Block[]; subsystems?: string[]; lines?: Line[]; files?: string[]; total?: number; supported?: number; unreached?: number; whole?: boolean;
   solver?: string; step?: number | null; blocking?: Blocking[]; undefined?: { name: string; paths: string[]; reason: string }[];
   loops?: string[][]; stopped?: Problem[]; parameters?: Variable[]; inputs?: Port[];
   outputs?: Port[]; notes?: string[];

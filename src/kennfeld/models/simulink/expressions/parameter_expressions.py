@@ -4,7 +4,8 @@ Expressions that the graph cannot represent are evaluated numerically. Their var
 `ParameterExpressions.frozen`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import Final, TypeAlias
 
@@ -54,6 +55,7 @@ class ParameterExpressions:
         self.builder = builder
         self.declared = declared
         self.frozen: dict[str, str] = {}
+        self._assumed: frozenset[str] = frozenset()
         self._codes: dict[tuple[str, int], dict[str, ParameterValue]] = {}
         self._known: dict[tuple[str, int, bool], FieldValue] = {}
 
@@ -73,6 +75,15 @@ class ParameterExpressions:
             EvaluationError: if the expression has no value.
         """
         return _array_of(self.evaluate(text, scope, live, names), text)
+
+    @contextmanager
+    def assuming(self, names: Collection[str]) -> Iterator[None]:
+        """Take undefined variables as 1, in order to find the other undefined ones."""
+        self._assumed, before = frozenset(names), self._assumed
+        try:
+            yield
+        finally:
+            self._assumed = before
 
     def numbers(self, text: str, scope: Scope) -> Numbers:
         """Return the numbers of an expression, Float[rows, columns]; raises `EvaluationError`."""
@@ -96,8 +107,8 @@ class ParameterExpressions:
 
     def evaluate(self, text: str, scope: Scope, live: bool, names: Mapping[str, Nodes] | None = None) -> FieldValue:
         """Return the value of an expression; raises `EvaluationError`."""
-        if names is not None:
-            return self._evaluate_text(text, scope, live, names)
+        if names is not None or self._assumed:
+            return self._evaluate_text(text, scope, live, names or {})
         key = (text, id(scope), live)
         if key not in self._known:
             self._known[key] = self._evaluate_text(text, scope, live, {})
@@ -218,6 +229,8 @@ class ParameterExpressions:
     def _find(self, path: Sequence[str], scope: Scope, live: bool) -> "FieldValue | None":
         """Return the value of a name or of a path of fields; None if the name is undefined."""
         name, variable = ".".join(path), scope.find(path[0])
+        if name in self._assumed or path[0] in self._assumed:
+            return s.constants(self.builder, np.ones((1, 1)))
         if isinstance(variable, MaskVariable) and len(path) > 1:
             outside = field_path(parse_expression(variable.text))
             return self._find([*outside, *path[1:]], variable.outside, live) if outside is not None else None

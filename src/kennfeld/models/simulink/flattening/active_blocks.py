@@ -166,7 +166,15 @@ def without_commented_blocks(system: System) -> System:
     if not commented:
         return system
     kept = tuple(block for block in system.blocks if block.sid not in commented)
-    return System(kept, tuple(_lines(system, commented)))
+    lines = tuple(_lines(system, commented))
+    fed = {
+        end: system.by_sid[line.source.block].name
+        for line in lines
+        if line.source is not None and line.source.block in commented
+        for end in line.destinations
+    }
+    connected = tuple(line for line in lines if line.source is not None and line.source.block not in commented)
+    return System(kept, connected, fed)
 
 
 def _how(block: ModelBlock) -> str:
@@ -178,18 +186,18 @@ def _lines(system: System, commented: Mapping[str, str]) -> Iterator[SignalLine]
     for line in system.lines:
         ends = tuple(end for end in line.destinations if end.block not in commented)
         source = _trace_commented(line.source, sources, commented)
-        if ends and source is not None:
+        if ends:
             yield replace(line, source=source, destinations=ends)
 
 
 def _trace_commented(
     source: Endpoint | None, sources: Mapping[Endpoint, Endpoint | None], commented: Mapping[str, str]
 ) -> Endpoint | None:
-    """Return the origin of a signal, seen through blocks that are commented through."""
+    """Return the origin of a signal, seen through blocks that are commented through; it may be commented out."""
     seen: set[Endpoint] = set()
     while source is not None and source.block in commented:
         if commented[source.block] == "on" or source.port != "out" or source in seen:
-            return None
+            return source
         seen.add(source)
         source = sources.get(Endpoint(source.block, "in", source.number))
     return source

@@ -15,7 +15,7 @@ from kennfeld.models.simulink.flattening.hierarchy import (
     goto_tag,
 )
 from kennfeld.models.simulink.reader.block_ports import element_of, elements, port_number
-from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, Ports
+from kennfeld.models.simulink.reader.model_tree import Endpoint, ModelBlock, Ports, join_path
 from kennfeld.models.simulink.variables.mask_scope import Scope, declared_store, names_assigned_by_functions
 
 _NONLOCAL_VISIBILITY = ("global", "scoped")  # Goto tags visible outside of their system
@@ -65,6 +65,13 @@ class SignalTracer:
             block = below.flat_blocks.get(outport.sid) if outport is not None else None
             return SignalSource(block, 0) if block is not None else None
         return None
+
+    def commented_source(self, level: SystemInstance, end: Endpoint) -> str:
+        """Return the path of the commented-out block that fed a port, traced through subsystems and tags; or ""."""
+        passed = list(self._trace(level, end))
+        here, at = self._passed_on_input(*passed[-1]) if passed else (level, end)
+        name = here.system.commented.get(at, "") if here is not None and at is not None else ""
+        return join_path(*here.path, name) if here is not None and name else ""
 
     def _selected_input(self, level: SystemInstance, source: Endpoint) -> tuple[SystemInstance, Endpoint] | None:
         """Return the bus creator input that a bus selector selects, or None if other blocks lie between them.
@@ -225,6 +232,9 @@ class ConnectionResolver:
             control = below.control
             if control is not None and control.block is below.holder:
                 control.inputs = [self._control_source(level, sid, port) for port in control.control_ports]
+                ends = (Endpoint(sid, port) for port in control.control_ports)
+                paths = enumerate(self.wires.commented_source(level, end) for end in ends)
+                control.commented = {index: path for index, path in paths if path}
 
     def _connect_data_stores(self, level: SystemInstance, flat: FlatBlock) -> None:
         """Place blocks that read and write data stores on behalf of code."""
@@ -288,6 +298,8 @@ class ConnectionResolver:
             flat.control_ports = {SPECIAL[port.type]: port for port in flat.block.system.of("TriggerPort")}
             ends += [Endpoint(sid, kind) for kind in flat.control_ports]
             flat.inputs += [self.wires.source(level, Endpoint(sid, kind)) for kind in flat.control_ports]
+        missing = [(index, end) for index, end in enumerate(ends) if flat.inputs[index] is None]
+        flat.commented = {index: path for index, end in missing if (path := self.wires.commented_source(level, end))}
         flat.input_names = {i: name for i, end in enumerate(ends) if (name := self.wires.label(level, end))}
         flat.output_names = {number - 1: name for number, name in flat.block.signals.items()} | level.named.get(sid, {})
 

@@ -46,6 +46,7 @@ class FlatBlock:
         resets_each_step: set in a first iteration whose states are reset in each step.
         element: set in a For Each subsystem.
         hidden: set if another block stands for it.
+        commented: paths of commented-out blocks that fed its inputs, by input.
     """
 
     type: str
@@ -69,6 +70,7 @@ class FlatBlock:
     next_pass: "FlatBlock | None" = None
     resets_each_step: bool = False
     hidden: bool = False
+    commented: dict[int, str] = field(default_factory=dict)
     bus_paths: tuple[str, ...] = ()
 
     @property

@@ -4,10 +4,12 @@ Sizes and sample times of states in feedback are unknown when they are first rea
 repeated with the results until nothing changes.
 """
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 
-from kennfeld.models.simulink.flattening.flat_model import FlatBlock
+from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.simulink.flattening.flat_model import FlatBlock, SignalSource
 from kennfeld.models.simulink.flattening.iterated_subsystems import LOOPS
 from kennfeld.models.simulink.lowering.block_context import BlockContext
 from kennfeld.models.simulink.lowering.diagnostics import (
@@ -34,7 +36,7 @@ class BlockCompiler(LoweringPass):
     def demand(self, blocks: Iterable[FlatBlock]) -> None:
         """Lower blocks and everything they depend on, states included."""
         self.visits.demand(blocks)
-        self.continuous.resolve_initial_values()
+        self.continuous.close()
 
     @cached_property
     def _contexts(self) -> dict[FlatBlock, BlockContext]:
@@ -60,6 +62,9 @@ class BlockCompiler(LoweringPass):
         self.builder.place = flat.path
         kind = BLOCK_TYPES.get(flat.type)
         outputs = self._outputs(flat, kind) if flat not in self.failures else None
+        if flat in self.failures:
+            self.visits.agenda.add(flat)  # blocks upstream are checked all the same
+            self._find_undefined(flat, kind)
         if kind is None or outputs is None:
             return placeholder_outputs(self.builder, flat)
         outputs = outputs if isinstance(outputs, tuple) else (outputs,)
@@ -72,7 +77,6 @@ class BlockCompiler(LoweringPass):
         """Return the outputs of a block, None if it or its inputs are not supported."""
         if kind is None:
             self.failures.note(flat, *unsupported_reason(flat), flat.undefined)
-            self.visits.agenda.add(flat)  # blocks upstream are checked all the same
         elif any(not wired.sound for wired in self.known_inputs(flat)):
             self._report_undefined(flat, kind)
         else:
@@ -82,13 +86,36 @@ class BlockCompiler(LoweringPass):
 
     def _report_undefined(self, flat: FlatBlock, kind: BlockType) -> None:
         """Look for further undefined variables behind an unsupported block, to report all at once."""
-        try:
+        with self._ignoring_all_but_undefined(flat):
             self._call_handler(flat, kind)
-        except UnsupportedError as unsupported:
-            if unsupported.undefined:
-                self.failures.note(flat, *unsupported.parts)
-        except PARAMETER_ERRORS:
-            return
+
+    def _find_undefined(self, flat: FlatBlock, kind: BlockType | None) -> None:
+        """Add the other undefined variables of a block that lacks one, in all its expressions."""
+        names, begun = tuple[str, ...](), len(self.visits.agenda)
+        while kind is not None and self.failures[flat].undefined != names:
+            names = self.failures[flat].undefined
+            with self.expressions.assuming(names), self._ignoring_all_but_undefined(flat):
+                self.timing.specified_sample_time(flat)
+                self._call_handler(flat, kind)
+        self.visits.agenda.drop((flat, flat.last), since=begun)
+
+    @contextmanager
+    def _ignoring_all_but_undefined(self, flat: FlatBlock) -> Iterator[None]:
+        """Suppress errors of a handler, but record undefined variables."""
+        try:
+            yield
+        except (UnsupportedError, *PARAMETER_ERRORS) as error:
+            if isinstance(error, UnsupportedError | EvaluationError) and error.undefined:
+                self.failures.note(flat, str(error), error.remedy, error.undefined)
+
+    def is_reached(self, flat: FlatBlock) -> bool:
+        """Return False for a block behind an unsupported one, which was therefore not checked."""
+        lowered = (source for source in flat.inputs if source is not None and source.flat in self.visits.values)
+        return all(self._is_sound(source) for source in lowered)
+
+    def _is_sound(self, source: SignalSource) -> bool:
+        outputs = self.outputs(source.flat)
+        return not outputs or outputs[min(source.port, len(outputs) - 1)].sound
 
     def _call_handler(self, flat: FlatBlock, kind: BlockType) -> Outputs:
         """Call the handler of a block; if it fails, its states are not completed."""

@@ -44,20 +44,22 @@ def evaluating(failure: str, remedy: str = "") -> Iterator[None]:
 
 
 class BlockFailure(NamedTuple):
-    """Reason why a block is unsupported, remedy, and undefined variable if that is the reason."""
+    """Reason why a block is unsupported, remedy, and undefined variables if these are the reason."""
 
     flat: FlatBlock
     why: str
     remedy: str = ""
-    undefined: str = ""
+    undefined: tuple[str, ...] = ()
 
 
 class BlockFailures(dict[FlatBlock, BlockFailure]):
     """The unsupported blocks."""
 
     def note(self, flat: FlatBlock, message: str, remedy: str = "", undefined: str = "") -> None:
-        """Record why a block is unsupported unless a reason is known."""
-        self.setdefault(flat, BlockFailure(flat, message, remedy, undefined))
+        """Record why a block is unsupported unless a reason is known; undefined variables are collected."""
+        failure = self.setdefault(flat, BlockFailure(flat, message, remedy, (undefined,) if undefined else ()))
+        if undefined and failure.undefined:
+            self[flat] = failure._replace(undefined=tuple(dict.fromkeys((*failure.undefined, undefined))))
 
     def note_errors(self, flat: FlatBlock) -> "_Noting":
         """Return a context manager that records an exception as the reason of a block and suppresses it."""

@@ -69,7 +69,7 @@ class ModelClock:
         hit = sample_hit(builder, rate, self.step)
         if hit is None:
             return None
-        return builder.node("major", (hit,)) if self.continuous else hit
+        return builder.node("hold", (hit,)) if self.continuous else hit
 
 
 class SampleTimes:
@@ -156,7 +156,7 @@ class SampleTimes:
         if x.period != CONTINUOUS or not self.clock.continuous:
             return x
         nodes = [
-            node if self.builder.nodes[node].op in ("const", "major") else self.builder.node("major", (node,))
+            node if self.builder.nodes[node].op in ("const", "hold") else self.builder.node("hold", (node,))
             for node in map(int, x.nodes.ravel())
         ]
         return replace(x, nodes=np.array(nodes, dtype=np.int64).reshape(x.shape))

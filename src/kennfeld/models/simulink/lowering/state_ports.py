@@ -46,7 +46,7 @@ def _replace_states(builder: GraphBuilder, root: int, behind: set[int], known: M
     for at in sorted(behind - known.keys()):
         op, args, payload = builder.nodes[at]
         changed = tuple(replaced[a] for a in args)
-        if op == "major" and builder.value(changed[0]) is not None:
+        if op == "hold" and builder.value(changed[0]) is not None:
             replaced[at] = changed[0]
         else:
             replaced[at] = builder.call(op, *changed) if op in OPERATIONS else builder.node(op, changed, payload)
@@ -54,14 +54,13 @@ def _replace_states(builder: GraphBuilder, root: int, behind: set[int], known: M
 
 
 class ContinuousState(NamedTuple):
-    """A continuous state: node, initial value, value seen by blocks, slope, limits, and execution condition."""
+    """A continuous state: node, initial value, value seen by blocks, slope and limits."""
 
     state: int
     init: int
     seen: int
     slope: int
-    limits: tuple[int | None, int | None] = (None, None)
-    active: int | None = None
+    limits: tuple[int, int]
 
 
 def is_known_at_step_start(source: SignalSource) -> bool:

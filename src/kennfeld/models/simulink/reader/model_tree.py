@@ -305,10 +305,14 @@ class ModelBlock:
 
 @dataclass(frozen=True)
 class System:
-    """The blocks and lines of one system, in file order."""
+    """The blocks and lines of one system, in file order.
+
+    `commented` names the commented-out block that fed an input.
+    """
 
     blocks: tuple[ModelBlock, ...] = ()
     lines: tuple[SignalLine, ...] = ()
+    commented: Mapping[Endpoint, str] = field(default_factory=dict)
 
     @cached_property
     def by_sid(self) -> Mapping[str, ModelBlock]:
