@@ -33,6 +33,7 @@ NO_DATABASE = (
     'or read(..., dbc=["engine.dbc"]) in Python.'
 )
 _ANY_SOURCE = 0xFE  # source address of a message of J1939 that any control unit may send
+_CLASSIC = 8  # bytes of a frame that is not CAN FD
 _MAX_TEXTS = 12  # of values in a description
 _MAX_LISTED = 6  # identifiers in a message
 
@@ -107,11 +108,14 @@ class BusLog:
         self._databases = [(file, file.read()) for file in source.databases]
         self._findings = [*findings, *(finding for _, database in self._databases for finding in database.findings)]
         self._unknown: list[tuple[Sender, int]] = []
+        self._segmented: dict[str, Sender] = {}
         self.messages = self._match()
         if not self.messages:
             names = join_names([database.file for _, database in self._databases], 3)
             message = f"none of its identifiers is described by {names}; it holds {_content(frames)}"
             remedy = "Check the database, and its bus if one is stated."
+            if self._segmented:
+                message = f"{message}; {next(self._segmented_findings()).message}"
             raise InputError.of(source.location, message, remedy)
 
     def _match(self) -> list[RecordedMessage]:
@@ -125,6 +129,9 @@ class BusLog:
                     self._unknown.append((sender, rows.size))
                     continue
                 name, message = described
+                if message.size > _CLASSIC and frames.lengths[rows].max() <= _CLASSIC:
+                    self._segmented.setdefault(message.name, sender)
+                    continue
                 address = sender.source_address if message.is_j1939 else sender.identifier
                 key = (sender.network, sender.bus, address, sender.extended, name, message.identifier)
                 known = recorded.get(key)
@@ -133,7 +140,7 @@ class BusLog:
                     if known
                     else RecordedMessage(message, name, sender, frames, (rows,))
                 )
-        self._findings += catalog.findings(self._location)
+        self._findings += [*catalog.findings(self._location), *self._segmented_findings()]
         return list(recorded.values())
 
     def channels(self) -> list[BusChannel]:
@@ -143,6 +150,13 @@ class BusLog:
             for place, message in enumerate(self.messages)
             for signal in message.message.signals
         ]
+
+    def _segmented_findings(self) -> Iterator[Finding]:
+        """Yield a warning on messages that are sent in several frames (ISO-TP, J1939 transport, NMEA fast packets)."""
+        if self._segmented:
+            listed = [f"{name} ({sender.text})" for name, sender in self._segmented.items()]
+            message = f"messages of more than {_CLASSIC} bytes in several frames are not decoded: {join_names(listed)}"
+            yield Finding(self._location, message, "Decode them with another tool if needed.", severity="warning")
 
     def named_channels(self) -> list[BusChannel]:
         """Return the signals of all recorded messages, each with a name of its own."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import count_noun
 from kennfeld.measurement import blf
 from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
@@ -24,6 +25,9 @@ from kennfeld.measurement.table_conversion import TableDescription
 _INSTALL = 'Install it: pip install "kennfeld[bus]".'
 _READERS = {FileKind.ASC: "ASCReader", FileKind.TRC: "TRCReader", FileKind.CANDUMP: "CanutilsLogReader"}
 _FROM_ZERO = (FileKind.ASC,)  # kinds whose channels the library counts from 0
+_RESUMABLE = (FileKind.ASC, FileKind.CANDUMP)  # kinds of which the library can read on after a damaged line
+_MOST_DAMAGED = 1000  # lines
+_COPY = "Copy the file again from its source."
 _MOST_BYTES = 64
 _EPOCH = 1e8  # s; larger times count from 1970
 _DIGITS = 6  # of such times in s: they are not known to more
@@ -95,29 +99,36 @@ class _Columns:
 
 
 def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
-    """Return the frames of a text log; a warning if it ends in a line that is damaged or cut off."""
+    """Return the frames of a text log; a warning if lines of it are damaged or the last one is cut off."""
     reader_class = _load(source)
-    columns, problem = _Columns(source.kind in _FROM_ZERO), ""
+    columns, problems = _Columns(source.kind in _FROM_ZERO), list[str]()
     with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as text:
-        try:
-            reader = reader_class(text)
-            for message in reader:
-                columns.add(message)
-        except (EOFError, OSError):
-            raise
-        except Exception as error:  # of many kinds: the library trusts what it reads
-            problem = " ".join(str(error).split())[:120] or type(error).__name__
+        reader = reader_class(text)
+        while not (done := _collect(reader, columns, problems)):
+            if source.kind not in _RESUMABLE or len(problems) >= _MOST_DAMAGED:
+                break
     is_relative = getattr(reader, "timestamps_format", "") == _RELATIVE
     frames = [columns.frames(is_relative=is_relative)] if columns.time else []
-    if not problem:
+    if not problems:
         return frames, []
-    message = f"the {source.kind.value} file is damaged or cut off after {len(columns.time)} frames ({problem})"
+    message = f"{count_noun(len(problems), 'line')} cannot be read, the first one because of {problems[0]}"
     if not frames:
-        raise InputError.of(source.location, message, "Copy it again from its source.")
-    rest = "the frames before are read"
-    return frames, [
-        Finding(source.location, f"{message}; {rest}", "Copy it again from its source.", severity="warning")
-    ]
+        raise InputError.of(source.location, message, _COPY)
+    rest = "the other frames are read" if done else f"only the {len(columns.time)} frames before are read"
+    return frames, [Finding(source.location, f"{message}; {rest}", _COPY, severity="warning")]
+
+
+def _collect(reader: Any, columns: _Columns, problems: list[str]) -> bool:
+    """Take frames up to the end, or up to a damaged line; return whether it is the end."""
+    try:
+        for message in reader:
+            columns.add(message)
+    except (EOFError, OSError):
+        raise
+    except Exception as error:  # of many kinds: the library trusts what it reads
+        problems.append(" ".join(str(error).split())[:120] or type(error).__name__)
+        return False
+    return True
 
 
 def _load(source: MeasurementFile) -> Any:

@@ -97,7 +97,7 @@ _DATABASE = "a database of bus messages: it describes signals and holds no sampl
 # text logs of bus messages: a pattern within their first bytes
 _BUS_LOGS = (
     (re.compile(rb"^base\s+(?:hex|dec)\s+timestamps\s+(?:absolute|relative)", _ANYWHERE), FileKind.ASC),
-    (re.compile(rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=", _ANYWHERE), FileKind.TRC),
+    (re.compile(rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=|\A;#{20,}\s*$", _ANYWHERE), FileKind.TRC),
     (re.compile(rb"\A\s*\(\d+\.\d+\)\s+\S+\s+[\da-f]{3,8}#", _ANYWHERE), FileKind.CANDUMP),
 )
 # related files that are not measurements: a pattern within their first bytes, what they are, and the remedy

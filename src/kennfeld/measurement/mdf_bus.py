@@ -50,7 +50,8 @@ def _read(file: Any, group: int, event: str) -> Frames | None:
     if not {"ID", "DataBytes"} <= set(names):
         return None
     select = [(None, group, places[name]) for name in names]
-    signals = file.select(select, raw=True, copy_master=False, ignore_value2text_conversions=True)
+    # with conversions: a channel and a format that are constant are often the offset of a virtual channel
+    signals = file.select(select, raw=False, copy_master=False, ignore_value2text_conversions=True)
     columns = {name: np.asarray(signal.samples) for name, signal in zip(names, signals, strict=True)}
     payload = _payload(columns["DataBytes"])
     identifier = columns["ID"].astype(np.int64)
