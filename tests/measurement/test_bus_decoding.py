@@ -180,6 +180,12 @@ def test_what_is_not_described_is_counted_and_named(log, database):
     )
 
 
+def test_a_message_without_signals_describes_nothing(log, tmp_path):
+    (tmp_path / "empty.dbc").write_text("BO_ 500 Engine: 8 X\n")
+    with pytest.raises(InputError, match=r"none of its identifiers is described by empty.dbc"):
+        read(log(drive(4)), dbc=tmp_path / "empty.dbc")
+
+
 def test_a_signal_whose_message_was_not_recorded_is_explained(log, database):
     with pytest.raises(InputError, match=r"has no channel EngineSpeed. Its message EEC1 \(0x0CF004FE in engine.dbc\)"):
         read(log(drive(4)), ["EngineSpeed"], dbc=database)

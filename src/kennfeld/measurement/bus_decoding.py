@@ -254,7 +254,7 @@ class BusLog:
 
 
 class _Catalog:
-    """The messages of databases, found by their senders."""
+    """The messages of databases that have signals, found by their senders."""
 
     def __init__(self, databases: Iterable[tuple[DatabaseFile, BusDatabase]]) -> None:
         self._exact: list[tuple[DatabaseFile, dict[tuple[int, bool], _Described]]] = []
@@ -264,6 +264,8 @@ class _Catalog:
             exact: dict[tuple[int, bool], _Described] = {}
             groups: dict[int, list[_Described]] = {}
             for message in database.messages:
+                if not message.signals:
+                    continue
                 described = _Described(database.file, message)
                 exact[message.identifier, message.extended] = described
                 if message.is_j1939:
