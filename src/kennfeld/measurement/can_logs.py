@@ -91,10 +91,11 @@ class _Columns:
         columns = (np.frombuffer(part, np.uint8) for part in (self._buses, self._extended, self.lengths))
         buses, extended, lengths = columns
         identifiers = np.array(self._identifiers, dtype=np.int64)
-        if is_relative:
-            time = np.cumsum(time)
-        elif time.size and time[0] > _EPOCH:
-            time = np.round(time - time[0], _DIGITS)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a damaged file
+            if is_relative:
+                time = np.cumsum(time)
+            elif time.size and time[0] > _EPOCH:
+                time = np.round(time - time[0], _DIGITS)
         return from_rows("CAN", time, buses, identifiers, extended, lengths, self.content)
 
 

@@ -133,7 +133,7 @@ class _MessageLines:
 
 @dataclass
 class _Statements:
-    """What the statements say; messages by their identifier in the file."""
+    """The content of the statements; messages by their identifier in the file."""
 
     file: str
     messages: dict[int, _MessageLines] = field(default_factory=dict)
