@@ -1,6 +1,7 @@
 """Logs of CAN frames as Vector, PEAK and candump write them."""
 
 import gzip
+import re
 import sys
 from contextlib import suppress
 
@@ -92,9 +93,7 @@ def test_a_damaged_line_is_skipped_with_a_warning(tmp_path, database):
 def test_a_missing_library_is_named_with_the_command(tmp_path, database, monkeypatch):
     path = write_log(tmp_path / "drive.asc", FRAMES)
     monkeypatch.setitem(sys.modules, "can", None)
-    with pytest.raises(
-        InputError, match=r'read by python-can, which is not installed. Install it: pip install "kennfeld'
-    ):
+    with pytest.raises(InputError, match=r'the package can is not installed. Run: pip install "kennfeld\[bus\]"'):
         read(path, dbc=database)
 
 
@@ -102,3 +101,16 @@ def test_blf_needs_no_library(tmp_path, database, monkeypatch):
     path = write_log(tmp_path / "drive.blf", FRAMES)
     monkeypatch.setitem(sys.modules, "can", None)
     assert read(path, ["Temp"], dbc=database).samples == 20
+
+
+def test_identifiers_that_no_frame_can_have_are_damage(tmp_path, database):
+    lines = write_log(tmp_path / "drive.asc", FRAMES).read_text().splitlines()
+    lines[20] = re.sub(r"^( *\S+ \d +)\S+", r"\g<1>FFFFFFFFFx", lines[20])
+    (tmp_path / "drive.asc").write_text("\n".join(lines))
+    assert "1 line cannot be read" in str(read(tmp_path / "drive.asc", ["Temp"], dbc=database).findings[0])
+
+
+def test_times_beyond_all_numbers_are_findings(tmp_path, database):
+    (tmp_path / "drive.log").write_text("(1e308) can0 1F4#0011223344556677\n(-1e308) can0 1F4#0011223344556677\n")
+    with pytest.raises(InputError, match=r"^drive\.log"):
+        read(tmp_path / "drive.log", ["Temp"], dbc=database)

@@ -65,9 +65,10 @@ def to_numbers(raw: NDArray[np.uint64], signal: BusSignal) -> NDArray[Any]:
 
 def to_physical(raw: NDArray[np.uint64], signal: BusSignal, is_j1939: bool = False) -> Float:
     """Return physical values, Float[frames] in the unit of the signal; NaN if J1939 says that there is none."""
-    with np.errstate(invalid="ignore"):  # random bits may be a NaN that signals
+    # any bits may be a NaN that signals, and a factor of a damaged database very large
+    with np.errstate(invalid="ignore", over="ignore"):
         numbers = to_numbers(raw, signal).astype(np.float64)
-    values = numbers * signal.factor + signal.offset if signal.is_scaled else numbers
+        values = numbers * signal.factor + signal.offset if signal.is_scaled else numbers
     if is_j1939:
         values[_is_unavailable(raw, signal)] = np.nan
     values[np.isnan(values)] = np.nan  # a NaN that signals would set off warnings later

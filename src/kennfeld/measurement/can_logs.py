@@ -21,13 +21,14 @@ from kennfeld.measurement.channel_names import choose
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription
+from kennfeld.optional_packages import optional_package
 
-_INSTALL = 'Install it: pip install "kennfeld[bus]".'
 _READERS = {FileKind.ASC: "ASCReader", FileKind.TRC: "TRCReader", FileKind.CANDUMP: "CanutilsLogReader"}
 _FROM_ZERO = (FileKind.ASC,)  # kinds whose channels the library counts from 0
 _RESUMABLE = (FileKind.ASC, FileKind.CANDUMP)  # kinds of which the library can read on after a damaged line
 _MOST_DAMAGED = 1000  # lines
 _COPY = "Copy the file again from its source."
+_LARGEST = (1 << 29) - 1  # identifier
 _MOST_BYTES = 64
 _EPOCH = 1e8  # s; larger times count from 1970
 _DIGITS = 6  # of such times in s: they are not known to more
@@ -66,6 +67,8 @@ class _Columns:
         if message.is_error_frame or message.is_remote_frame:
             return
         content = bytes(message.data[:_MOST_BYTES])
+        if not 0 <= message.arbitration_id <= _LARGEST:
+            raise ValueError(f"the identifier {message.arbitration_id} is not one of a frame")
         self.time.append(message.timestamp)
         self._buses.append(self._bus(message.channel))
         self._identifiers.append(message.arbitration_id)
@@ -134,10 +137,7 @@ def _collect(reader: Any, columns: _Columns, problems: list[str]) -> bool:
 
 def _load(source: MeasurementFile) -> Any:
     """Return the class of the library that reads the frames."""
-    try:
+    with optional_package(source.location, "bus"):
         import can
-    except ImportError:
-        message = f"{source.kind.value} files are read by python-can, which is not installed"
-        raise InputError.of(source.location, message, _INSTALL) from None
     logging.getLogger("can").setLevel(logging.CRITICAL + 1)
     return getattr(can, _READERS[source.kind])
