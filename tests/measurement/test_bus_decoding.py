@@ -213,6 +213,19 @@ def test_decoded_channels_beside_frames_stay(tmp_path, database):
     assert read(both, ["Brake", "Temp"], raster=0.05, dbc=database)["Temp"].values[0] == 80.0
 
 
+def test_channels_beside_frames_need_no_description_of_the_frames(tmp_path):
+    from asammdf import MDF, Signal
+
+    other = tmp_path / "other.dbc"
+    other.write_text('BO_ 9 Other: 8 X\n SG_ Light : 0|8@1+ (1,0) [0|0] "" X\n')
+    with MDF(write_mf4(tmp_path / "drive.mf4", drive())) as mdf:
+        mdf.append([Signal(np.arange(5.0), 0.1 * np.arange(5), name="Brake")])
+        mdf.save(tmp_path / "both.mf4", overwrite=True)
+    assert read(tmp_path / "both.mf4", ["Brake"], dbc=other)["Brake"].values.size == 5
+    with pytest.raises(InputError, match=r"has no channel Light. Its message Other"):
+        read(tmp_path / "both.mf4", ["Light"], dbc=other)
+
+
 def test_the_real_log_of_a_logger_is_named(real):
     with pytest.raises(
         InputError, match=r"this is a bus log: it holds 2010 CAN frames of 2 identifiers \(0x7BB, 0x7EC\)"

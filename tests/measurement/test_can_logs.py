@@ -103,6 +103,15 @@ def test_blf_needs_no_library(tmp_path, database, monkeypatch):
     assert read(path, ["Temp"], dbc=database).samples == 20
 
 
+def test_relative_time_stamps_are_summed_with_a_warning(tmp_path, database):
+    frames = [" 0.010000 1  1F4             Rx   d 8 08 11 78 01 00 00 00 00"] * 3
+    head = ["date Wed Jan 1 00:00:00.000 am 2020", "base hex  timestamps relative", "internal events logged"]
+    (tmp_path / "drive.asc").write_text("\n".join([*head, *frames, ""]))
+    data = read(tmp_path / "drive.asc", ["Temp"], dbc=database)
+    assert np.allclose(data.time, [0.01, 0.02, 0.03])
+    assert "each time stamp counts from the event before" in str(data.findings[0])
+
+
 def test_identifiers_that_no_frame_can_have_are_damage(tmp_path, database):
     lines = write_log(tmp_path / "drive.asc", FRAMES).read_text().splitlines()
     lines[20] = re.sub(r"^( *\S+ \d +)\S+", r"\g<1>FFFFFFFFFx", lines[20])

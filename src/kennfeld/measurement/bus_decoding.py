@@ -96,12 +96,20 @@ class BusLog:
         source: the file, with its databases.
         frames: its frames, each network at most once.
         findings: what was noticed when they were read.
+        may_be_empty: whether the databases may describe none of the frames.
 
     Raises:
         InputError: there is no database, or none of them describes a frame.
     """
 
-    def __init__(self, source: MeasurementFile, frames: Sequence[Frames], findings: Iterable[Finding] = ()) -> None:
+    def __init__(
+        self,
+        source: MeasurementFile,
+        frames: Sequence[Frames],
+        findings: Iterable[Finding] = (),
+        *,
+        may_be_empty: bool = False,
+    ) -> None:
         self._location, self._all = source.location, frames
         if not source.databases:
             raise InputError.of(source.location, f"this is a bus log: it holds {_content(frames)}", NO_DATABASE)
@@ -110,7 +118,7 @@ class BusLog:
         self._unknown: list[tuple[Sender, int]] = []
         self._segmented: dict[str, Sender] = {}
         self.messages = self._match()
-        if not self.messages:
+        if not self.messages and not may_be_empty:
             names = join_names([database.file for _, database in self._databases], 3)
             message = f"none of its identifiers is described by {names}; it holds {_content(frames)}"
             remedy = "Check the database, and its bus if one is stated."

@@ -27,6 +27,8 @@ _READERS = {FileKind.ASC: "ASCReader", FileKind.TRC: "TRCReader", FileKind.CANDU
 _FROM_ZERO = (FileKind.ASC,)  # kinds whose channels the library counts from 0
 _RESUMABLE = (FileKind.ASC, FileKind.CANDUMP)  # kinds of which the library can read on after a damaged line
 _MOST_DAMAGED = 1000  # lines
+_RELATIVE_TIME = "each time stamp counts from the event before, and events that are not frames are skipped with theirs"
+_ABSOLUTE = "Export the log with absolute time stamps."
 _COPY = "Copy the file again from its source."
 _LARGEST = (1 << 29) - 1  # identifier
 _MOST_BYTES = 64
@@ -113,13 +115,14 @@ def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
                 break
     is_relative = getattr(reader, "timestamps_format", "") == _RELATIVE
     frames = [columns.frames(is_relative=is_relative)] if columns.time else []
+    findings = [Finding(source.location, _RELATIVE_TIME, _ABSOLUTE, severity="warning")] if is_relative else []
     if not problems:
-        return frames, []
+        return frames, findings
     message = f"{count_noun(len(problems), 'line')} cannot be read, the first one because of {problems[0]}"
     if not frames:
         raise InputError.of(source.location, message, _COPY)
     rest = "the other frames are read" if done else f"only the {len(columns.time)} frames before are read"
-    return frames, [Finding(source.location, f"{message}; {rest}", _COPY, severity="warning")]
+    return frames, [*findings, Finding(source.location, f"{message}; {rest}", _COPY, severity="warning")]
 
 
 def _collect(reader: Any, columns: _Columns, problems: list[str]) -> bool:

@@ -116,7 +116,7 @@ def _bus_log(source: MeasurementFile, file: Any) -> BusLog | None:
     frames = read_frames(file, groups)
     if source.databases and not frames and has_channels:
         return None
-    return BusLog(source, frames)
+    return BusLog(source, frames, may_be_empty=has_channels)
 
 
 def _bus_groups(file: Any) -> list[int]:
