@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from kennfeld.measurement.bus_bits import extract_raw, to_physical, words_of
-from kennfeld.measurement.dbc import BusSignal, parse_database
+from kennfeld.measurement.bus_messages import BusSignal
+from kennfeld.measurement.dbc import parse_database
 
 FRAMES = 12
 

@@ -6,7 +6,8 @@ import pytest
 from bus_files import DBC
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.dbc import Switch, parse_database, read_database
+from kennfeld.measurement.bus_messages import Switch
+from kennfeld.measurement.dbc import parse_database, read_database
 
 
 def message(name, text=DBC):

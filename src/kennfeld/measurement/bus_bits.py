@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.measurement.dbc import BusSignal
+from kennfeld.measurement.bus_messages import BusSignal
 
 _WORD = 64  # bits
 # the largest raw value of J1939 that is a measured value, by length in bits (SAE J1939-71, table 1)

@@ -11,7 +11,7 @@ from kennfeld.file_errors import convert_errors, nearest_file
 from kennfeld.lazy_dataclass import dataclass
 
 if TYPE_CHECKING:
-    from kennfeld.measurement.dbc import BusDatabase
+    from kennfeld.measurement.bus_messages import BusDatabase
 
 Network = Literal["CAN", "LIN"]
 _KEYS = ("file", "bus", "network")

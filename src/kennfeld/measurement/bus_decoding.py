@@ -22,8 +22,8 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_bits import extract_raw, to_numbers, to_physical
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.bus_frames import Frames, Sender, group_number
+from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch
 from kennfeld.measurement.channel_names import TIME, unique_forms
-from kennfeld.measurement.dbc import BusDatabase, BusMessage, BusSignal, Switch
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.table import Column, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
