@@ -64,9 +64,10 @@ def test_frames_of_can_fd_are_read(tmp_path):
         assert data["Far"].values.tolist() == [256.0, 257.0, 258.0]
 
 
-def test_a_compressed_text_log_is_read(tmp_path, database):
-    path = tmp_path / "drive.asc.gz"
-    path.write_bytes(gzip.compress(write_log(tmp_path / "drive.asc", FRAMES).read_bytes()))
+@pytest.mark.parametrize("ending", [".asc", ".blf"])
+def test_a_compressed_log_is_read(tmp_path, database, ending):
+    path = tmp_path / f"drive{ending}.gz"
+    path.write_bytes(gzip.compress(write_log(tmp_path / f"drive{ending}", FRAMES).read_bytes()))
     assert read(path, ["Temp"], dbc=database).samples == 20
 
 

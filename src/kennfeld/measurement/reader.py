@@ -178,10 +178,10 @@ def _readable(
     path: str | Path, sheet: str | None, databases: tuple[DatabaseFile, ...] = ()
 ) -> Iterator[MeasurementFile]:
     """Yield a file that a reader can open; raise `InputError` if there is none for its kind."""
-    whole = replace(run_guarded(Path(path).name, lambda: locate(path, sheet)), databases=databases)
+    whole = run_guarded(Path(path).name, lambda: locate(path, sheet))
     with unpacked(whole, whole.kind in _TEXT) as source:
         _check_kind(source)
-        yield source
+        yield replace(source, databases=databases)
 
 
 def _check_kind(source: MeasurementFile) -> None:
