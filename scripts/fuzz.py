@@ -164,15 +164,16 @@ def _read(path: Path) -> bool:
     from kennfeld.terminal.file_info import describe_file
 
     good = False
+    databases = sorted(path.parent.glob("*.dbc"))
     for work in (
-        lambda: describe_file(path).lines(),
+        lambda: describe_file(path, dbc=[str(database) for database in databases]).lines(),
         *([lambda: _import_model(path)] if path.suffix in (".slx", ".mdl") else []),
         *([lambda: _import_classes(path)] if path.suffix in (".esdl", ".axl", ".amd") else []),
         *([lambda: _import_tasks(path)] if path.suffix == ".app" else []),
         *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
-        lambda: measurement.read(path, raster=0.1),
-        lambda: measurement.read(path),
+        lambda: measurement.read(path, raster=0.1, dbc=databases),
+        lambda: measurement.read(path, dbc=databases),
     ):
         try:
             work()

@@ -128,6 +128,25 @@ def _recordings(seed: int) -> Iterator[Sample]:
                 yield Sample(f"measurement {ending}", path.name, {path.name: path.read_bytes()})
 
 
+def _bus_logs(seed: int) -> Iterator[Sample]:
+    """Logs of a bus, each beside its database, and the database beside a log."""
+    from bus_files import DBC, Frame, drive, eec1, write_log, write_mf4
+
+    draw = random.Random(f"{seed}bus")
+    frames = drive(40)
+    frames += [Frame(0.005 * k, 0x0CF00400, eec1(draw.randrange(2000), 10), True, 2) for k in range(40)]
+    frames += [Frame(0.01 * k, 502, bytes([draw.randrange(3), k, 0])) for k in range(20)]
+    for ending in (".mf4", ".asc", ".blf", ".trc", ".log"):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"drive{ending}"
+            (write_mf4 if ending == ".mf4" else write_log)(path, sorted(frames))
+            content = _MADE.sub(b"Wed Jan  1 00:00:00 2020: updated", path.read_bytes())
+            content = re.sub(rb"(?m)^date .*$", b"date Wed Jan 1 00:00:00.000 2020", content)
+        files = {path.name: content, "engine.dbc": DBC.encode()}
+        yield Sample(f"bus log {ending}", path.name, files)
+        yield Sample("CAN database", "engine.dbc", files)
+
+
 def _columns(numbers: np.random.Generator, rows: int = 40) -> dict[str, np.ndarray]:
     collected = {name: np.round(numbers.normal(size=rows), 3) for name in ("Speed", "Load")}
     return {"time": 0.1 * np.arange(rows)} | collected
@@ -613,6 +632,7 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _images,
     _tunes,
     _recordings,
+    _bus_logs,
     _models,
     _classes,
     _components,

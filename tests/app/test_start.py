@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+from bus_files import DBC, drive, write_mf4
 
 import kennfeld as kf
+from kennfeld.app.questions import recordings
 from kennfeld.app.recent import forget, recent_file, recent_projects, remember, summarise
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
@@ -134,6 +136,37 @@ def test_recordings_that_a_project_gets_later_are_test_data() -> None:
         workspace.answer("add-files", {"files": [name]})
     assert workspace.session is not None
     assert [entry["use"] for entry in workspace.session.settings["dataset"]] == ["training", "test"]
+
+
+def test_databases_decode_the_recordings_that_come_with_them() -> None:
+    workspace = AppWorkspace()
+    workspace.answer("new", {"name": "drive.mf4", "free": True})
+    folder = workspace.folder()
+    write_mf4(folder / "drive.mf4", drive())
+    (folder / "engine.dbc").write_text(DBC)
+    workspace.answer("add-files", {"files": ["drive.mf4", "engine.dbc"]})
+    assert workspace.session is not None
+    assert workspace.session.settings["dataset"] == [{"files": ["drive.mf4"], "dbc": ["engine.dbc"], "use": "training"}]
+    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    assert {"Engine.Speed", "Temp", "Gear"} <= {channel["name"] for channel in file["channels"]}
+
+
+def test_a_database_that_comes_later_decodes_the_logs_that_are_there() -> None:
+    workspace = AppWorkspace()
+    workspace.answer("new", {"name": "drive.mf4", "free": True})
+    folder = workspace.folder()
+    write_mf4(folder / "drive.mf4", drive())
+    workspace.answer("add-files", {"files": ["drive.mf4"]})
+    assert workspace.session is not None
+    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    assert "this is a bus log" in file["error"]
+    (folder / "engine.dbc").write_text(DBC)
+    workspace.answer("add-files", {"files": ["engine.dbc"]})
+    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    assert file["channels"] != []
+    (folder / "engine.dbc").write_text(DBC.replace("Temp", "Heat"))
+    (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
+    assert "Heat" in {channel["name"] for channel in file["channels"]}
 
 
 def test_a_second_project_of_one_name_gets_a_number() -> None:

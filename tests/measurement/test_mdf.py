@@ -17,7 +17,6 @@ FILES = [
     "asammdf_ASAP2_Demo_V171.mf4",
     "asammdf_test_batch.mf4",
     "asammdf_test_metadata.mf4",
-    "css_17BD1DB7_00000170.MF4",
 ]
 TEXTS = {"val_0": 0, "text_0": "off", "val_1": 1, "text_1": "on", "val_2": 2, "text_2": "fault"}
 

@@ -7,13 +7,6 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 
-ASC = """date Wed Sep 3 10:00:00 am 2014
-base hex  timestamps absolute
-internal events logged
-Begin Triggerblock Wed Sep 3 10:00:00 am 2014
-   0.015991 1  2ff             Rx   d 8 01 02 03 04 05 06 07 08
-   0.025991 1  2ff             Rx   d 8 01 02 03 04 05 06 07 08
-"""
 DBC = """VERSION ""
 
 NS_ :
@@ -29,10 +22,6 @@ BO_ 500 EngineData: 8 ECU1
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (ASC, "a Vector ASC file, a log of bus messages: it holds their bytes, not the values of signals. Decode it"),
-        (ASC.replace("date Wed", "// made by hand\ndate Wed"), "a Vector ASC file"),
-        (b"LOGG" + bytes(140), "a Vector BLF file"),
-        (";$FILEVERSION=2.1\n;$STARTTIME=43\n 1  3.3 DT 0300 Rx 7 00 00\n", "a PEAK TRC file"),
         (DBC, "a CAN database (DBC), a database of bus messages: it describes signals and holds no samples of them."),
         ("\ufeff" + DBC, "a CAN database (DBC)"),
         ("/* x */\nLIN_description_file;\n", "a LIN database (LDF)"),
@@ -43,7 +32,7 @@ BO_ 500 EngineData: 8 ECU1
             "a fragment of an A2L description, which",
         ),
         ("CANape PAR V3.2: engine.a2l 1 0 ECU\n;Parameter file\nK 1 2 3\n", "a parameter file of CANape"),
-        (gzip.compress(ASC.encode()), "a Vector ASC file"),
+        (gzip.compress(DBC.encode()), "a CAN database (DBC)"),
     ],
 )
 def test_a_file_of_another_kind_is_named(csv, content, said):

@@ -75,6 +75,9 @@ STRATEGIES = {
         numbers.map(lambda x: value_forms.TargetEntry("number", value=x)),
         st.builds(value_forms.TargetEntry, st.sampled_from(["name", "channel", "node"]), names),
     ),
+    forms.FilesForm: lambda form: st.lists(
+        st.one_of(names, entry_of(form.entry)), min_size=1, max_size=2, unique=True
+    ).map(tuple),
     value_forms.InitialForm: lambda form: st.lists(
         st.one_of(names, st.builds(value_forms.ImageEntry, names, names)), min_size=1, max_size=2, unique=True
     ).map(tuple),

@@ -6,6 +6,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from bus_files import DBC, drive, write_mf4
 
 import kennfeld as kf
 from kennfeld.errors import InputError
@@ -308,3 +309,13 @@ def test_files_of_other_packers_are_to_be_unpacked(tmp_path, start):
     path.write_bytes(start + bytes(200))
     with pytest.raises(InputError, match=r"this is a compressed file\. Unpack it first"):
         describe_file(path)
+
+
+def test_a_bus_log_is_described_by_its_databases(tmp_path):
+    path, database = write_mf4(tmp_path / "drive.mf4", drive()), tmp_path / "engine.dbc"
+    database.write_text(DBC)
+    with pytest.raises(InputError, match="this is a bus log"):
+        describe_file(path)
+    description = describe_file(path, dbc=[str(database)])
+    assert description.summary.startswith("drive.mf4: measurement (MDF), 4 channels over 20 samples and 3 channels")
+    assert "Engine.Speed" in "\n".join(description.lines())

@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, field, fields
+from dataclasses import asdict, field, fields, replace
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,9 +23,10 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Channel, Clock, Dataset
-from kennfeld.errors import Finding, Location
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.arrow_numbers import array_of, view_of
+from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
 
@@ -162,34 +163,46 @@ class Cache:
         raster: float | None = None,
         *,
         units: Mapping[str, str] | None = None,
+        databases: tuple[DatabaseFile, ...] = (),
     ) -> Dataset:
         """Read a file as `read_leniently` does, from the cache if possible."""
-        source = locate(path)
+        source = replace(locate(path), databases=databases)
         key = _key(source, channels, raster, units)
         stored = self._find(source, key)
         if stored is not None:
             return stored
         before, began = source.path.stat(), time.perf_counter()
-        dataset = read_leniently(path, channels, raster, units or {})
+        dataset = read_leniently(path, channels, raster, units or {}, databases)
         if time.perf_counter() - began >= _worth(source.kind):
             with contextlib.suppress(*_ERRORS):
                 self._store(source, before, key, dataset)
         return dataset
 
-    def load_failed(self, path: str | Path, channels: Sequence[str] | None, raster: float | None) -> list[str] | None:
+    def load_failed(
+        self,
+        path: str | Path,
+        channels: Sequence[str] | None,
+        raster: float | None,
+        databases: tuple[DatabaseFile, ...] = (),
+    ) -> list[str] | None:
         """Return the channel names of a file that is known to lack some of these channels; None if unknown."""
-        source = locate(path)
+        source = replace(locate(path), databases=databases)
         with contextlib.suppress(*_ERRORS):
             state = self._known_state(source)
             return None if state is None else state.failed.get(_key(source, channels, raster))
         return None
 
     def keep_failed(
-        self, path: str | Path, channels: Sequence[str] | None, raster: float | None, names: Sequence[str]
+        self,
+        path: str | Path,
+        channels: Sequence[str] | None,
+        raster: float | None,
+        names: Sequence[str],
+        databases: tuple[DatabaseFile, ...] = (),
     ) -> None:
         """Store the channel names of a file that lacks some of these channels."""
-        source = locate(path)
-        if source.kind is not FileKind.MDF:  # other kinds are listed quickly
+        source = replace(locate(path), databases=databases)
+        if source.kind is not FileKind.MDF and not databases:  # other kinds are listed quickly
             return
         with contextlib.suppress(*_ERRORS):
             state = self._known_state(source) or _FileState.of(source.path)
@@ -293,8 +306,17 @@ def _key(
     """Return a hash of the selection, the settings and the version of the readers."""
     names = None if channels is None else list(dict.fromkeys(channels))
     step = None if raster is None else float(raster).hex()
-    key = [_readers(), source.kind.value, source.sheet, names, step, sorted((units or {}).items())]
+    databases = [[_content_of(file), file.path.name, file.bus, file.network] for file in source.databases]
+    key = [_readers(), source.kind.value, source.sheet, names, step, sorted((units or {}).items()), databases]
     return _hash(json.dumps(key).encode())
+
+
+def _content_of(database: DatabaseFile) -> str:
+    """Return the hash of a database; an empty one if it cannot be read, so that reading it reports the problem."""
+    try:
+        return _hash(database.loaded().content or b"")
+    except InputError:
+        return ""
 
 
 @cache
@@ -302,7 +324,7 @@ def _readers() -> list[Any]:
     """Return the hash of the readers' source and the versions of their libraries; a change makes entries invalid."""
     texts = [file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))]
     libraries = []
-    for library in ("asammdf", "python_calamine", "pyarrow", "h5py", "nptdms"):
+    for library in ("asammdf", "can", "python_calamine", "pyarrow", "h5py", "nptdms"):
         with contextlib.suppress(ImportError, ValueError, OSError):
             spec = find_spec(library)
             stat = Path(spec.origin).stat() if spec and spec.origin else None

@@ -12,6 +12,7 @@ from typing import BinaryIO, TypeVar
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.bus_databases import DatabaseFile
 
 _T = TypeVar("_T")
 _HEAD = 4096  # bytes
@@ -33,6 +34,10 @@ class FileKind(Enum):
     MSL = "MSL"
     HPTUNERS = "HP Tuners"
     LVM = "LabVIEW"
+    ASC = "Vector ASC"
+    BLF = "Vector BLF"
+    TRC = "PEAK TRC"
+    CANDUMP = "candump"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5"
     MODEL = "Simulink model"
@@ -59,6 +64,7 @@ _MAGIC = (
     (b"MDF     ", FileKind.MDF),
     (b"UnFinMF", FileKind.MDF),
     (b"MLVLG", FileKind.MLG),
+    (b"LOGG", FileKind.BLF),
     (b"MATLAB 5.0 MAT-file", FileKind.MATLAB),
     (b"MATLAB 7.", FileKind.MATLAB),
     (b"\x89HDF\r\n", FileKind.HDF5),
@@ -84,16 +90,18 @@ _WORDS = (
 )
 _WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
 
-_DECODE = "Decode it with its CAN or LIN database, in CANalyzer or with asammdf, and export the signals as MDF or CSV."
 _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
+_ANYWHERE = re.IGNORECASE | re.MULTILINE
 _EXPORT = "Export the measurement as MDF, CSV or MATLAB."
-_BUS_LOG = "a log of bus messages: it holds their bytes, not the values of signals"
 _DATABASE = "a database of bus messages: it describes signals and holds no samples of them"
+# text logs of bus messages: a pattern within their first bytes
+_BUS_LOGS = (
+    (re.compile(rb"^base\s+(?:hex|dec)\s+timestamps\s+(?:absolute|relative)", _ANYWHERE), FileKind.ASC),
+    (re.compile(rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=|\A;#{20,}\s*$", _ANYWHERE), FileKind.TRC),
+    (re.compile(rb"\A\s*\(\d+\.\d+\)\s+\S+\s+[\da-f]{3,8}#", _ANYWHERE), FileKind.CANDUMP),
+)
 # related files that are not measurements: a pattern within their first bytes, what they are, and the remedy
 _FOREIGN = (
-    (rb"^base\s+(?:hex|dec)\s+timestamps\s+(?:absolute|relative)", f"a Vector ASC file, {_BUS_LOG}", _DECODE),
-    (rb"\ALOGG", f"a Vector BLF file, {_BUS_LOG}", _DECODE),
-    (rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=", f"a PEAK TRC file, {_BUS_LOG}", _DECODE),
     (
         rb"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)",
         f"a CAN database (DBC), {_DATABASE}",
@@ -116,13 +124,14 @@ _FOREIGN = (
 
 @dataclass(frozen=True)
 class MeasurementFile:
-    """A file on disk, its kind, and the requested sheet."""
+    """A file on disk, its kind, the requested sheet, and the databases that decode it if it is a bus log."""
 
     path: Path
     kind: FileKind
     packed: bool = False  # gzip
     sheet: str | None = None
     label: str = ""  # of a file that was unpacked
+    databases: tuple[DatabaseFile, ...] = ()
 
     @property
     def name(self) -> str:
@@ -206,7 +215,7 @@ def refuse_foreign(source: MeasurementFile) -> None:
         return
     start = run_guarded(source.name, source.start).removeprefix(b"\xef\xbb\xbf")
     for pattern, description, remedy in _FOREIGN:
-        if re.search(pattern, start, re.IGNORECASE | re.MULTILINE):
+        if re.search(pattern, start, _ANYWHERE):
             raise InputError.of(source.location, f"this is {description}", remedy)
 
 
@@ -238,7 +247,8 @@ def _kind_by_start(start: bytes) -> FileKind:
         return FileKind.DIADEM
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
         return FileKind.DCM
-    return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
+    log = next((kind for pattern, kind in _BUS_LOGS if pattern.search(start.removeprefix(b"\xef\xbb\xbf"))), None)
+    return log or (FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV)
 
 
 def _is_matlab_4(start: bytes) -> bool:

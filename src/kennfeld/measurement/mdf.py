@@ -3,7 +3,6 @@
 import gc
 import logging
 import math
-import re
 import sys
 import traceback
 import warnings
@@ -19,18 +18,20 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.errors import Findings, InputError
-from kennfeld.formatting import join_names
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import count_noun, join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
+from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mdf_blocks import check_links
+from kennfeld.measurement.mdf_bus import event_of, is_of_event, read_frames
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, plain_unit
 from kennfeld.optional_packages import optional_package
 
-_TIME = "time"
 _AT_ONCE = 50_000_000  # values in memory for a description
 _MAX_VALUES = 500_000_000  # of all requested channels, 4 GB
 _PACKING = 1100  # maximum compression ratio of deflate
@@ -54,6 +55,10 @@ class _MdfChannel:
     is_array: bool
     is_text_table: bool
 
+    def named(self, name: str) -> "_MdfChannel":
+        """Return the channel under another name."""
+        return replace(self, name=name)
+
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each channel group that holds a requested channel."""
@@ -67,27 +72,62 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
 
 
 def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Table]:
-    entries = _entries(source, file)
-    chosen = _choose(source, entries, selection)
-    if sum(_samples(file, entry.group) for entry in chosen) > _MAX_VALUES:
-        message = f"{len(chosen)} channels of this file hold more than {_MAX_VALUES} values"
+    log = _bus_log(source, file)
+    entries = _entries(source, file, log)
+    chosen = choose(source, entries, selection, None if log is None else log.explain)
+    own = [entry for entry in chosen if isinstance(entry, _MdfChannel)]
+    if sum(_samples(file, entry.group) for entry in own) > _MAX_VALUES:
+        message = f"{len(own)} channels of this file hold more than {_MAX_VALUES} values"
         raise InputError.of(source.location, message, "Name the channels to read.")
     names: dict[int, list[str]] = {}
     for entry in entries:
-        names.setdefault(entry.group, []).append(entry.name)
-    groups = dict.fromkeys(entry.group for entry in chosen)
-    return [_table(source, file, [e for e in chosen if e.group == g], names[g]) for g in groups]
+        if isinstance(entry, _MdfChannel):
+            names.setdefault(entry.group, []).append(entry.name)
+    groups = dict.fromkeys(entry.group for entry in own)
+    tables = [_table(source, file, [e for e in own if e.group == g], names[g]) for g in groups]
+    decoded = [entry for entry in chosen if isinstance(entry, BusChannel)]
+    return tables if log is None or not decoded else [*tables, *log.tables(decoded)]
 
 
 def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
     """Return a description of each channel group, reading only some of its channels at a time."""
     with _LIBRARY, _open(source) as file:
-        entries = _entries(source, file)
+        log = _bus_log(source, file)
+        entries = _entries(source, file, log)
         count = Counter(entry.forms[0] for entry in entries)
-        for group in dict.fromkeys(entry.group for entry in entries):
-            own = [entry for entry in entries if entry.group == group]
-            ambiguous = tuple(dict.fromkeys(entry.forms[0] for entry in own if count[entry.forms[0]] > 1))
-            yield _description(source, file, own, ambiguous)
+        own = [entry for entry in entries if isinstance(entry, _MdfChannel)]
+        remarks = tuple(_bus_remark(source, file)) if log is None else ()
+        for group in dict.fromkeys(entry.group for entry in own):
+            together = [entry for entry in own if entry.group == group]
+            ambiguous = tuple(dict.fromkeys(entry.forms[0] for entry in together if count[entry.forms[0]] > 1))
+            described = _description(source, file, together, ambiguous)
+            yield replace(described, findings=(*described.findings, *remarks))
+            remarks = ()
+        if log is not None:
+            yield from log.descriptions([entry for entry in entries if isinstance(entry, BusChannel)])
+
+
+def _bus_log(source: MeasurementFile, file: Any) -> BusLog | None:
+    """Return the decoded bus events of the file; None if it has none, or measured channels and no database."""
+    groups = _bus_groups(file)
+    has_channels = any(_group_entries(file, group) for group in range(len(file.groups)) if _samples(file, group))
+    if not groups or (has_channels and not source.databases):
+        return None
+    frames = read_frames(file, groups)
+    if source.databases and not frames and has_channels:
+        return None
+    return BusLog(source, frames, may_be_empty=has_channels)
+
+
+def _bus_groups(file: Any) -> list[int]:
+    return [group for group in range(len(file.groups)) if _samples(file, group) and event_of(file, group)]
+
+
+def _bus_remark(source: MeasurementFile, file: Any) -> Iterator[Finding]:
+    """Yield a remark on frames that are not decoded."""
+    if groups := _bus_groups(file):
+        count = count_noun(sum(_samples(file, group) for group in groups), "bus event")
+        yield Finding(source.location, f"also holds {count}, which are not decoded", NO_DATABASE, severity="remark")
 
 
 def _description(
@@ -126,7 +166,9 @@ def _open(source: MeasurementFile) -> Iterator[Any]:
             with optional_package(source.location, "mdf"):
                 from asammdf import MDF
 
-            with MDF(source.path, temporary_folder=folder) as file:
+            # without its own search for frames, which reads them all
+            settings: dict[str, Any] = {"temporary_folder": folder, "process_bus_logging": False}
+            with MDF(source.path, **settings) as file:
                 file.configure(raise_on_multiple_occurrences=False)
                 _check_layout(source, file)
                 yield file
@@ -207,18 +249,24 @@ def _label(file: Any, group: int) -> str:
     return text or f"group {group + 1}"
 
 
-def _entries(source: MeasurementFile, file: Any) -> list[_MdfChannel]:
+def _entries(source: MeasurementFile, file: Any, log: BusLog | None) -> list[_MdfChannel | BusChannel]:
     """Return all channels that hold samples, each with a name of its own; there has to be one."""
     groups = [group for group in range(len(file.groups)) if _samples(file, group)]
-    entries = [entry for group in groups for entry in _group_entries(file, group)]
+    entries: list[_MdfChannel | BusChannel] = [entry for group in groups for entry in _group_entries(file, group)]
+    entries += [] if log is None else log.channels()
     if not entries:
         raise InputError.of(source.location, "holds no samples", "Is it the right file?")
-    names = _unique_forms([entry.forms for entry in entries])
-    return [replace(entry, name=name) for entry, name in zip(entries, names, strict=True)]
+    names = unique_forms([entry.forms for entry in entries])
+    return [entry.named(name) for entry, name in zip(entries, names, strict=True)]
 
 
-def _group_entries(file: Any, group: int) -> Iterator[_MdfChannel]:
-    """Yield the channels of a group beside its time, each under its shortest name."""
+def _group_entries(file: Any, group: int) -> list[_MdfChannel]:
+    """Return the channels of a group beside its time and the parts of a bus event, each under its shortest name."""
+    event = event_of(file, group)
+    return [entry for entry in _channels(file, group) if not is_of_event(event, entry.forms[1])]
+
+
+def _channels(file: Any, group: int) -> Iterator[_MdfChannel]:
     own = file.groups[group]
     parts = own.channel_dependencies or [None] * len(own.channels)
     texts = _TEXT_4 if file.version >= "4" else _TEXT_3
@@ -232,7 +280,7 @@ def _group_entries(file: Any, group: int) -> Iterator[_MdfChannel]:
     for i in indices:
         channel = own.channels[i]
         # the library lists the elements as well; read with their array they cost one look at its samples
-        if parts[i] or _without_indices(channel.name) not in arrays:
+        if parts[i] or without_indices(channel.name) not in arrays:
             forms = _forms(file, group, i, channel)
             is_text = getattr(channel.conversion, "conversion_type", -1) in texts
             yield _MdfChannel(forms[0], forms, group, i, bool(parts[i]), is_text)
@@ -244,55 +292,6 @@ def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
     short = full.partition("\\")[0] or full
     origin = getattr(channel.source, "name", "") or getattr(channel.source, "path", "") or label
     return (short, full, f"{label}/{short}", f"{label}/{full}", f"{origin}/{full}", f"{group + 1}.{index}/{full}")
-
-
-def _unique_forms(candidates: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the first name of each that no other channel, nor the time, has.
-
-    >>> _unique_forms([("n", "10ms/n"), ("n", "100ms/n"), ("time", "10ms/time"), ("T", "10ms/T")])
-    ['10ms/n', '100ms/n', '10ms/time', 'T']
-    """
-    names = [forms[0] for forms in candidates]
-    for level in range(1, len(candidates[0])):
-        count = Counter([*names, _TIME])
-        names = [c[level] if count[name] > 1 else name for name, c in zip(names, candidates, strict=True)]
-    return names
-
-
-def _choose(source: MeasurementFile, entries: Sequence[_MdfChannel], selection: Selection) -> list[_MdfChannel]:
-    """Return the requested channels, by their name or, for an element of an array, by that of the array."""
-    if selection.channels is None:
-        return list(entries)
-    meanings = _meanings(entries)
-    chosen: dict[_MdfChannel, None] = {}
-    findings = Findings()
-    for asked in selection.channels:
-        arrays = [entry for entry in meanings.get(_without_indices(asked), ()) if entry.is_array]
-        named = meanings.get(asked, ())
-        if len(named) == 1:
-            chosen[replace(named[0], name=asked)] = None
-        elif len(named) > 1:
-            others = ", ".join(entry.name for entry in named[:6])
-            message = f"{len(named)} channels are named {asked}"
-            findings.error(source.location, message, f"Name one of them: {others}.")
-        elif len(arrays) == 1:
-            chosen[replace(arrays[0], name=_without_indices(asked))] = None
-    findings.finish()
-    # if no channel matches, the group that is read lets the message list the available ones
-    return list(chosen) or [entries[0]]
-
-
-def _meanings(entries: Sequence[_MdfChannel]) -> dict[str, list[_MdfChannel]]:
-    """Return the channels that each name may mean; the name under which a channel is listed means no other."""
-    meanings: dict[str, list[_MdfChannel]] = {}
-    for entry in entries:
-        for form in dict.fromkeys(entry.forms):
-            meanings.setdefault(form, []).append(entry)
-    return meanings | {entry.name: [entry] for entry in entries} | {_TIME: []}
-
-
-def _without_indices(name: str) -> str:
-    return re.sub(r"(?:\[\d+\])+\Z", "", name)
 
 
 def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names: Sequence[str]) -> Table:
@@ -348,7 +347,7 @@ def _clock(file: Any, group: int, stamps: Float) -> Column | None:
         return None
     conversion = getattr(master, "conversion", None)
     unit = plain_unit(str(master.unit or getattr(conversion, "unit", "") or ""))
-    return Column(_TIME, unit if not unit or in_seconds(unit) else "s", _TIME, stamps)
+    return Column(TIME, unit if not unit or in_seconds(unit) else "s", TIME, stamps)
 
 
 def _columns(entry: _MdfChannel, channel: Any, signal: Any) -> Iterator[Column]:

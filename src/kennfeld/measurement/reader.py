@@ -1,7 +1,7 @@
 """Read any measurement file: detect its kind by its content and call the reader of that kind."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -12,6 +12,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.file_spans import FileSpans
 from kennfeld.formatting import join_names, nearest
+from kennfeld.measurement.bus_databases import AnyDatabase, DatabaseFile, to_databases
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
 from kennfeld.measurement.table import Selection, Table, without_infinite
@@ -36,13 +37,19 @@ _READERS = {
     FileKind.MSL: "text",
     FileKind.HPTUNERS: "hptuners",
     FileKind.LVM: "lvm",
+    FileKind.ASC: "can_logs",
+    FileKind.BLF: "can_logs",
+    FileKind.TRC: "can_logs",
+    FileKind.CANDUMP: "can_logs",
 }
-_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds whose readers unpack gzip
+_BUS_LOGS = {FileKind.ASC, FileKind.BLF, FileKind.TRC, FileKind.CANDUMP}
+# kinds whose readers unpack gzip
+_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM, FileKind.ASC, FileKind.TRC, FileKind.CANDUMP}
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {
     FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS, FileKind.TDMS, FileKind.NETCDF,
-    FileKind.DIADEM, FileKind.TDM,
+    FileKind.DIADEM, FileKind.TDM, *_BUS_LOGS,
 }  # fmt: skip
 _SPOKEN = ("A", "E", "I", "O", "MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML")  # begin with a vowel
 
@@ -54,6 +61,7 @@ def read(
     *,
     sheet: str | None = None,
     units: Mapping[str, str] | None = None,
+    dbc: AnyDatabase | Iterable[AnyDatabase] = (),
 ) -> Dataset:
     """Read a measurement file, recognised by its content: CSV, Excel, Parquet, MDF, MATLAB, HDF5, TDMS, ...
 
@@ -69,6 +77,9 @@ def read(
         sheet: the sheet of a workbook.
         units: units of columns for which the file has none or a wrong one. That of the time column, such as `ms`,
             converts it to seconds; numbers of other columns stay.
+        dbc: the CAN databases of a bus log (MDF, ASC, BLF, TRC, candump): files, `engine.dbc@1` for channel 1 alone,
+            or mappings with `file`, `bus` and `network`. Signals are named `Speed`, or `Message.Speed` if several
+            messages have one.
 
     Returns:
         The recording. Its channels are Float[samples], in the units of the file.
@@ -83,17 +94,21 @@ def read(
         raise ArgumentError(f"raster={raster} must be a time in s > 0")
     if isinstance(channels, str):
         raise ArgumentError(f"channels={channels!r} must be a list of names; write [{channels!r}]")
-    with _readable(path, sheet) as source:
+    with _readable(path, sheet, to_databases(dbc)) as source:
         recording = _read(source, channels, raster, units or {}, strict=True)
     name = f"{path}#{sheet}" if sheet else str(path)
     return replace(recording, files=FileSpans.joined([name], [recording.samples]))
 
 
 def read_leniently(
-    path: str | Path, channels: Sequence[str] | None, raster: float | None, units: Mapping[str, str]
+    path: str | Path,
+    channels: Sequence[str] | None,
+    raster: float | None,
+    units: Mapping[str, str],
+    databases: tuple[DatabaseFile, ...] = (),
 ) -> Dataset:
     """Read a file as `read` does, but ignore units of columns that it lacks, since other files may have them."""
-    with _readable(path, None) as source:
+    with _readable(path, None, databases) as source:
         return _read(source, channels, raster, units, strict=False)
 
 
@@ -126,13 +141,13 @@ def _check_stated(source: MeasurementFile, tables: Sequence[Table], selection: S
         raise InputError(Finding(location, f"has no column {name}", nearest(name, names)) for name in missing)
 
 
-def describe(path: str | Path) -> Description:
-    """Return the tables, channels, units, ranges and time of a measurement file.
+def describe(path: str | Path, dbc: AnyDatabase | Iterable[AnyDatabase] = ()) -> Description:
+    """Return the tables, channels, units, ranges and time of a measurement file; `dbc` as in `read`.
 
     >>> describe("bench.csv").tables[0].channels[0].unit  # doctest: +SKIP
     'rpm'
     """
-    with _readable(path, None) as source:
+    with _readable(path, None, to_databases(dbc)) as source:
         return _describe(source)
 
 
@@ -162,12 +177,14 @@ def list_columns(path: str | Path) -> list[str] | None:
 
 
 @contextmanager
-def _readable(path: str | Path, sheet: str | None) -> Iterator[MeasurementFile]:
+def _readable(
+    path: str | Path, sheet: str | None, databases: tuple[DatabaseFile, ...] = ()
+) -> Iterator[MeasurementFile]:
     """Yield a file that a reader can open; raise `InputError` if there is none for its kind."""
     whole = run_guarded(Path(path).name, lambda: locate(path, sheet))
     with unpacked(whole, whole.kind in _TEXT) as source:
         _check_kind(source)
-        yield source
+        yield replace(source, databases=databases)
 
 
 def _check_kind(source: MeasurementFile) -> None:

@@ -24,6 +24,7 @@ from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.dataset import Channel, Clock, Dataset, Settling
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import prepare_dataset
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
@@ -69,12 +70,14 @@ class DatasetRecipe:
         entry: those of the dataset, which has a name.
         request: the channels to read.
         units: the unit of channels that the function states none for, and the file it is from.
+        databases: the databases that decode bus logs, with their content.
     """
 
     settings: StoredSettings
     entry: DatasetEntry
     request: ChannelRequest
     units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    databases: tuple[DatabaseFile, ...] = ()
 
     @cached_property
     def key(self) -> str:
@@ -83,7 +86,7 @@ class DatasetRecipe:
         texts = settings.channels, settings.calculated, settings.units
         channels = sorted(request.required), sorted(request.optional), request.inputs, request.units, request.step
         entry = replace(self.entry, location=Location(), files=(), name="", use="training", weight=1.0)
-        return digest_of(texts, channels, entry, self.units, _code())
+        return digest_of(texts, channels, entry, self.units, self.databases, _code())
 
     def prepare(self, source: RecordingSource) -> "PreparedFile":
         """Read a file and prepare its samples; problems are findings of the result."""
@@ -97,7 +100,7 @@ class DatasetRecipe:
         calculated = parse_calculated(self.settings)
         entry = replace(self.entry, files=(path,), cache=False)
         channels = DatasetChannels.of(entry, self.request, calculated)
-        reader = RecordingReader(self.settings, entry, channels, [*channels.findings])
+        reader = RecordingReader(self.settings, entry, channels, [*channels.findings], databases=self.databases)
         units = Units(self.settings.units, self.request.units, dict(self.units))
         dataset = None
         try:

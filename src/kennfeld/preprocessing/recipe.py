@@ -8,7 +8,9 @@ from kennfeld.dataset import Use
 from kennfeld.errors import Location
 from kennfeld.file_keys import KeyProblem, key
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.bus_databases import Network
 
+_DBC_EXAMPLE = 'Write dbc = "engine.dbc", or { file = "engine.dbc", bus = 1 }.'
 _EXAMPLE = 'Write steady = { channel = "Speed", window = 5.0, tolerance = 10 }.'
 
 
@@ -22,6 +24,15 @@ class SteadyEntry:
 
 
 @dataclass(frozen=True)
+class DatabaseEntry:
+    """One CAN database in `dbc`, and the bus that it describes."""
+
+    file: str = key("the database (DBC)", holds="CAN database", missing=_DBC_EXAMPLE)
+    bus: int | None = key("number of the channel that it describes", None, least=1, default_text="all")
+    network: Network = key('the kind of bus, `"CAN"` or `"LIN"`', "CAN")
+
+
+@dataclass(frozen=True)
 class DatasetEntry:
     """The settings of one dataset, a `[[dataset]]` of a project file."""
 
@@ -31,6 +42,14 @@ class DatasetEntry:
         "memories are reset at its start",
         holds="recording",
         missing='Write files = ["..."].',
+    )
+    dbc: tuple[str | DatabaseEntry, ...] = key(
+        "for [bus logs](formats.md#bus-logs): a CAN database (DBC), a pattern, or a list of them. "
+        '`{ file = "engine.dbc", bus = 1 }` describes one channel of the logger, and `network = "LIN"` LIN frames',
+        (),
+        word="one bus",
+        remedy=_DBC_EXAMPLE,
+        holds="CAN database",
     )
     name: str = key("name of the dataset in messages and results", "", default_text="the file's stem")
     use: Use = key('`"test"`: scored, never fitted', "training")
@@ -99,6 +118,11 @@ class DatasetEntry:
     def is_fitted(self) -> bool:
         """True if values are fitted to it: training data with a weight above 0."""
         return self.use == "training" and self.weight > 0
+
+    @property
+    def database_files(self) -> tuple[str, ...]:
+        """The CAN databases, as paths or patterns."""
+        return tuple(item if isinstance(item, str) else item.file for item in self.dbc)
 
     @property
     def known_shifts(self) -> dict[str, float]:

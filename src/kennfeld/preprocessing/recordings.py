@@ -16,10 +16,11 @@ from kennfeld.file_spans import FileSpans
 from kennfeld.formatting import join_names, nearest, quoted
 from kennfeld.graph import Graph
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import describe, list_columns, read_leniently
 from kennfeld.preprocessing.calculated import Calculated, parse_expression
-from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
+from kennfeld.preprocessing.recipe import DatabaseEntry, DatasetEntry, DataSettings
 from kennfeld.preprocessing.units import Units, select_time_units
 from kennfeld.threads import map_in_order
 
@@ -98,7 +99,8 @@ class RecordingReader:
     """Reads the recordings of one dataset; findings are added in the order of the files.
 
     `watch` is called after each file with the number of files that have been read and that of all. `offered` collects
-    the channel names of files in which channels are missing, `clocks` the columns that time was read from.
+    the channel names of files in which channels are missing, `clocks` the columns that time was read from. `databases`
+    decode bus logs; by default they are found when the files are read.
     """
 
     settings: DataSettings
@@ -108,6 +110,7 @@ class RecordingReader:
     watch: ReadingWatch | None = None
     offered: dict[str, None] = field(default_factory=dict)
     clocks: set[str] = field(default_factory=set)
+    databases: tuple[DatabaseFile, ...] | None = None
     _missing: dict[str, list[str]] = field(default_factory=dict)  # files without each required channel
     _candidates: dict[str, None] = field(default_factory=dict)  # channel names of these files
 
@@ -133,6 +136,11 @@ class RecordingReader:
         Several files are read at the same time. The findings are complete after the last recording.
         """
         cache = Cache(self.settings.folder / CACHE) if self.entry.cache else None
+        if self.databases is None:
+            self.databases, findings = find_databases(self.settings.folder, self.entry)
+            self.findings += findings
+            if findings:
+                return
         attempts = map_in_order(partial(self._attempt, cache=cache), paths)
         for number, (path, attempt) in enumerate(zip(paths, attempts, strict=True), 1):
             self._add(path, attempt)
@@ -163,24 +171,24 @@ class RecordingReader:
                 attempt = self._attempt_available(path, columns, cache)
                 if not attempt.findings:
                     return attempt
-            names = None if cache is None else cache.load_failed(path, *request)
+            names = None if cache is None else cache.load_failed(path, *request, self.databases or ())
             if names is None:
                 return _Attempt(self._read(path, *request, cache))
         except InputError as error:
             try:
-                tables = describe(path).tables
+                tables = describe(path, self.databases or ()).tables
             except InputError:  # the file cannot be read at all
                 return _Attempt(findings=error.findings)
             names = [name for t in tables for name in [*(c.name for c in t.channels), *t.left_out, *t.ambiguous]]
             if cache is not None:
-                cache.keep_failed(path, *request, names)
+                cache.keep_failed(path, *request, names, self.databases or ())
         return self._attempt_available(path, names, cache)
 
     def _read(self, path: str, channels: Sequence[str] | None, raster: float | None, cache: Cache | None) -> Dataset:
         units = select_time_units(self.settings.units)
         if cache is None:
-            return read_leniently(path, channels, raster, units)
-        return cache.read(path, channels, raster, units=units)
+            return read_leniently(path, channels, raster, units, self.databases or ())
+        return cache.read(path, channels, raster, units=units, databases=self.databases or ())
 
     def _attempt_available(self, path: str, names: Sequence[str], cache: Cache | None) -> "_Attempt":
         """Read a file without the optional channels that it lacks."""
@@ -236,6 +244,19 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
         if files:
             return [f"{path}{rest}" for path in files]
     return []
+
+
+def find_databases(folder: Path, entry: DatasetEntry) -> tuple[tuple[DatabaseFile, ...], list[Finding]]:
+    """Return the CAN databases of a dataset, and an error for each pattern that matches no file."""
+    databases: dict[DatabaseFile, None] = {}
+    findings = []
+    for item in entry.dbc:
+        named = DatabaseEntry(item) if isinstance(item, str) else item
+        if not (matches := find_recordings(folder, named.file)):
+            remedy = _similar_file(folder, named.file)
+            findings.append(Finding(entry.location.within("dbc"), f"{named.file} matches no file", remedy))
+        databases |= {DatabaseFile(Path(path), named.bus, named.network): None for path in matches}
+    return tuple(databases), findings
 
 
 def default_name(paths: Sequence[str], pattern: str) -> str:

@@ -305,6 +305,47 @@ class EntryForm(Form):
 
 
 @dataclass(frozen=True)
+class FilesForm(Form):
+    """A file or a table that describes one, or a list of them, without duplicates.
+
+    Attributes:
+        entry: the class of a table.
+        word: what the table describes.
+        remedy: the remedy for anything else.
+    """
+
+    entry: type
+    word: str = ""
+    remedy: str = ""
+    blank = ()
+    label = "text, table, or list of them"
+
+    def read(self, section: Section, key: str) -> tuple[Any, ...]:
+        value = section.values[key]
+        items = enumerate(value if isinstance(value, list) else [value], 1)
+        files = (self._item(section, key, number, item) for number, item in items)
+        return tuple(dict.fromkeys(file for file in files if file is not None))
+
+    def _item(self, section: Section, key: str, number: int, item: Any) -> Any:
+        if isinstance(item, dict):
+            keys = (key, number) if isinstance(section.values[key], list) else (key,)
+            entry = read_entry(self.entry, section.inner(item, key, *keys))
+            required = (part.name for part in keys_of(self.entry).values() if is_required(part))
+            return entry if all(getattr(entry, name) for name in required) else None
+        if isinstance(item, str) and item.strip():
+            return item
+        section.report(key, f"must be a file, got {item!r}", self.remedy)
+        return None
+
+    def write(self, value: Iterable[Any]) -> Any:
+        return [item if isinstance(item, str) else write_entry(item) for item in value]
+
+    def json_schema(self) -> dict[str, Any]:
+        item = {"anyOf": [{"type": "string", "pattern": r"\S"}, entry_schema(self.entry)]}
+        return {"anyOf": [*item["anyOf"], {"type": "array", "items": item}]}
+
+
+@dataclass(frozen=True)
 class EntriesForm(Form):
     """A list of tables of known keys.
 
@@ -412,6 +453,9 @@ def _form_of_type(annotation: Any, metadata: Mapping[str, Any]) -> Form:
     if origin is tuple:
         if arguments[0] is str:
             return TextsForm()
+        if str in get_args(arguments[0]):
+            entry = next(part for part in get_args(arguments[0]) if is_dataclass(part))
+            return FilesForm(entry, metadata.get("word", ""), metadata.get("remedy", ""))  # type: ignore[arg-type]
         names = ("word", "fault", "remedy", "shows", "takes_one", "fills")
         return EntriesForm(arguments[0], **{name: metadata[name] for name in names if name in metadata})
     if isinstance(origin, type) and issubclass(origin, Mapping):

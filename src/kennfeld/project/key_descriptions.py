@@ -15,6 +15,7 @@ from kennfeld.project.forms import (
     EitherForm,
     EntriesForm,
     EntryForm,
+    FilesForm,
     FlagForm,
     Form,
     IntegerForm,
@@ -38,8 +39,6 @@ from kennfeld.project.value_forms import (
     BoundsForm,
     BreakpointsForm,
     CoordinatesForm,
-    ImageEntry,
-    InitialForm,
     LockForm,
     OutputForm,
     PairForm,
@@ -216,9 +215,9 @@ def _(form: TargetForm) -> Description:
 
 
 @describe_form.register
-def _(form: InitialForm) -> Description:
-    image = {"title": "image", "kind": "entry", "keys": _describe_keys(ImageEntry)}
-    return {"kind": "list", "item": _either({"title": "file", "kind": "text"}, image)}
+def _(form: FilesForm) -> Description:
+    table = {"title": form.word, "kind": "entry", "keys": _describe_keys(form.entry)}
+    return {"kind": "list", "item": _either({"title": "file", "kind": "text"}, table)}
 
 
 @describe_form.register

@@ -13,6 +13,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.optimize.compiled import even_step
 from kennfeld.optimize.limit_nodes import keeps_pieces
 from kennfeld.optimize.partitions import (
@@ -33,7 +34,7 @@ from kennfeld.preprocessing.prepared_files import DatasetRecipe, PreparedFile, P
 from kennfeld.preprocessing.quantiles import DigitCounts, Digits, count_digits, quantiles
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
 from kennfeld.preprocessing.recording_sources import RecordingSource, find_sources
-from kennfeld.preprocessing.recordings import ChannelRequest, default_name
+from kennfeld.preprocessing.recordings import ChannelRequest, default_name, find_databases
 from kennfeld.preprocessing.units import check_stated_units
 from kennfeld.project.data_column import DataColumn
 from kennfeld.task_runner import TaskRunner
@@ -82,6 +83,17 @@ def count_column(shared: bytes, item: bytes, arguments: bytes) -> DigitCounts:
     return count_digits((each for each in values if each is not None), digits)
 
 
+def _load_databases(settings: DataSettings, entry: DatasetEntry, loaded: LoadedData) -> tuple[DatabaseFile, ...]:
+    """Return the databases that decode the bus logs of a dataset, with their content, which workers may not have."""
+    databases, findings = find_databases(settings.folder, entry)
+    loaded.findings += findings
+    try:
+        return tuple(database.loaded() for database in databases)
+    except InputError as error:
+        loaded.findings += error.findings
+        return ()
+
+
 @dataclass(frozen=True)
 class _DatasetFiles:
     """The files of one dataset."""
@@ -115,7 +127,10 @@ class PartitionedLoading:
         loaded = LoadedData()
         stored = StoredSettings.of(self._project, settings)
         listed = [self._list_files(settings, entry, loaded) for entry in settings.datasets]
-        recipes = [DatasetRecipe(stored, files.entry, request) for files in listed]
+        recipes = [
+            DatasetRecipe(stored, files.entry, request, databases=_load_databases(settings, files.entry, loaded))
+            for files in listed
+        ]
         recipes = self._with_units(recipes, listed)
         self._recordings = Recordings(tuple(recipes), self._files)
         self._datasets = self._summarise(listed)

@@ -13,14 +13,12 @@ from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.forms import (
     INFINITE,
+    FilesForm,
     Form,
     NumberForm,
     TableOfForm,
     TextForm,
     TextsForm,
-    entry_schema,
-    read_entry,
-    write_entry,
 )
 from kennfeld.project.section import Section, as_finite, as_number, show
 
@@ -279,34 +277,11 @@ class ImageEntry:
     a2l: str = key("its A2L file", "", holds="A2L file")
 
 
-class InitialForm(Form):
+class InitialForm(FilesForm):
     """A calibration file or an image, or a list of them."""
 
-    blank = ()
-    label = "text, table, or list of them"
-
-    def read(self, section: Section, key: str) -> tuple[str | ImageEntry, ...]:
-        value = section.values[key]
-        items = enumerate(value if isinstance(value, list) else [value], 1)
-        files = (self._item(section, key, number, item) for number, item in items)
-        return tuple(dict.fromkeys(file for file in files if file is not None))
-
-    def _item(self, section: Section, key: str, number: int, item: Any) -> str | ImageEntry | None:
-        if isinstance(item, dict):
-            keys = (key, number) if isinstance(section.values[key], list) else (key,)
-            image: ImageEntry = read_entry(ImageEntry, section.inner(item, key, *keys))
-            return image if image.hex else None
-        if isinstance(item, str) and item.strip():
-            return item
-        section.report(key, f"must be a file, got {item!r}", 'Write "start.dcm" or { a2l = "...", hex = "..." }.')
-        return None
-
-    def write(self, value: Sequence[str | ImageEntry]) -> Any:
-        return [item if isinstance(item, str) else write_entry(item) for item in value]
-
-    def json_schema(self) -> dict[str, Any]:
-        item = {"anyOf": [{"type": "string", "pattern": r"\S"}, entry_schema(ImageEntry)]}
-        return {"anyOf": [*item["anyOf"], {"type": "array", "items": item}]}
+    def __init__(self) -> None:
+        super().__init__(ImageEntry, "image", 'Write "start.dcm" or { a2l = "...", hex = "..." }.')
 
 
 class OutputForm(TextsForm):

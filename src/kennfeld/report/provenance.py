@@ -136,6 +136,8 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
     model = file.folder / file.model.file
     # `module.py:function` is a function of a file
     yield "model", model if model.is_file() else model.with_name(model.name.partition(":")[0])
+    patterns = (pattern for entry in file.datasets for pattern in entry.database_files)
+    yield from (("CAN database", Path(path)) for each in patterns for path in find_addresses(file.folder, each))
     yield from (("values of the model", file.folder / name) for name in file.model.parameters)
     yield from (("surrogate", file.folder / name) for name in file.surrogates.values())
     starts = (*file.calibration.files, *file.calibration.descriptions.values())

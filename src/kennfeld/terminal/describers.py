@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld import calfiles, measurement
 from kennfeld.errors import InputError
-from kennfeld.formatting import number_text, size_text
+from kennfeld.formatting import join_names, number_text, size_text
 from kennfeld.graph.events import events
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Table = Sequence[Sequence[str]]  # the heading first
 
+_MOST_GROUPS = 6  # of a recording that its summary counts
 PARAMETER_KINDS = ("scalar", "curve", "map", "cube", "cube")  # by number of axes; more are those of an expansion
 
 
@@ -49,7 +50,8 @@ def describe_measurement(description: measurement.Description) -> FileInfo:
     groups, file = description.tables, description.file
     several = len(groups) > 1
     notes = [note for group in groups for note in _recording_notes(group, file, several)]
-    size = " and ".join(f"{len(group.channels)} channels over {group.samples} samples" for group in groups)
+    sizes = [f"{len(group.channels)} channels over {group.samples} samples" for group in groups]
+    size = join_names(sizes, _MOST_GROUPS, " and ")
     return FileInfo(
         f"{file}: measurement ({description.kind}), {size}",
         [_channel_rows(group, several) for group in groups],

@@ -21,20 +21,24 @@ from kennfeld.terminal.output import print_findings, print_lines
 @argument("address", "FILE", "A measurement, calibration, formula, Simulink, ASCET or project file.", type=str)
 @command_line.as_json
 @option("--search", "Show only entries whose name or description contains TEXT.", "TEXT", default="")
+@option("--dbc", "CAN database that decodes a bus log; repeat it for several.", "FILE", multiple=True)
 @command_line.description_file
 @model_options
-def info(address: str, as_json: bool, search: str, a2l: Path | None, selection: ModelSelection) -> int:
+def info(
+    address: str, as_json: bool, search: str, dbc: Sequence[str], a2l: Path | None, selection: ModelSelection
+) -> int:
     """Show the contents of a file.
 
     --search ignores case; if TEXT contains * or ?, it must match the whole name. For a Simulink model or an
     ASCET project, the output lists what can be calibrated and what prevents it. A file of an object store, such as
-    s3://fleet/drive.mf4, is copied for the time of reading.
+    s3://fleet/drive.mf4, is copied for the time of reading. --dbc engine.dbc@1 decodes only channel 1 of the
+    logger, and --dbc body.dbc@LIN its LIN frames.
     """
     from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
     with _on_this_machine(address) as path:
-        contents = describe_file(path, a2l, selection)
+        contents = describe_file(path, a2l, selection, dbc)
     if search.strip():
         contents = find_entries(contents, search)
     print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))

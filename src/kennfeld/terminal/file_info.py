@@ -30,13 +30,16 @@ _CALIBRATION_KINDS = (FileKind.DCM, FileKind.CVX, FileKind.JSON)
 _MAX_MAT_SIZE = 100_000_000  # bytes of a MATLAB data file that is searched for parameters
 
 
-def describe_file(path: str | Path, a2l: str | Path | None = None, selection: ModelSelection = WHOLE) -> FileInfo:
+def describe_file(
+    path: str | Path, a2l: str | Path | None = None, selection: ModelSelection = WHOLE, dbc: Sequence[str] = ()
+) -> FileInfo:
     """Describe a measurement, calibration, A2L, formula, Simulink, ASCET, project or training file, by its content.
 
     Args:
         path: the file; a sheet of a workbook as `bench.xlsx#Sheet1`.
         a2l: the description of an image; by default the A2L file of the same name.
         selection: what to import of a Simulink model or an ASCET project.
+        dbc: CAN databases of a bus log, see `kennfeld.measurement.read`.
 
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
@@ -47,7 +50,7 @@ def describe_file(path: str | Path, a2l: str | Path | None = None, selection: Mo
             if recognises(file):
                 return describe(file)
     try:
-        return describers.describe_measurement(measurement.describe(path))
+        return describers.describe_measurement(measurement.describe(path, dbc))
     except InputError:
         reason = explain_unsupported(file.path) if file.path.is_file() else None
         if reason is None:

@@ -21,6 +21,7 @@ BOTH = (".csv", ".json", ".xlsx", ".mat", ".m")  # recordings as well as calibra
 def add_files(session: Session, given: Given) -> Answer:
     """Add `files` of the folder to the project, as one change: recordings, a function, or initial values.
 
+    CAN databases decode the recordings that come with them; alone, those of all datasets.
     Files of an ASCET project are moved into the folders of their packages; if the function is such a project already,
     they only add to it.
     """
@@ -44,7 +45,7 @@ def add_files(session: Session, given: Given) -> Answer:
 
 
 def kind_of(path: Path) -> str:
-    """Return what a file is for: recording, function, program, calibration or description."""
+    """Return what a file is for: recording, database, function, program, calibration or description."""
     ending = path.suffix.lower()
     if is_esdl_file(path.name):
         return "program"
@@ -52,6 +53,8 @@ def kind_of(path: Path) -> str:
         return "function"
     if ending == ".a2l":
         return "description"
+    if ending == ".dbc":
+        return "database"
     known = ending in endings() and (ending not in BOTH or recognise(path) != "")
     return "calibration" if known else "recording"
 
@@ -63,11 +66,24 @@ def _named(kinds: dict[str, str], kind: str) -> list[str]:
 def _datasets(settings: Any, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
     """Return datasets for recordings: the first that a project gets are training data, later ones test data."""
     entries = settings.get("dataset", [])
-    count = len(entries) if isinstance(entries, list) else 0
+    entries = entries if isinstance(entries, list) else []
+    recordings, databases = _named(kinds, "recording"), _named(kinds, "database")
+    decoded = {"dbc": databases} if databases else {}
+    if not recordings:
+        return [
+            (("dataset", number, "dbc"), _with(entry, databases)) for number, entry in enumerate(entries, 1) if decoded
+        ]
     return [
-        (("dataset", number + 1), {"files": [name], "use": "test" if count else "training"})
-        for number, name in enumerate(_named(kinds, "recording"), count)
+        (("dataset", number + 1), {"files": [name], **decoded, "use": "test" if entries else "training"})
+        for number, name in enumerate(recordings, len(entries))
     ]
+
+
+def _with(entry: Any, databases: list[str]) -> list[Any]:
+    """Return the databases of a dataset with further ones behind them."""
+    own = entry.get("dbc", []) if isinstance(entry, dict) else []
+    own = list(own) if isinstance(own, list) else [own]
+    return [*own, *(name for name in databases if name not in own)]
 
 
 def _function(kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:

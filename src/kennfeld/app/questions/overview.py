@@ -105,7 +105,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
-RECORDINGS = (".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".mat", ".mlg", ".msl")
+BUS_LOGS = (".asc", ".blf", ".trc", ".log")
+RECORDINGS = (".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".mat", ".mlg", ".msl", *BUS_LOGS)
 SCREENS = {
     "dataset": "data",
     "channels": "data",

@@ -9,10 +9,12 @@ from typing import Any
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.session.proposal import Range, propose
 from kennfeld.app.session.session import Session
-from kennfeld.errors import InputError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.formatting import count_noun
+from kennfeld.measurement.bus_databases import DatabaseFile, to_databases
 from kennfeld.measurement.reader import describe
 from kennfeld.preprocessing.recording_sources import find_addresses, is_remote
+from kennfeld.preprocessing.recordings import find_recordings
 
 MAX_CHANNELS = 2000  # of a file that the files of a project are listed with
 MAX_SIGNALS = 20_000  # of a file that can be searched
@@ -48,7 +50,20 @@ def _described_files(session: Session, entry: Mapping[str, Any]) -> list[dict[st
     paths = _paths(folder, entry)
     if session.reads_partitions:
         paths = [path for path in paths[:MAX_DESCRIBED] if not is_remote(path)]
-    return [_file(folder, path) for path in paths]
+    databases = _databases(folder, entry)
+    return [_file(folder, path, databases) for path in paths]
+
+
+def _databases(folder: Path, entry: Mapping[str, Any]) -> tuple[DatabaseFile, ...]:
+    """Return the CAN databases of a dataset with their content, as far as its entry is right."""
+    items = entry.get("dbc", [])
+    databases: list[DatabaseFile] = []
+    for item in items if isinstance(items, list) else [items]:
+        named = item if isinstance(item, dict) else {"file": item}
+        with suppress(ArgumentError, InputError):  # reported by the check of the project
+            for path in find_recordings(folder, str(named.get("file", ""))):
+                databases += (database.loaded() for database in to_databases({**named, "file": path}))
+    return tuple(databases)
 
 
 def _other_files(session: Session, entry: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -133,21 +148,21 @@ def proposals(session: Session, given: Given) -> Answer:
     )
 
 
-def _file(folder: Path, path: str) -> dict[str, Any]:
+def _file(folder: Path, path: str, databases: tuple[DatabaseFile, ...]) -> dict[str, Any]:
     plain = Path(path.partition("#")[0])
     try:
         state = plain.stat()
-        return _described(str(folder), path, state.st_mtime_ns, state.st_size)
+        return _described(str(folder), path, databases, state.st_mtime_ns, state.st_size)
     except OSError as error:
         return {"name": plain.name, "error": error.strerror or str(error), "channels": []}
 
 
 @lru_cache(maxsize=512)
-def _described(folder: str, path: str, modified: int, size: int) -> dict[str, Any]:
+def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], modified: int, size: int) -> dict[str, Any]:
     """Describe a file; `modified` and `size` tell whether it has changed."""
     shown = str(Path(path).relative_to(folder)) if Path(path).is_relative_to(folder) else path
     try:
-        tables = describe(path).tables
+        tables = describe(path, databases).tables
     except InputError as error:
         return {"name": shown, "size": size, "error": str(error), "channels": []}
     channels = [channel for table in tables for channel in table.channels][:MAX_SIGNALS]

@@ -20,6 +20,7 @@ _FILES = {
     "function file": (".kf", *SIMULINK, *ESDL),
     "surrogate file": (".json",),
     "recording": RECORDINGS,
+    "CAN database": (".dbc",),
     "calibration file": tuple(ending for ending in endings() if ending not in IMAGE_ENDINGS),
     "image": IMAGE_ENDINGS,
     "A2L file": (".a2l",),

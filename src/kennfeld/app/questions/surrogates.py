@@ -17,7 +17,17 @@ from kennfeld.project.toml_file import is_training, read_toml
 if TYPE_CHECKING:  # loaded when a surrogate is read
     from kennfeld.surrogate.surrogate_file import Surrogate
 
-RECORDED = ("name", "files", "use", "raster", "where", "warmup", "max_gap", "steady")  # keys of training files, too
+RECORDED = (
+    "name",
+    "files",
+    "dbc",
+    "use",
+    "raster",
+    "where",
+    "warmup",
+    "max_gap",
+    "steady",
+)  # keys of training files, too
 
 
 def surrogates(session: Session, given: Given) -> Answer:

@@ -85,8 +85,8 @@ class RecordedData:
 
 
 def _files(settings: DataSettings) -> Iterator[tuple[str, int, int]]:
-    """Yield each file with its time of change and its size."""
-    for pattern in (pattern for entry in settings.datasets for pattern in entry.files):
+    """Yield each recording and each database of bus logs with its time of change and its size."""
+    for pattern in (pattern for entry in settings.datasets for pattern in (*entry.files, *entry.database_files)):
         for path in find_recordings(settings.folder, pattern):
             file = Path(path.partition("#")[0])
             if file.is_file():

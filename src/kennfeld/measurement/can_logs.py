@@ -1,0 +1,146 @@
+"""Logs of CAN frames: Vector ASC and BLF, PEAK TRC and candump, decoded by databases.
+
+The frames of text logs are read by python-can, of the extra `bus`.
+"""
+
+import io
+import logging
+import re
+from array import array
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from kennfeld.errors import Finding, InputError
+from kennfeld.formatting import count_noun
+from kennfeld.measurement import blf
+from kennfeld.measurement.bus_decoding import BusLog
+from kennfeld.measurement.bus_frames import Frames, from_rows
+from kennfeld.measurement.channel_names import choose
+from kennfeld.measurement.file_kind import FileKind, MeasurementFile
+from kennfeld.measurement.table import Selection, Table
+from kennfeld.measurement.table_conversion import TableDescription
+from kennfeld.optional_packages import optional_package
+
+_READERS = {FileKind.ASC: "ASCReader", FileKind.TRC: "TRCReader", FileKind.CANDUMP: "CanutilsLogReader"}
+_FROM_ZERO = (FileKind.ASC,)  # kinds whose channels the library counts from 0
+_RESUMABLE = (FileKind.ASC, FileKind.CANDUMP)  # kinds of which the library can read on after a damaged line
+_MOST_DAMAGED = 1000  # lines
+_RELATIVE_TIME = "each time stamp counts from the event before, and events that are not frames are skipped with theirs"
+_ABSOLUTE = "Export the log with absolute time stamps."
+_COPY = "Copy the file again from its source."
+_LARGEST = (1 << 29) - 1  # identifier
+_MOST_BYTES = 64
+_EPOCH = 1e8  # s; larger times count from 1970
+_DIGITS = 6  # of such times in s: they are not known to more
+_RELATIVE = "relative"
+
+
+def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
+    """Return a table for each message that holds a requested signal."""
+    log = _read_log(source)
+    return log.tables(choose(source, log.named_channels(), selection, log.explain))
+
+
+def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
+    """Return a description of each message."""
+    log = _read_log(source)
+    return log.descriptions(log.named_channels())
+
+
+def _read_log(source: MeasurementFile) -> BusLog:
+    frames, findings = blf.read_frames(source) if source.kind is FileKind.BLF else _read_text(source)
+    if not frames:
+        raise InputError.of(source.location, "holds no data frames of a CAN bus", "Is it the right file?")
+    return BusLog(source, frames, findings)
+
+
+class _Columns:
+    """Collects frames as the library yields them."""
+
+    def __init__(self, from_zero: bool) -> None:
+        self._shift = 1 if from_zero else 0
+        self.time, self.lengths, self.content = array("d"), bytearray(), bytearray()
+        self._buses, self._identifiers, self._extended = bytearray(), array("L"), bytearray()
+
+    def add(self, message: Any) -> None:
+        """Take a message; those without data are no frames of signals."""
+        if message.is_error_frame or message.is_remote_frame:
+            return
+        content = bytes(message.data[:_MOST_BYTES])
+        if not 0 <= message.arbitration_id <= _LARGEST:
+            raise ValueError(f"the identifier {message.arbitration_id} is not one of a frame")
+        self.time.append(message.timestamp)
+        self._buses.append(self._bus(message.channel))
+        self._identifiers.append(message.arbitration_id)
+        self._extended.append(message.is_extended_id)
+        self.lengths.append(len(content))
+        self.content += content
+
+    def _bus(self, channel: object) -> int:
+        """Return the number of a channel from 1 on; `can0` is the first one."""
+        if isinstance(channel, int):
+            number = channel + self._shift
+        else:
+            digits = re.search(r"\d{1,3}\Z", str(channel or ""))
+            number = int(digits[0]) + 1 if digits else 0
+        return min(max(number, 0), 255)
+
+    def frames(self, *, is_relative: bool) -> Frames:
+        """Return all frames; `is_relative` if each time stamp counts from the one before.
+
+        Times that count from 1970 are made to count from the first frame.
+        """
+        time = np.array(self.time, dtype=np.float64)
+        columns = (np.frombuffer(part, np.uint8) for part in (self._buses, self._extended, self.lengths))
+        buses, extended, lengths = columns
+        identifiers = np.array(self._identifiers, dtype=np.int64)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a damaged file
+            if is_relative:
+                time = np.cumsum(time)
+            elif time.size and time[0] > _EPOCH:
+                time = np.round(time - time[0], _DIGITS)
+        return from_rows("CAN", time, buses, identifiers, extended, lengths, self.content)
+
+
+def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
+    """Return the frames of a text log; a warning if lines of it are damaged or the last one is cut off."""
+    reader_class = _load(source)
+    columns, problems = _Columns(source.kind in _FROM_ZERO), list[str]()
+    with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as text:
+        reader = reader_class(text)
+        while not (done := _collect(reader, columns, problems)):
+            if source.kind not in _RESUMABLE or len(problems) >= _MOST_DAMAGED:
+                break
+    is_relative = getattr(reader, "timestamps_format", "") == _RELATIVE
+    frames = [columns.frames(is_relative=is_relative)] if columns.time else []
+    findings = [Finding(source.location, _RELATIVE_TIME, _ABSOLUTE, severity="warning")] if is_relative else []
+    if not problems:
+        return frames, findings
+    message = f"{count_noun(len(problems), 'line')} cannot be read, the first one because of {problems[0]}"
+    if not frames:
+        raise InputError.of(source.location, message, _COPY)
+    rest = "the other frames are read" if done else f"only the {len(columns.time)} frames before are read"
+    return frames, [*findings, Finding(source.location, f"{message}; {rest}", _COPY, severity="warning")]
+
+
+def _collect(reader: Any, columns: _Columns, problems: list[str]) -> bool:
+    """Take frames up to the end, or up to a damaged line; return whether it is the end."""
+    try:
+        for message in reader:
+            columns.add(message)
+    except (EOFError, OSError):
+        raise
+    except Exception as error:  # of many kinds: the library trusts what it reads
+        problems.append(" ".join(str(error).split())[:120] or type(error).__name__)
+        return False
+    return True
+
+
+def _load(source: MeasurementFile) -> Any:
+    """Return the class of the library that reads the frames."""
+    with optional_package(source.location, "bus"):
+        import can
+    logging.getLogger("can").setLevel(logging.CRITICAL + 1)
+    return getattr(can, _READERS[source.kind])

@@ -1,0 +1,126 @@
+"""Logs of CAN frames as Vector, PEAK and candump write them."""
+
+import gzip
+import re
+import sys
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from bus_files import DBC, Frame, drive, eec1, write_log, write_mf4
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+ENDINGS = (".asc", ".blf", ".log", ".trc")
+FRAMES = sorted([*drive(), *(Frame(0.013 * k, 0x0CF00400, eec1(800 + k, 10), True, 2) for k in range(9))])
+
+
+@pytest.fixture(autouse=True)
+def _library():
+    pytest.importorskip("can")
+
+
+@pytest.fixture
+def database(tmp_path):
+    path = tmp_path / "engine.dbc"
+    path.write_text(DBC)
+    return path
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_every_log_has_the_channels_of_an_mdf_log(tmp_path, database, ending):
+    expected = read(write_mf4(tmp_path / "drive.mf4", FRAMES), raster=0.02, dbc=database)
+    data = read(write_log(tmp_path / f"drive{ending}", FRAMES), raster=0.02, dbc=database)
+    assert {channel.name for channel in data.channels} == {channel.name for channel in expected.channels}
+    for channel in expected.channels:
+        assert np.allclose(data[channel.name].values, channel.values, atol=0.1)  # TRC has a resolution of 0.1 ms
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_channels_of_the_logger_count_from_one(tmp_path, database, ending):
+    path = write_log(tmp_path / f"drive{ending}", FRAMES)
+    bus = 1 if ending == ".log" else 2  # candump has names of interfaces, all "vcan0" here
+    if ending == ".log":
+        path.write_text(path.read_text().replace(" 1 ", " can1 ").replace(" 0 ", " can0 "))
+        bus = 2
+    assert read(path, ["EngineSpeed"], dbc=f"{database}@{bus}").samples == 9
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_log_without_a_database_is_named(tmp_path, ending):
+    path = write_log(tmp_path / f"drive{ending}", FRAMES)
+    for work in (read, describe):
+        with pytest.raises(InputError, match=r"this is a bus log: it holds 39 CAN frames of 3 identifiers"):
+            work(path)
+
+
+def test_frames_of_can_fd_are_read(tmp_path):
+    database = tmp_path / "fd.dbc"
+    database.write_text('BO_ 600 Long: 64 X\n SG_ Far : 480|16@1+ (1,0) [0|0] "" X\n')
+    frames = [Frame(0.1 * k, 600, bytes(60) + bytes([k, 1, 0, 0])) for k in range(3)]
+    for ending in (".asc", ".blf"):
+        data = read(write_log(tmp_path / f"fd{ending}", frames), ["Far"], dbc=database)
+        assert data["Far"].values.tolist() == [256.0, 257.0, 258.0]
+
+
+@pytest.mark.parametrize("ending", [".asc", ".blf"])
+def test_a_compressed_log_is_read(tmp_path, database, ending):
+    path = tmp_path / f"drive{ending}.gz"
+    path.write_bytes(gzip.compress(write_log(tmp_path / f"drive{ending}", FRAMES).read_bytes()))
+    assert read(path, ["Temp"], dbc=database).samples == 20
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_log_cut_off_anywhere_ends_in_data_or_findings(tmp_path, database, ending):
+    content = write_log(tmp_path / f"drive{ending}", FRAMES).read_bytes()
+    path = tmp_path / f"cut{ending}"
+    for end in range(0, len(content), max(len(content) // 60, 1)):
+        path.write_bytes(content[:end])
+        with suppress(InputError):
+            describe(path, database)
+
+
+def test_a_damaged_line_is_skipped_with_a_warning(tmp_path, database):
+    lines = write_log(tmp_path / "drive.asc", FRAMES).read_text().splitlines()
+    lines[20] = lines[20].replace(" d ", " d x")
+    (tmp_path / "drive.asc").write_text("\n".join(lines))
+    data = read(tmp_path / "drive.asc", ["Temp"], dbc=database)
+    assert data.samples >= 18
+    assert "drive.asc: 1 line cannot be read, the first one because of" in str(data.findings[0])
+    assert "the other frames are read" in str(data.findings[0])
+
+
+def test_a_missing_library_is_named_with_the_command(tmp_path, database, monkeypatch):
+    path = write_log(tmp_path / "drive.asc", FRAMES)
+    monkeypatch.setitem(sys.modules, "can", None)
+    with pytest.raises(InputError, match=r'the package can is not installed. Run: pip install "kennfeld\[bus\]"'):
+        read(path, dbc=database)
+
+
+def test_blf_needs_no_library(tmp_path, database, monkeypatch):
+    path = write_log(tmp_path / "drive.blf", FRAMES)
+    monkeypatch.setitem(sys.modules, "can", None)
+    assert read(path, ["Temp"], dbc=database).samples == 20
+
+
+def test_relative_time_stamps_are_summed_with_a_warning(tmp_path, database):
+    frames = [" 0.010000 1  1F4             Rx   d 8 08 11 78 01 00 00 00 00"] * 3
+    head = ["date Wed Jan 1 00:00:00.000 am 2020", "base hex  timestamps relative", "internal events logged"]
+    (tmp_path / "drive.asc").write_text("\n".join([*head, *frames, ""]))
+    data = read(tmp_path / "drive.asc", ["Temp"], dbc=database)
+    assert np.allclose(data.time, [0.01, 0.02, 0.03])
+    assert "each time stamp counts from the event before" in str(data.findings[0])
+
+
+def test_identifiers_that_no_frame_can_have_are_damage(tmp_path, database):
+    lines = write_log(tmp_path / "drive.asc", FRAMES).read_text().splitlines()
+    lines[20] = re.sub(r"^( *\S+ \d +)\S+", r"\g<1>FFFFFFFFFx", lines[20])
+    (tmp_path / "drive.asc").write_text("\n".join(lines))
+    assert "1 line cannot be read" in str(read(tmp_path / "drive.asc", ["Temp"], dbc=database).findings[0])
+
+
+def test_times_beyond_all_numbers_are_findings(tmp_path, database):
+    (tmp_path / "drive.log").write_text("(1e308) can0 1F4#0011223344556677\n(-1e308) can0 1F4#0011223344556677\n")
+    with pytest.raises(InputError, match=r"^drive\.log"):
+        read(tmp_path / "drive.log", ["Temp"], dbc=database)
