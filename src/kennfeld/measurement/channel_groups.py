@@ -21,6 +21,8 @@ from kennfeld.measurement.table_conversion import assemble, check_columns, reado
 from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, merge_instants, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
+_SHIFT = 1e-3  # of a recording, by which equal times may drift apart by rounding
+
 
 @dataclass(frozen=True, eq=False)
 class _ChannelGroup:
@@ -135,8 +137,8 @@ def split_timelines(table: Table, selection: Selection) -> list[Table]:
     clocks = [k for k, column in enumerate(columns) if _may_be_clock(column, selection)]
     if len(clocks) < 2 or clocks[0] != 0:
         return [table]
-    if not _differ([columns[k] for k in clocks]):
-        copies = {k for k in clocks[1:] if columns[k].name == columns[0].name}
+    if not _differ([columns[k] for k in clocks], 0.0 if table.staggered else _SHIFT):
+        copies = {k for k in clocks[1:] if table.staggered or columns[k].name == columns[0].name}
         return [replace(table, columns=tuple(c for k, c in enumerate(columns) if k not in copies))]
     groups = [columns[k:end] for k, end in pairwise([*clocks, len(columns)]) if end > k + 1]
     if not groups or _count_groups(table.names, {columns[k].name for k in clocks}) < 2:
@@ -156,18 +158,20 @@ def _may_be_clock(column: Column, selection: Selection) -> bool:
     if not is_clock(column.name, column.unit) or column.text_count or column.name in (selection.channels or ()):
         return False
     known = column.values[~np.isnan(column.values)]
-    return known.size > 0 and bool(np.all(known[1:] >= known[:-1]))
+    still = known.size > 2 and known[0] == known[-1]  # a quantity in s or min that does not change
+    return known.size > 0 and not still and bool(np.all(known[1:] >= known[:-1]))
 
 
-def _differ(clocks: Sequence[Column]) -> bool:
-    """Return whether the time columns differ by more than a constant shift."""
+def _differ(clocks: Sequence[Column], shift: float) -> bool:
+    """Return whether the time columns differ by more than a constant shift; with `shift` 0, whether they differ."""
     first = time_in_seconds(clocks[0])
     known = ~np.isnan(first)
-    tolerance = max(SAME_INSTANT, 1e-3 * np.ptp(first[known]))
+    tolerance = max(SAME_INSTANT, shift * np.ptp(first[known]))
     others = [time_in_seconds(clock) for clock in clocks[1:]]
-    return any(
-        not np.array_equal(known, ~np.isnan(other)) or np.ptp((other - first)[known]) > tolerance for other in others
-    )
+    if any(not np.array_equal(known, ~np.isnan(other)) for other in others):
+        return True
+    deviations = [(other - first)[known] for other in others]
+    return any((np.ptp(d) if shift else np.abs(d).max(initial=0.0)) > tolerance for d in deviations)
 
 
 def _part(table: Table, columns: Sequence[Column]) -> Table:

@@ -33,6 +33,8 @@ class FileKind(Enum):
     MSL = "MSL"
     HPTUNERS = "HP Tuners"
     LVM = "LabVIEW"
+    VBO = "VBOX"
+    HALTECH = "Haltech"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5"
     MODEL = "Simulink model"
@@ -80,6 +82,7 @@ _WORDS = (
     (b"konservierung_format", FileKind.DCM),
     (b"hp tuners csv log file", FileKind.HPTUNERS),
     (b"labview measurement", FileKind.LVM),
+    (b"%datalog%", FileKind.HALTECH),
     (b"{", FileKind.JSON),
 )
 _WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
@@ -238,6 +241,8 @@ def _kind_by_start(start: bytes) -> FileKind:
         return FileKind.DIADEM
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
         return FileKind.DCM
+    if b"[header]" in words and (b"[column names]" in words or words.startswith(b"file created on")):
+        return FileKind.VBO
     return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
 
 

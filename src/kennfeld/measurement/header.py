@@ -13,6 +13,7 @@ Row = Sequence[object]
 _LABELS = ("unit", "units", "einheit", "einheiten")  # before the units of a row
 _MAX_HEADER_ROWS = 5  # above the numbers
 _MIN_TABLE_ROWS = 3  # of numbers; fewer may be settings above the table
+_MIN_NUMBERED = 3  # columns of a row of column numbers
 _MAX_BLOCK_ROWS = 10  # of numbers in a block above the table
 
 
@@ -24,6 +25,7 @@ class Header:
     data: int
     names: tuple[str, ...]  # empty if a column has none
     units: tuple[str, ...]
+    staggered: bool = False  # groups of channels are sampled one after the other, each with its own time
 
     @property
     def width(self) -> int:
@@ -56,6 +58,7 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         if below is None:
             continue
         unit_row, data = below
+        data = _skip_column_numbers(filled, rows, data)
         run = list(takewhile(lambda row: shapes[row].numbers, (row for row in filled if row >= data)))
         header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data)
         complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
@@ -69,6 +72,14 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         elif len(run) > len(first[1]) and _tells_more(header, first[0], rows, shapes):
             return header
     return first[0] if first else None
+
+
+def _skip_column_numbers(filled: Sequence[int], rows: Sequence[Row], data: int) -> int:
+    """Return the first row of data below a row of column numbers, 1 to n, which a blank row parts from the data."""
+    following = next((row for row in filled if row > data), data)
+    numbers = [str(cell).strip() for cell in rows[data]]
+    is_counted = len(numbers) >= _MIN_NUMBERED and numbers == [str(k + 1) for k in range(len(numbers))]
+    return following if is_counted and following > data + 1 else data
 
 
 def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:

@@ -34,8 +34,11 @@ _READERS = {
     FileKind.MSL: "text",
     FileKind.HPTUNERS: "hptuners",
     FileKind.LVM: "lvm",
+    FileKind.VBO: "vbo",
+    FileKind.HALTECH: "haltech",
 }
-_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM}  # kinds whose readers unpack gzip
+# kinds whose readers unpack gzip
+_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM, FileKind.VBO, FileKind.HALTECH}
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {

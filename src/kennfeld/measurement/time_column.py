@@ -41,8 +41,9 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
         clock = column.dated or (in_seconds(column.unit) is not None and column.name not in asked)
         if column.name == first and clock and _is_usable(column) and _rises(column.values):
             return column
-    dates = (column for column in table.columns if column.dated and column.name not in asked)
-    return next((column for column in dates if _is_usable(column) and _rises(column.values)), None)
+    dates = [c for c in table.columns if c.dated and c.name not in asked and _is_usable(c)]
+    # stamps of whole seconds repeat, so they are the time only if no column has finer ones
+    return next((c for test in (_rises, _does_not_fall) for c in dates if test(c.values)), None)
 
 
 def _is_usable(column: Column) -> bool:
@@ -53,6 +54,10 @@ def _is_usable(column: Column) -> bool:
 
 def _rises(values: Float) -> bool:
     return bool(np.all(values[1:] > values[:-1]))
+
+
+def _does_not_fall(values: Float) -> bool:
+    return bool(np.all(values[1:] >= values[:-1])) and 2 * int(np.count_nonzero(np.diff(values))) >= values.size - 1
 
 
 def time_in_seconds(column: Column) -> Float:
