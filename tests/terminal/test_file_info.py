@@ -140,7 +140,7 @@ def engine(inputs=("throttle", "load", "b", "c", "d"), name="else"):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("a.par", "Kp 1.0\n", "is a parameter file (.par), as written by CANape"),
+        ("a.par", "Kp 1.0\n", "is a parameter file (.par) that does not begin as those of CANape"),
         ("a.a2l", '/begin MEASUREMENT n "" UWORD CM 0 0 0 8000\n/end MEASUREMENT\n', "is a fragment of an A2L file"),
     ],
 )

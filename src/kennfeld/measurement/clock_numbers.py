@@ -26,7 +26,7 @@ def seconds_of_clock(numbers: Float) -> Float | None:
     >>> seconds_of_clock(np.array([235959.9, 0.4, 100.0]))
     array([86399.9, 86400.4, 86460. ])
     """
-    known = ~np.isnan(numbers)
+    known = np.isfinite(numbers)
     hours, rest = np.divmod(numbers[known], 10_000.0)
     minutes, seconds = np.divmod(rest, 100.0)
     # a 61st second is a leap second
@@ -56,7 +56,7 @@ def decode_clock(column: Column) -> Column:
 
 def _passes_minutes(numbers: Float, seconds: Float) -> bool:
     """Return whether the numbers pass from 59 s to the next minute, and never otherwise step more than the seconds."""
-    known = ~np.isnan(numbers)
+    known = np.isfinite(numbers)
     steps, elapsed = np.diff(numbers[known]), np.diff(seconds[known])
     if not steps.size or not np.all((elapsed > 0) & (elapsed < _MINUTE)):
         return False

@@ -58,7 +58,8 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         if below is None:
             continue
         unit_row, data = below
-        data = _skip_column_numbers(filled, rows, data)
+        if unit_row is not None and at > 0:
+            data = _skip_column_numbers(filled, rows, data)
         run = list(takewhile(lambda row: shapes[row].numbers, (row for row in filled if row >= data)))
         header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data)
         complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
@@ -75,7 +76,10 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
 
 
 def _skip_column_numbers(filled: Sequence[int], rows: Sequence[Row], data: int) -> int:
-    """Return the first row of data below a row of column numbers, 1 to n, which a blank row parts from the data."""
+    """Return the first row of data below a row of column numbers, 1 to n, which a blank row parts from the data.
+
+    Loggers write such a row below the units, in files that begin with facts about the session.
+    """
     following = next((row for row in filled if row > data), data)
     numbers = [str(cell).strip() for cell in rows[data]]
     is_counted = len(numbers) >= _MIN_NUMBERED and numbers == [str(k + 1) for k in range(len(numbers))]
