@@ -116,7 +116,7 @@ def test_what_cannot_be_read_is_skipped_with_a_warning(par):
     )
     assert list(read(path)) == ["Kp"]
     assert [f.message.partition(":")[0] for f in describe(path).findings] == [
-        "skipped, since it is no label",
+        "skipped, since it is not a label",
         "skipped",
         "skipped",
     ]
@@ -183,7 +183,7 @@ def test_breakpoints_and_texts_can_change(par, tmp_path):
     ("change", "message"),
     [
         (Scalar("Scaled", 2.0), "Scaled: is stored with a conversion that the file does not state"),
-        (Scalar("Count", 256.0), r"Count: must be 0 to 255, as UINT(8) stores it, got 256"),
+        (Scalar("Count", 256.0), r"Count: must be stored as 0 to 255, in UINT(8), got 256 for 256"),
         (Scalar("Block", 1.0), "Block: is a scalar, but a block 4 in the file"),
         (Scalar("Kp", np.nan), "Kp: a parameter file cannot store non-finite values"),
         (Scalar("Mode", 0.0), "Mode: is a text in one file and a number in the other"),
@@ -202,6 +202,70 @@ def test_a_zero_does_not_tell_the_conversion_of_an_integer(par, tmp_path):
     values = read(par("CANape PAR V3.1: ~ 0 0 \r\nK [UINT(8)] 0 ; 0.0\r\n"))
     with pytest.raises(InputError, match="a conversion that the file does not state"):
         write(values.with_parameters(Scalar("K", 1.0)), tmp_path / "new.par")
+
+
+A2L = """ASAP2_VERSION 1 60
+/begin PROJECT P "" /begin MODULE M ""
+/begin COMPU_METHOD Tenth "" RAT_FUNC "%6.2" "Nm" COEFFS 0 100 0 0 0 1 /end COMPU_METHOD
+/begin COMPU_METHOD Half "" LINEAR "%6.1" "rpm" COEFFS_LINEAR 0.5 -20 /end COMPU_METHOD
+/begin COMPU_METHOD Switch "" TAB_VERB "%3.0" "" COMPU_TAB_REF Words /end COMPU_METHOD
+/begin COMPU_VTAB Words "" TAB_VERB 2 0 "OFF" 1 "ON" /end COMPU_VTAB
+/begin CHARACTERISTIC Scaled "a scaled one" VALUE 0x0 L 0 Tenth -300 300 /end CHARACTERISTIC
+/begin CHARACTERISTIC Mode "" VALUE 0x2 L 0 Switch 0 1 /end CHARACTERISTIC
+/begin CHARACTERISTIC Curve "" CURVE 0x4 L 0 Tenth -300 300
+/begin AXIS_DESCR STD_AXIS Speed Half 2 -20 100 /end AXIS_DESCR /end CHARACTERISTIC
+/end MODULE /end PROJECT
+"""
+SCALED = (
+    "CANape PAR V3.1: ecu.a2l 1 0 ECU\r\nScaled [INT(16)] 150 ; 1.5\r\nMode [UINT(8)] 1 ; ON\r\n"
+    "Curve [INT(16),(1,2)] 100 ; 1.00\r\n: 133 ; 1.3\r\nX : 40 ; 0\r\nX : 45 ; 2.5\r\n"
+)
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_the_a2l_file_states_conversions_and_units(par, tmp_path, given):
+    a2l = tmp_path / ("other.a2l" if given else "ecu.a2l")
+    a2l.write_text(A2L)
+    path = par(SCALED)
+    values = read(path, a2l if given else None)
+    curve = values["Curve"]
+    assert (values["Scaled"].value, values["Scaled"].unit, values["Scaled"].description) == (1.5, "Nm", "a scaled one")
+    assert curve.values.tolist() == [1, 1.33]
+    assert curve.axes[0].breakpoints.tolist() == [0, 2.5]
+    assert (curve.axes[0].unit, curve.axes[0].input) == ("rpm", "Speed")
+    assert describe(path, a2l if given else None).findings == ()
+    mode = replace(values.texts[0], text="OFF")
+    changed = Curve("Curve", curve.axes[0].changed(breakpoints=[0, 3]), [1, 1.427], unit="Nm")
+    findings = write(values.merged(ParameterSet([Scalar("Scaled", -0.25), changed], [mode])), tmp_path / "new.par")
+    assert (tmp_path / "new.par").read_bytes().decode() == SCALED.replace("150 ; 1.5", "-25 ; -0.2").replace(
+        "1 ; ON", "0 ; OFF"
+    ).replace("133 ; 1.3", "143 ; 1.4").replace("45 ; 2.5", "46 ; 3.0")
+    assert [str(f) for f in findings] == ["new.par Curve: rounded to integers, as stored; the largest change is 0.003"]
+    assert read(tmp_path / "new.par", a2l)["Curve"].values.tolist() == [1, 1.43]
+
+
+def test_an_a2l_file_of_another_program_is_not_used(par, tmp_path):
+    (tmp_path / "ecu.a2l").write_text(A2L.replace("0 100 0 0 0 1", "0 10 0 0 0 1"))
+    path = par(SCALED)
+    assert read(path)["Scaled"].value == 1.5
+    message = describe(path).findings[0].message
+    assert (
+        message == "the physical values do not follow from the A2L file, which is not used for 2 labels (Scaled, Curve)"
+    )
+
+
+def test_a_damaged_a2l_file_beside_it_is_reported(par, tmp_path):
+    (tmp_path / "ecu.a2l").write_text(A2L[: A2L.index("/end MODULE")])
+    path = par(SCALED)
+    assert read(path)["Scaled"].value == 1.5
+    assert "ecu.a2l is not used" in describe(path).findings[0].message
+
+
+def test_a_word_that_the_a2l_file_lacks_is_an_error(par, tmp_path):
+    (tmp_path / "ecu.a2l").write_text(A2L)
+    values = read(par(SCALED))
+    with pytest.raises(InputError, match="Mode: 'AUTO' is not a word of Switch"):
+        write(values.merged(ParameterSet([], [replace(values.texts[0], text="AUTO")])), tmp_path / "new.par")
 
 
 def test_a_set_of_another_file_needs_a_parameter_file(tmp_path):

@@ -1,7 +1,7 @@
 """Dates and times of day as text: ISO, German and US order, names of months, 12-hour clocks.
 
 `03/04/2026` is the third of April or the fourth of March. `StampCollector` reads a column in both orders and decides at
-its end: a part above 12 is no month, and time increases. If that leaves both, a `doubt` says so.
+its end: a part above 12 is not a month, and time increases. If that leaves both, a `doubt` says so.
 """
 
 import re
@@ -25,6 +25,7 @@ _DATE = (
     r"|(?P<a>\d\d?)(?P<mark>[-/])(?P<b>\d\d?)(?P=mark)(?P<y3>\d{4})"
     r"|(?P<d4>\d\d?)[- ](?P<month>[^\W\d_]{3,9})\.?[- ](?P<y4>\d{4})"
 )
+_EITHER = re.compile(r"\b\d\d?([-/])\d\d?\1\d{4}")  # a date whose order shows in the data alone
 _STAMP = re.compile(
     rf"\s*(?:(?P<date>{_DATE})(?:[T ,]+|$))?"
     r"(?:(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?P<part>[.,:]\d{1,9})?)?(?:\s*(?P<half>[AP])\.?M\.?)?)?"
@@ -58,10 +59,10 @@ def parse_stamps(
     for k, cell in enumerate(cells):
         if not isinstance(cell, str):
             return None
-        if is_missing(cell):
-            continue
         seconds = _stamp_seconds(cell, month_first)
         if seconds is None:
+            if is_missing(cell):
+                continue
             return None
         day, within = seconds
         if day is not None:
@@ -87,9 +88,10 @@ class StampCollector:
 
     def add(self, cells: Sequence[object]) -> bool:
         """Take a block of stamps; return False, and take nothing, if a cell is another text."""
-        parsed = {order: parse_stamps(cells, self._origins[order], month_first=order) for order in self._blocks}
+        parsed = {order: parse_stamps(cells, self._origins[order], month_first=order) for order in self._orders(cells)}
         if not any(parsed.values()):
             return False
+        parsed |= {order: parsed[next(iter(parsed))] for order in self._blocks if order not in parsed}
         for order, stamps in parsed.items():
             if stamps is None:
                 del self._blocks[order]
@@ -98,6 +100,12 @@ class StampCollector:
                 self._origins[order] = stamps[1]
         self._example = self._example or next((str(cell) for cell in cells if not is_missing(cell)), "")
         return True
+
+    def _orders(self, cells: Sequence[object]) -> list[bool]:
+        """Return the orders in which to parse a block; one is enough if they read the same."""
+        orders = list(self._blocks)
+        is_either = self._origins.get(False) != self._origins.get(True) or _EITHER.search("\n".join(map(str, cells)))
+        return orders if is_either else orders[:1]
 
     def build(self) -> Float:
         """Return the seconds of all stamps; times of day continue across midnight."""

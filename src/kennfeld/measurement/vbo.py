@@ -143,7 +143,7 @@ def _convert(table: Table, column: Column, findings: list[Finding]) -> Column:
         return column
     degrees = column.values / (_MINUTES if axis == "lat" else -_MINUTES) + 0.0
     if np.any(np.abs(degrees) > _MOST_DEGREES[axis]):
-        message = "the values are no minutes of arc and were not converted to degrees"
+        message = "the values are not minutes of arc and were not converted to degrees"
         location = table.location.within(f"column {column.place}")
         findings.append(Finding(location, message, "Check them.", severity="warning"))
         return replace(column, unit="")

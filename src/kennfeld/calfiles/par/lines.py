@@ -112,7 +112,7 @@ class _Splitter:
         if header is None:
             self.skipped += 1
             if self.skipped <= _MAX_SKIPPED:
-                self.findings.warning(number, "", f"skipped, since it is no label: {line.strip()[:60]!r}")
+                self.findings.warning(number, "", f"skipped, since it is not a label: {line.strip()[:60]!r}")
             return
         self._check_last()
         name, kind, bits, sizes, rest = header.groups()
@@ -175,4 +175,4 @@ class _Splitter:
     def finish(self) -> None:
         self._check_last()
         if self.skipped > _MAX_SKIPPED:
-            self.findings.warning(0, "", f"{self.skipped - _MAX_SKIPPED} more lines that are no label were skipped")
+            self.findings.warning(0, "", f"{self.skipped - _MAX_SKIPPED} more lines that are not labels were skipped")

@@ -1,7 +1,7 @@
 """Rewrites a CANape parameter file with other numbers and keeps every other character.
 
-A parameter file holds numbers as the control unit stores them. A new one would need the conversions of the A2L file, so
-only labels whose stored and physical values are the same can change.
+A parameter file holds numbers as the control unit stores them. Labels whose stored and physical values are the same can
+change, others only with the conversions of the A2L file.
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings, WriteResult
+from kennfeld.calfiles.par.conversions import Quantity, physical, stored
 from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber
 from kennfeld.calfiles.par.reader import Par, agree
 from kennfeld.formatting import count_labels
@@ -18,6 +19,8 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Text
 
 _OTHER_FORMAT = "Write DCM or CDFX, and load it in CANape."
+_TINY = 1e-12  # relative rounding of a conversion
+_GIVE_A2L = "Put the A2L file beside it under the name in its first line, or give it with --a2l."
 
 
 def write_par(parameters: ParameterSet, file: str) -> WriteResult:
@@ -79,18 +82,30 @@ class _ParUpdate:
             self.findings.error(0, item.name, "is a {}, but a {} in the file".format(*shapes), _OTHER_FORMAT)
         else:
             label = self.par.labels[item.name]
-            self._replace(label, label.values, before.values.T.ravel(), item.values.T.ravel())
+            self._replace(label, "", before.values.T.ravel(), item.values.T.ravel())
             for letter, old, new in zip(AXES, before.axes, item.axes, strict=False):
-                self._replace(label, label.axes[letter], old.breakpoints, new.breakpoints)
+                self._replace(label, letter, old.breakpoints, new.breakpoints)
 
     def _take_text(self, item: Parameter | Text, before: Parameter | Text) -> None:
         if not isinstance(item, Text) or not isinstance(before, Text):
             self.findings.error(0, item.name, "is a text in one file and a number in the other")
         elif item.text != before.text and before.kind != "text":
-            message = f"the number of the word {item.text[:40]!r} is not in the file"
-            self.findings.error(0, item.name, message, _OTHER_FORMAT)
+            self._take_word(item)
         elif item.text != before.text:
             self._take_codes(item, self.par.labels[item.name])
+
+    def _take_word(self, item: Text) -> None:
+        quantity = self.par.quantities.get((item.name, ""))
+        if quantity is None or quantity.conversion.words is None:
+            message = f"the number of the word {item.text[:40]!r} is not in the file"
+            self.findings.error(0, item.name, message, _GIVE_A2L)
+            return
+        raw, number = quantity.conversion.words.raw(item.text), self.par.labels[item.name].values[0]
+        if raw is None:
+            self.findings.error(0, item.name, f"{item.text[:40]!r} is not a word of {quantity.conversion.name}")
+            return
+        self.changes[number.begin] = len(number.word), str(int(raw)) if raw == int(raw) else repr(raw)
+        self.changes[number.physical_begin] = len(number.physical), item.text
 
     def _take_codes(self, item: Text, label: ParLabel) -> None:
         codes = [ord(character) for character in item.text]
@@ -106,36 +121,60 @@ class _ParUpdate:
         if ";" in comment:
             self.changes[end] = len(comment), f" ; {item.text}"
 
-    def _replace(self, label: ParLabel, numbers: Sequence[ParNumber], before: Float, now: Float) -> None:
-        """Replace the numbers that changed, and their physical values."""
+    def _replace(self, label: ParLabel, letter: str, before: Float, now: Float) -> None:
+        """Replace the numbers of the values or of an axis that changed, and their physical values."""
+        numbers, quantity = (
+            label.axes[letter] if letter else label.values,
+            self.par.quantities.get((label.name, letter)),
+        )
         if np.array_equal(before, now):
             return
         if not np.isfinite(now).all():
             self.findings.error(0, label.name, "a parameter file cannot store non-finite values")
-        elif not _is_identity(label, numbers):
+        elif quantity is None and not _is_identity(label, numbers):
             message = "is stored with a conversion that the file does not state, so it cannot be changed"
-            self.findings.error(0, label.name, message, _OTHER_FORMAT)
+            self.findings.error(0, label.name, message, _GIVE_A2L)
         else:
             for number, old, new in zip(numbers, before.tolist(), now.tolist(), strict=True):
                 if old != new:
-                    word = self._word(label, new)
-                    self.changes[number.begin] = len(number.word), word
-                    if not np.isnan(parse_float(number.physical)):
-                        self.changes[number.physical_begin] = len(number.physical), word
+                    self._change(label, number, new, quantity)
 
-    def _word(self, label: ParLabel, value: float) -> str:
-        """Return the text of a number; integers are rounded and must fit their type."""
+    def _change(self, label: ParLabel, number: ParNumber, value: float, quantity: Quantity | None) -> None:
+        """Replace one number and its physical value."""
+        raw = value if quantity is None else stored(quantity, value)
+        if raw is None:
+            message = f"{value:g} has no stored number in the conversion {quantity.conversion.name if quantity else ''}"
+            self.findings.error(0, label.name, message, "Choose a value within its range.")
+            return
+        word = self._word(label, raw, value, quantity)
+        self.changes[number.begin] = len(number.word), word
+        if np.isnan(parse_float(number.physical)):
+            return
+        shown = word if quantity is None else _display(physical(quantity, float(word)), number.physical)
+        self.changes[number.physical_begin] = len(number.physical), shown
+
+    def _word(self, label: ParLabel, raw: float, value: float, quantity: Quantity | None) -> str:
+        """Return the text of a stored number; integers are rounded and must fit their type."""
         if not label.is_integer:
-            return repr(value)
-        rounded = round(value)
+            return repr(raw)
+        rounded = round(raw)
         bits = label.bits or 32
         low, high = (0, 2**bits - 1) if label.type == "UINT" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
         if not low <= rounded <= high:
-            message = f"must be {low} to {high}, as {label.type}({bits}) stores it, got {value:g}"
+            message = f"must be stored as {low} to {high}, in {label.type}({bits}), got {raw:g} for {value:g}"
             self.findings.error(0, label.name, message, "Limit it with bounds.")
-        if rounded != value:
-            self.rounding[label.name] = max(self.rounding.get(label.name, 0.0), abs(rounded - value))
+        exact = float(rounded) if quantity is None else physical(quantity, float(rounded))
+        error = 0.0 if exact is None else abs(exact - value)
+        if error > _TINY * max(abs(value), 1e-300):
+            self.rounding[label.name] = max(self.rounding.get(label.name, 0.0), error)
         return str(rounded)
+
+
+def _display(value: float | None, like: str) -> str:
+    """Return a physical value with as many decimals as another one."""
+    if value is None or "e" in like.lower():
+        return "" if value is None else repr(value)
+    return f"{value:.{len(like.partition('.')[2])}f}"
 
 
 def _is_identity(label: ParLabel, numbers: Sequence[ParNumber]) -> bool:
