@@ -7,6 +7,7 @@ values follow from its conversions, and units and descriptions are known.
 
 from collections.abc import Mapping, Sequence
 from math import isnan
+from typing import Any
 
 import numpy as np
 
@@ -86,7 +87,7 @@ class _ParReader:
             elif quantity is not None:
                 self.different.append(label.name)
 
-    def _labels(self, label: ParLabel) -> dict[str, str]:
+    def _labels(self, label: ParLabel) -> dict[str, Any]:
         """Return the unit and the description of a label."""
         quantity = self.quantities.get((label.name, ""))
         if self.conversions is None or quantity is None:
