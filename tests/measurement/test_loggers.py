@@ -45,6 +45,13 @@ OLD_AIM = lines(
     [quoted("Time", "Distance", "RPM"), quoted("sec", "km", "rpm"), quoted("1", "2", "3"), "", ""],
     [quoted(f"{k / 20:.3f}", f"{k / 1000:.4f}", 3000 + k) for k in range(60)],
 )
+OLDEST_AIM = lines(
+    [quoted("Format", "AIM CSV File"), quoted("Venue", "Kerpen"), quoted("Time", "10:00:00"), ""],
+    2 * [quoted("Time", "Distance", "RPM", "GPS_Speed") + ","],
+    [quoted("sec", "km", "rpm", "km/h") + ",", quoted("", "", "1", "2") + ",", ""],
+    [f"{k / 20:.3f},{k / 1000:.6f},{3000 + k}.000,{50 + k / 10:.3f}" for k in range(60)],
+    end="\n",
+)
 MOTEC = lines(
     '"Format","MoTeC CSV File",,,"Workbook",""',
     '"Venue","Track",,,"Worksheet",""',
@@ -139,6 +146,7 @@ HALTECH = lines(
 ALL = {
     "aim": AIM,
     "old aim": OLD_AIM,
+    "oldest aim": OLDEST_AIM,
     "motec": MOTEC,
     "torque": TORQUE,
     "vbo": VBO,
@@ -172,6 +180,16 @@ def test_a_row_of_column_numbers_is_no_sample(csv):
     data = read(csv(OLD_AIM))
     assert columns(data) == {"Distance": ("km", 0, 0.059), "RPM": ("rpm", 3000, 3059)}
     assert data.time[:2].tolist() == [0, 0.05]
+
+
+def test_a_row_of_channel_numbers_below_names_that_stand_twice_is_no_sample(csv):
+    data = read(csv(OLDEST_AIM))
+    assert columns(data) == {
+        "Distance": ("km", 0, 0.059),
+        "RPM": ("rpm", 3000, 3059),
+        "GPS_Speed": ("km/h", 50, 55.9),
+    }
+    assert data.time[[0, -1]].tolist() == [0, 2.95]
 
 
 def test_samples_that_count_from_one_stay(csv):
@@ -301,6 +319,11 @@ def test_vcds_channels_are_named_by_their_text_and_text_values_are_left_out(csv)
         read(path, ["NOX Sensor"])
 
 
+def test_vcds_without_its_first_lines(csv):
+    data = read(csv("\r\n".join(VCDS.splitlines()[3:]) + "\r\n"), ["RPM"])
+    assert (data["RPM"].unit, data["RPM"].values[-1]) == ("/min", 829)
+
+
 def test_vcds_without_its_units(csv):
     data = read(csv(VCDS_CHANNELS.replace(",, /min,, km/h,, ,\r\n", "")), ["Vehicle speed"])
     assert (data["Vehicle speed"].unit, data["Vehicle speed"].values[-1]) == ("", 19)
@@ -330,7 +353,7 @@ def test_a_haltech_log_without_rows_is_reported(csv):
 def test_a_file_cut_off_anywhere_gives_data_or_findings(csv, name):
     text = ALL[name].encode("utf-8")
     draw = random.Random(name)
-    for cut in sorted({*range(0, 60, 7), *(draw.randrange(len(text)) for _ in range(60))}):
+    for cut in sorted({*range(0, 60, 7), *(draw.randrange(len(text)) for _ in range(25))}):
         path = csv(text[:cut])
         with contextlib.suppress(InputError):
             describe(path)

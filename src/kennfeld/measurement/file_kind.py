@@ -241,7 +241,7 @@ def _kind_by_start(start: bytes) -> FileKind:
         return FileKind.DIADEM
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
         return FileKind.DCM
-    if b"[header]" in words and (b"[column names]" in words or words.startswith(b"file created on")):
+    if _is_vbo(words):
         return FileKind.VBO
     return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
 
@@ -262,6 +262,12 @@ def _is_tunerstudio_log(words: bytes) -> bool:
     lines = words.splitlines()
     quoted = next((i for i, line in enumerate(lines) if not line.startswith(b'"') or b"\t" in line), 0)
     return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
+
+
+def _is_vbo(words: bytes) -> bool:
+    """Return whether a text has the sections of Racelogic's loggers."""
+    header, columns, rows = (section in words for section in (b"[header]", b"[column names]", b"[data]"))
+    return (words.startswith(b"file created on") and (header or columns)) or (columns and (header or rows))
 
 
 def _kind_of_zip(file: Path) -> FileKind:

@@ -58,8 +58,8 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         if below is None:
             continue
         unit_row, data = below
-        if unit_row is not None and at > 0:
-            data = _skip_column_numbers(filled, rows, data)
+        if unit_row is not None and at > 0 and _has_time(rows[row][:1]):
+            data = _skip_column_numbers(filled, rows, shapes, data)
         run = list(takewhile(lambda row: shapes[row].numbers, (row for row in filled if row >= data)))
         header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data)
         complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
@@ -75,15 +75,20 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
     return first[0] if first else None
 
 
-def _skip_column_numbers(filled: Sequence[int], rows: Sequence[Row], data: int) -> int:
-    """Return the first row of data below a row of column numbers, 1 to n, which a blank row parts from the data.
+def _skip_column_numbers(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape], data: int) -> int:
+    """Return the first row of data below a row of channel numbers.
 
-    Loggers write such a row below the units, in files that begin with facts about the session.
+    Loggers write such a row below the units, in files that begin with facts about the session: 1 to n above a blank
+    row, or whole numbers without one for the time.
     """
-    following = next((row for row in filled if row > data), data)
-    numbers = [str(cell).strip() for cell in rows[data]]
-    is_counted = len(numbers) >= _MIN_NUMBERED and numbers == [str(k + 1) for k in range(len(numbers))]
-    return following if is_counted and following > data + 1 else data
+    following = next((row for row in filled if row > data and shapes[row].numbers), data)
+    cells = ["" if _is_blank(cell) else str(cell).strip() for cell in rows[data]]
+    counted = [str(k + 1) for k in range(len(cells))]
+    if len(cells) >= _MIN_NUMBERED and cells == counted:
+        return following if following > data + 1 else data
+    numbers = [cell for cell in cells if cell]
+    is_untimed = not cells[0] and bool(rows[following]) and not _is_blank(rows[following][0])
+    return following if is_untimed and len(numbers) > 1 and all(map(str.isdecimal, numbers)) else data
 
 
 def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:

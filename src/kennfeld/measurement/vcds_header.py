@@ -27,7 +27,11 @@ def find_vcds_header(rows: Sequence[Sequence[str]], decimal: Decimal) -> Header 
     """
     head = rows[:_MOST_ROWS]
     stamped = [k for k, row in enumerate(head) if sum(_is_stamp(cell) for cell in row)]
-    if not stamped or not any(_SIGNATURE.search(cell) for row in head[: stamped[0]] for cell in row):
+    if not stamped:
+        return None
+    words = {cell.strip().casefold() for row in stamped for cell in rows[row] if _is_stamp(cell)}
+    signed = any(_SIGNATURE.search(cell) for row in head[: stamped[0]] for cell in row)
+    if not (signed or words >= {"time", "stamp"}):
         return None
     first, last = stamped[0], stamped[-1]
     clocks = sorted({k for row in stamped for k, cell in enumerate(rows[row]) if _is_stamp(cell)})
