@@ -277,6 +277,11 @@ def test_a_tune_is_a_calibration(written):
     assert describe_file(written("t.msq", tune)).summary == "t.msq: calibration (MSQ tune of x), 1 parameters, 1 values"
 
 
+def test_a_parameter_file_of_canape_is_a_calibration(written):
+    summary = describe_file(written("t.par", "CANape PAR V3.1: ~ 0 0 \nK [FLOAT(32)] 1 ; 1\n")).summary
+    assert summary == "t.par: calibration (CANape PAR 3.1), 1 parameters, 1 values"
+
+
 def test_a_workbook_of_measured_data_stays_a_measurement(tmp_path):
     import xlsxwriter
 

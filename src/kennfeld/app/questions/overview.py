@@ -105,7 +105,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
-RECORDINGS = (".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".mat", ".mlg", ".msl")
+RECORDINGS = (".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".mat", ".mlg", ".msl", ".vbo")
 SCREENS = {
     "dataset": "data",
     "channels": "data",

@@ -22,7 +22,7 @@ _NAMED = re.compile(r'[^\n:]*:\s*(?:"([^"\n]+)"|(\S+))')
 
 
 @dataclass(frozen=True)
-class Quantity:
+class StoredQuantity:
     """The conversion of some numbers and their unit; those of an axis have an input."""
 
     conversion: CompuConversion
@@ -36,12 +36,12 @@ class Conversions:
 
     a2l: A2l
 
-    def values(self, name: str) -> Quantity | None:
+    def values(self, name: str) -> StoredQuantity | None:
         """Return the quantity of a label's values; None if it is not described, or its conversion is not supported."""
         source = self.a2l.characteristics.get(name) or self.a2l.axis_pts.get(name)
         return None if source is None else self._quantity(source)
 
-    def axis(self, name: str, letter: str) -> Quantity | None:
+    def axis(self, name: str, letter: str) -> StoredQuantity | None:
         """Return the quantity of the breakpoints of an axis, X, Y or Z; None as for values."""
         source = self.a2l.characteristics.get(name)
         at = AXES.index(letter)
@@ -52,14 +52,14 @@ class Conversions:
         source = self.a2l.characteristics.get(name)
         return "" if source is None else source.description
 
-    def _quantity(self, source: Characteristic | AxisPts | AxisDescr) -> Quantity | None:
+    def _quantity(self, source: Characteristic | AxisPts | AxisDescr) -> StoredQuantity | None:
         try:
             conversion = conversion_of(self.a2l, source.conversion, source.lower, source.upper)
         except A2lError:
             return None
         unit = (source.phys_unit or conversion.unit).strip()
         quantity = source.input_quantity if isinstance(source, AxisDescr) else ""
-        return Quantity(conversion, unit, "" if quantity == "NO_INPUT_QUANTITY" else quantity)
+        return StoredQuantity(conversion, unit, "" if quantity == "NO_INPUT_QUANTITY" else quantity)
 
 
 def find_conversions(source: CalibrationSource, findings: FileFindings) -> Conversions | None:
@@ -82,13 +82,13 @@ def find_conversions(source: CalibrationSource, findings: FileFindings) -> Conve
         return None
 
 
-def stored(quantity: Quantity, value: float) -> float | None:
+def stored(quantity: StoredQuantity, value: float) -> float | None:
     """Return the number that is stored for a physical value, not rounded; None if there is none."""
     raw = quantity.conversion.raw
     return None if raw is None else _finite(raw, value)
 
 
-def physical(quantity: Quantity, raw: float) -> float | None:
+def physical(quantity: StoredQuantity, raw: float) -> float | None:
     """Return the physical value of a stored number; None if there is none."""
     return _finite(quantity.conversion.physical, raw)
 

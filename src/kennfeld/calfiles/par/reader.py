@@ -14,7 +14,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.content import ItemCollector, describe_fall, drop_trailing_ones, parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
-from kennfeld.calfiles.par.conversions import Conversions, Quantity, find_conversions, physical
+from kennfeld.calfiles.par.conversions import Conversions, StoredQuantity, find_conversions, physical
 from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber, split_labels, version_of
 from kennfeld.formatting import count_labels
 from kennfeld.lazy_dataclass import dataclass
@@ -32,7 +32,7 @@ class Par:
     text: str
     labels: Mapping[str, ParLabel]
     items: Mapping[str, Item]
-    quantities: Mapping[tuple[str, str], Quantity]
+    quantities: Mapping[tuple[str, str], StoredQuantity]
 
 
 def read_par(source: CalibrationSource) -> ReadResult:
@@ -61,7 +61,7 @@ class _ParReader:
     def __init__(self, findings: FileFindings, conversions: Conversions | None) -> None:
         self.findings = findings
         self.conversions = conversions
-        self.quantities: dict[tuple[str, str], Quantity] = {}
+        self.quantities: dict[tuple[str, str], StoredQuantity] = {}
         self.different: list[str] = []  # labels whose values do not fit the A2L file
         self.items = ItemCollector(findings)
         self.labels: dict[str, ParLabel] = {}
@@ -138,7 +138,7 @@ class _ParReader:
         ]
         return parameter(label.name, table, directions, **self._labels(label))
 
-    def _numbers(self, label: ParLabel, numbers: Sequence[ParNumber], quantity: Quantity | None) -> Float | None:
+    def _numbers(self, label: ParLabel, numbers: Sequence[ParNumber], quantity: StoredQuantity | None) -> Float | None:
         """Return physical values; None if they are words."""
         if quantity is not None:
             words = quantity.conversion.words is not None
@@ -175,7 +175,7 @@ class _ParReader:
             self.findings.warning(0, "", f"{message}: {count_labels(list(dict.fromkeys(self.rounded)))}")
 
 
-def _fits(quantity: Quantity, numbers: Sequence[ParNumber]) -> bool:
+def _fits(quantity: StoredQuantity, numbers: Sequence[ParNumber]) -> bool:
     """Check whether the conversion gives the physical values in the file, up to the digits shown."""
     words = quantity.conversion.words
     for number in numbers:

@@ -11,7 +11,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings, WriteResult
-from kennfeld.calfiles.par.conversions import Quantity, physical, stored
+from kennfeld.calfiles.par.conversions import StoredQuantity, physical, stored
 from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber
 from kennfeld.calfiles.par.reader import Par, agree
 from kennfeld.formatting import count_labels
@@ -139,7 +139,7 @@ class _ParUpdate:
                 if old != new:
                     self._change(label, number, new, quantity)
 
-    def _change(self, label: ParLabel, number: ParNumber, value: float, quantity: Quantity | None) -> None:
+    def _change(self, label: ParLabel, number: ParNumber, value: float, quantity: StoredQuantity | None) -> None:
         """Replace one number and its physical value."""
         raw = value if quantity is None else stored(quantity, value)
         if raw is None:
@@ -153,7 +153,7 @@ class _ParUpdate:
         shown = word if quantity is None else _display(physical(quantity, float(word)), number.physical)
         self.changes[number.physical_begin] = len(number.physical), shown
 
-    def _word(self, label: ParLabel, raw: float, value: float, quantity: Quantity | None) -> str:
+    def _word(self, label: ParLabel, raw: float, value: float, quantity: StoredQuantity | None) -> str:
         """Return the text of a stored number; integers are rounded and must fit their type."""
         if not label.is_integer:
             return repr(raw)
