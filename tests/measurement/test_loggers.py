@@ -237,6 +237,17 @@ def test_the_time_is_read_for_selected_channels_too(csv):
     assert read(csv(TORQUE), ["Engine RPM"]).time[1] == 0.5
 
 
+def test_stamps_of_whole_seconds_that_repeat_are_reported(csv):
+    rows = [f"-,11-Nov-2026 10:00:{k // 4:02d},-,{800 + k}" for k in range(40)]
+    with pytest.raises(InputError, match="column Device Time: time does not increase at 30 samples"):
+        read(csv(lines("GPS Time, Device Time, Longitude,Engine RPM(rpm)", rows)))
+
+
+def test_dates_that_repeat_are_no_time(csv):
+    data = read(csv(lines("Datum;n", [f"{1 + k // 4:02d}.02.2020;{k}" for k in range(40)])))
+    assert data.time is None
+
+
 def test_torque_repeats_its_names_after_a_pause(csv):
     head, *rows = TORQUE.splitlines()
     data = read(csv("\n".join([head, *rows[:10], head, *rows[10:]]) + "\n"))
@@ -308,6 +319,25 @@ def test_vcds_groups_have_their_own_time(csv):
     np.testing.assert_allclose(data["RPM"].values[:3], 800 + (start + np.arange(3) * 0.15) / 0.3)
     np.testing.assert_allclose(data["RPM (2)"].values[:3], 810 + (start + np.arange(3) * 0.15 - 0.15) / 0.3)
     assert read(path, ["Load"]).time.tolist() == pytest.approx([0.3 * k for k in range(30)])
+
+
+def test_vcds_channels_with_their_own_times_need_a_raster(csv):
+    path = csv(VCDS_CHANNELS)
+    with pytest.raises(InputError, match=r"different rasters: Engine speed every 0\.5 s from 0\.42 s, Vehicle speed"):
+        read(path)
+    data = read(path, raster=0.5)
+    assert list(data) == ["Engine speed", "Vehicle speed"]
+    np.testing.assert_allclose(data["Engine speed"].values[:2], 900 + (data.time[:2] - 0.42) / 0.5, atol=1e-9)
+
+
+def test_vcds_groups_of_equal_times_are_one_recording(csv):
+    rows = [",".join(["", *(f"{k / 2:.2f},{n + k}" for n in (900, 10)), ""]) for k in range(9)]
+    text = lines(
+        VCDS_CHANNELS.splitlines()[:4], ",TIME,Loc. IDE1,TIME,Loc. IDE2,", ",STAMP,n,STAMP,v,", ",, /min,, km/h,", rows
+    )
+    data = read(csv(text))
+    assert list(data) == ["n", "v"]
+    assert data.time.tolist() == [k / 2 for k in range(9)]
 
 
 def test_vcds_channels_are_named_by_their_text_and_text_values_are_left_out(csv):

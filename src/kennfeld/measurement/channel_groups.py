@@ -143,10 +143,20 @@ def split_timelines(table: Table, selection: Selection) -> list[Table]:
     groups = [columns[k:end] for k, end in pairwise([*clocks, len(columns)]) if end > k + 1]
     if not groups or _count_groups(table.names, {columns[k].name for k in clocks}) < 2:
         return [table]
+    if selection.channels is None:
+        groups = _join_texts(groups)
     asked = [group for group in groups if any(selection.includes(channel.name) for channel in group[1:])]
     parts = [_part(table, group) for group in asked or groups[:1]]
     others = tuple(finding for finding in table.findings if finding.severity != "error")
     return [parts[0], *(replace(part, findings=others) for part in parts[1:])]
+
+
+def _join_texts(groups: list[tuple[Column, ...]]) -> list[tuple[Column, ...]]:
+    """Return the groups with channels of numbers; the first one also gets the texts of the others, to be listed."""
+    numeric = [group for group in groups if not all(column.is_text for column in group[1:])]
+    texts = [column for group in groups if all(c.is_text for c in group[1:]) for column in group[1:]]
+    listed = (replace(column, texts=column.texts[:1]) for column in texts)
+    return [(*numeric[0], *listed), *numeric[1:]] if numeric else groups
 
 
 def _count_groups(names: Sequence[str], clocks: set[str]) -> int:

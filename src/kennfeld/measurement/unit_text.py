@@ -27,6 +27,7 @@ _TIME_NAME = re.compile(r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?st
 _NUMBERED = re.compile(r"(?:time|zeit|timestamps?)[ _.]?\(?[0-9]+(?: ?m?s)?\)?|x_value|t_[0-9]+ ?m?s", re.IGNORECASE)
 # words that name a date or a time of day, whose column may be the time although it is called `Device Time`
 _STAMPED = re.compile(r"\b(?:time|timestamps?|stamp|date|datetime|zeit|uhrzeit|datum|clock)\b", re.IGNORECASE)
+_SAYS_TIME = re.compile(r"\b(?:time|timestamp|zeit|uhrzeit)\b", re.IGNORECASE)
 _BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*", re.DOTALL)
 _PARENTHESES = re.compile(r"(.*\S)\s*\(([^()]*)\)\s*", re.DOTALL)
 
@@ -102,6 +103,15 @@ def states_unit_of_time(name: str, unit: str) -> bool:
     """
     match = _TIME_NAME.fullmatch(name.strip().casefold())
     return plain_unit(unit) not in ("", "-") or bool(match and match[1])
+
+
+def says_time(name: str) -> bool:
+    """Return whether a name has the word for time, as that of a clock.
+
+    >>> says_time("Device Time"), says_time("Datum")
+    (True, False)
+    """
+    return _SAYS_TIME.search(name.replace("_", " ")) is not None
 
 
 def may_be_time(name: str, unit: str) -> bool:

@@ -47,6 +47,7 @@ def find_vcds_header(rows: Sequence[Sequence[str]], decimal: Decimal) -> Header 
     unit_of = [plain_unit(_cell(units, column)) for column in range(width)]
     for column in clocks:
         unit_of[column] = "s"
+    names[: clocks[0]] = [""] * clocks[0]  # the column of markers
     _drop_idle_groups(names, clocks)
     return Header(last, data, tuple(unique_names(names)), tuple(unit_of), staggered=True)
 
