@@ -101,6 +101,21 @@ def test_cubes_and_tables_without_all_axes_are_blocks(par):
     assert cube.values[1, 1, 0] == 5
 
 
+def test_hexadecimal_values_are_numbers(par, tmp_path):
+    values = read(par("CANape PAR V3.1: ~ 0 0 \r\nMask [UINT(16)] 738 ; 0x2E2\r\n"))
+    assert values["Mask"].value == 738
+    write(values.with_parameters(Scalar("Mask", 255.0)), tmp_path / "new.par")
+    assert "Mask [UINT(16)] 255 ; 0xFF\r\n" in (tmp_path / "new.par").read_bytes().decode()
+
+
+@pytest.mark.parametrize("shown", ["1,5", "1.5 bar", "-3 K"])
+def test_a_text_like_a_number_is_no_word(par, shown):
+    path = par(f"CANape PAR V3.1: ~ 0 0 \r\nK [INT(16)] 150 ; {shown}\r\nDrive [INT(16)] 1 ; 2WD\r\n")
+    assert [item.text for item in read(path).texts] == ["2WD"]
+    assert "K" not in read(path)
+    assert "not physical values" in describe(path).findings[0].message
+
+
 def test_integers_without_physical_values_are_reported(par):
     path = par("CANape PAR V3.2: ~ 0 0 \r\nA [UINT(8)] 7 ;\r\nB [INT(16),(1,2)]\r\n: 1 ;\r\n: 2 ;\r\n")
     assert read(path)["B"].values.tolist() == [1, 2]

@@ -30,6 +30,7 @@ _HEADER = re.compile(
     re.DOTALL,
 )
 _NUMBER = re.compile(r"\s*([XYZ]?)\s*:(.*)", re.DOTALL)
+_HEX = re.compile(r"0[xX][0-9a-fA-F]{1,16}")
 _MOST = 10_000_000  # numbers of a label
 _MAX_SKIPPED = 20  # lines that are reported
 AXES = ("X", "Y", "Z")
@@ -72,6 +73,20 @@ class ParLabel:
 def recognises_par(text: str) -> bool:
     """Check whether a text begins as a CANape parameter file."""
     return _SIGNATURE.match(text) is not None
+
+
+def displayed_value(text: str) -> float:
+    """Return the physical value that a text displays, decimal or hexadecimal; NaN for words.
+
+    >>> displayed_value("1.50"), displayed_value("0x1F")
+    (1.5, 31.0)
+    """
+    return float(int(text, 16)) if _HEX.fullmatch(text) else parse_float(text)
+
+
+def is_hexadecimal(text: str) -> bool:
+    """Check whether a text displays a number as hexadecimal."""
+    return _HEX.fullmatch(text) is not None
 
 
 def version_of(text: str) -> str:

@@ -5,6 +5,7 @@ that CANape displays. If both agree, the exact number is read. With the A2L file
 values follow from its conversions, and units and descriptions are known.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
@@ -12,13 +13,24 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import ItemCollector, describe_fall, drop_trailing_ones, parse_float
+from kennfeld.calfiles.content import ItemCollector, describe_fall, drop_trailing_ones
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.par.conversions import Conversions, StoredQuantity, find_conversions, physical
-from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber, split_labels, version_of
+from kennfeld.calfiles.par.lines import (
+    AXES,
+    ParLabel,
+    ParNumber,
+    displayed_value,
+    is_hexadecimal,
+    split_labels,
+    version_of,
+)
 from kennfeld.formatting import count_labels
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Text, parameter
+
+_LIKE_A_NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?(?:\s.*)?")  # 1,5 or 1.5 bar, but not 2WD
+_NO_VALUES = "skipped: the texts behind its numbers are not physical values"
 
 
 @dataclass(frozen=True)
@@ -99,7 +111,10 @@ class _ParReader:
             codes = bytes(int(number.raw) for number in label.values)
             return Text(label.name, codes.partition(b"\0")[0].decode("latin-1"))
         word = label.values[0].physical
-        if label.sizes or not label.is_integer or not word or not isnan(parse_float(word)):
+        if label.sizes or not label.is_integer or not word or not isnan(displayed_value(word)):
+            return None
+        is_known = (label.name, "") in self.quantities
+        if _LIKE_A_NUMBER.fullmatch(word) and not is_known:
             return None
         return Text(label.name, word, kind="enumeration", **self._labels(label))
 
@@ -107,7 +122,7 @@ class _ParReader:
         values = self._numbers(label, label.values, self.quantities.get((label.name, "")))
         labels = self._labels(label)
         if values is None:
-            self.findings.warning(label.line, label.name, "skipped: a block or table of words")
+            self.findings.warning(label.line, label.name, _NO_VALUES)
             return None
         shape = tuple(reversed(label.sizes))
         axes = [label.axes[letter] for letter in AXES[: len(shape)] if letter in label.axes]
@@ -145,7 +160,7 @@ class _ParReader:
             return None if words else np.array([physical(quantity, number.raw) for number in numbers], dtype=np.float64)
         raw = np.array([number.raw for number in numbers], dtype=np.float64)
         texts = [number.physical for number in numbers]
-        displayed = np.array([parse_float(text) for text in texts])
+        displayed = np.array([displayed_value(text) for text in texts])
         if not label.is_integer and np.isnan(displayed).any():
             return raw  # behind the number of a float stands a remark
         if not any(texts):
@@ -179,7 +194,7 @@ def _fits(quantity: StoredQuantity, numbers: Sequence[ParNumber]) -> bool:
     """Check whether the conversion gives the physical values in the file, up to the digits shown."""
     words = quantity.conversion.words
     for number in numbers:
-        value, displayed = physical(quantity, number.raw), parse_float(number.physical)
+        value, displayed = physical(quantity, number.raw), displayed_value(number.physical)
         if words is not None:
             fits = not number.physical or words.text(number.raw) == number.physical
         else:
@@ -191,7 +206,7 @@ def _fits(quantity: StoredQuantity, numbers: Sequence[ParNumber]) -> bool:
 
 def agree(numbers: Sequence[ParNumber]) -> bool:
     """Check whether the physical values are the stored numbers, rounded to the digits shown."""
-    return all(abs(number.raw - parse_float(number.physical)) <= _half_digit(number.physical) for number in numbers)
+    return all(abs(number.raw - displayed_value(number.physical)) <= _half_digit(number.physical) for number in numbers)
 
 
 def _half_digit(text: str) -> float:
@@ -200,6 +215,8 @@ def _half_digit(text: str) -> float:
     >>> _half_digit("1.25"), _half_digit("3e2")
     (0.005, 50.0)
     """
+    if is_hexadecimal(text):
+        return 0.5
     mantissa, _, exponent = text.lower().partition("e")
     power = int(exponent or 0) - len(mantissa.partition(".")[2])
     return 0.5 * 10.0 ** max(min(power, 300), -300)

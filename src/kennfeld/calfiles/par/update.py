@@ -9,10 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings, WriteResult
 from kennfeld.calfiles.par.conversions import StoredQuantity, physical, stored
-from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber
+from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber, displayed_value, is_hexadecimal
 from kennfeld.calfiles.par.reader import Par, agree
 from kennfeld.formatting import count_labels
 from kennfeld.parameter_set import ParameterSet
@@ -148,9 +147,11 @@ class _ParUpdate:
             return
         word = self._word(label, raw, value, quantity)
         self.changes[number.begin] = len(number.word), word
-        if np.isnan(parse_float(number.physical)):
+        if np.isnan(displayed_value(number.physical)):
             return
-        shown = word if quantity is None else _display(physical(quantity, float(word)), number.physical)
+        shown = _display(float(word) if quantity is None else physical(quantity, float(word)), number.physical)
+        if quantity is None and not is_hexadecimal(number.physical):
+            shown = word
         self.changes[number.physical_begin] = len(number.physical), shown
 
     def _word(self, label: ParLabel, raw: float, value: float, quantity: StoredQuantity | None) -> str:
@@ -172,13 +173,17 @@ class _ParUpdate:
 
 def _display(value: float | None, like: str) -> str:
     """Return a physical value with as many decimals as another one."""
-    if value is None or "e" in like.lower():
-        return "" if value is None else repr(value)
+    if value is None:
+        return ""
+    if is_hexadecimal(like) and value >= 0:
+        return f"0x{round(value):X}"
+    if "e" in like.lower():
+        return repr(value)
     return f"{value:.{len(like.partition('.')[2])}f}"
 
 
 def _is_identity(label: ParLabel, numbers: Sequence[ParNumber]) -> bool:
     """Check whether stored and physical values are the same: zeros alone do not tell it of integers."""
-    if not label.is_integer and any(np.isnan(parse_float(number.physical)) for number in numbers):
+    if not label.is_integer and any(np.isnan(displayed_value(number.physical)) for number in numbers):
         return True
     return agree(numbers) and (not label.is_integer or any(number.raw for number in numbers))
