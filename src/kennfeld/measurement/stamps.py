@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import field
 from datetime import date
+from functools import lru_cache
 
 import numpy as np
 
@@ -26,6 +27,7 @@ _DATE = (
     r"|(?P<d4>\d\d?)[- ](?P<month>[^\W\d_]{3,9})\.?[- ](?P<y4>\d{4})"
 )
 _EITHER = re.compile(r"\b\d\d?([-/])\d\d?\1\d{4}")  # a date whose order shows in the data alone
+_ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d):(\d\d(?:[.,]\d{1,9})?)Z?")
 _STAMP = re.compile(
     rf"\s*(?:(?P<date>{_DATE})(?:[T ,]+|$))?"
     r"(?:(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?P<part>[.,:]\d{1,9})?)?(?:\s*(?P<half>[AP])\.?M\.?)?)?"
@@ -141,6 +143,12 @@ def _elapsed(values: Float) -> Float:
 
 def _stamp_seconds(cell: str, month_first: bool) -> tuple[int | None, float] | None:
     """Return the day, if there is one, and the seconds of the day."""
+    plain = _ISO.fullmatch(cell)
+    if plain is not None:  # the usual stamp of large files
+        day, hours, minutes = _ordinal(*plain.group(1, 2, 3)), int(plain[4]), int(plain[5])
+        seconds = float(plain[6].replace(",", "."))
+        is_time = day is not None and hours < 24 and minutes < 60 and seconds < 61.0
+        return (day, 3600.0 * hours + 60.0 * minutes + seconds) if is_time else None
     match = _STAMP.fullmatch(cell)
     if match is None or (match["date"] is None and match["s"] is None):
         return None
@@ -156,6 +164,14 @@ def _stamp_seconds(cell: str, month_first: bool) -> tuple[int | None, float] | N
         return None, seconds
     try:
         return date(*_date_of(match, month_first)).toordinal(), seconds
+    except ValueError:
+        return None
+
+
+@lru_cache(maxsize=64)  # the stamps of a file share few days
+def _ordinal(year: str, month: str, day: str) -> int | None:
+    try:
+        return date(int(year), int(month), int(day)).toordinal()
     except ValueError:
         return None
 
