@@ -93,6 +93,18 @@ def _tunes(seed: int) -> Iterator[Sample]:
     yield Sample("calibration .ini", "mainController.ini", {"mainController.ini": INI.encode("latin-1"), "t.msq": tune})
 
 
+def _loggers(seed: int) -> Iterator[Sample]:
+    """Exports of loggers, and a parameter file of CANape."""
+    from test_loggers import ALL
+    from test_par import text
+
+    for name, content in ALL.items():
+        file = f"log.{'vbo' if name == 'vbo' else 'csv'}"
+        yield Sample(f"logger {name}", file, {file: content.encode("cp1252")})
+    for version in ("3.1", "3.2"):
+        yield Sample("calibration .par", "start.par", {"start.par": text(version).encode("cp1252")})
+
+
 def _recordings(seed: int) -> Iterator[Sample]:
     """Measurement files of every format that a library here writes."""
     writers: dict[str, Callable[[Path, np.random.Generator], None]] = {
@@ -631,6 +643,7 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _calibrations,
     _images,
     _tunes,
+    _loggers,
     _recordings,
     _bus_logs,
     _models,

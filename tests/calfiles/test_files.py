@@ -34,7 +34,7 @@ def test_the_public_names_are_pinned():
         "unwritable",
         "write",
     ]
-    assert set(endings()) >= {".json", ".csv", ".cdfx", ".dcm", ".msq", ".xlsx", ".mat", ".m", ".hex", ".s19"}
+    assert set(endings()) >= {".json", ".csv", ".cdfx", ".dcm", ".msq", ".par", ".xlsx", ".mat", ".m", ".hex", ".s19"}
 
 
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".mat", ".m", ".DCM"])
@@ -123,7 +123,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path, raw, said):
         (
             "a.par",
             b"Kp 1.0\n",
-            "is a parameter file (.par), as written by CANape, which cannot be read. Export it from",
+            "is a parameter file (.par) that does not begin as those of CANape, which cannot be read. Export it from",
         ),
         ("a.PAR", b"<?xml version='1.0'?><a/>", "is a parameter file (.par)"),
         ("a.cdm", b"\0\1", "is an INCA calibration data file (.cdm), which cannot be read. Export it from that tool"),

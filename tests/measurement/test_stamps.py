@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import read
-from kennfeld.measurement.cells import is_stamp, parse_stamps
+from kennfeld.measurement.stamps import is_stamp, parse_stamps
 
 FORMS = ("%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f", "%Y/%m/%d %H:%M:%S.%f")
 

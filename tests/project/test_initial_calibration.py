@@ -51,6 +51,24 @@ def test_the_calibrated_dcm_is_the_start_with_other_numbers(line):
     assert [float(new.split()[1]) for _, new in changed] == pytest.approx([4, 3])
 
 
+PAR = "CANape PAR V3.1: ecu.a2l 1 0 ECU\r\n;owner\r\noffset [FLOAT(32)] 1.5 ; 1.50\r\nfactor [FLOAT(32)] 1 ; 1.00\r\n"
+
+
+def test_a_parameter_file_of_canape_is_the_start_with_other_numbers(line):
+    (line.folder / "start.par").write_bytes(PAR.encode())
+    line.toml = line.toml.replace("start.dcm", "start.par").replace("output = 'dcm'", "output = 'par'")
+    project = line.project
+    write(project.calibrate(), project, line.folder / "results")
+    rows = (line.folder / "results/parameters.par").read_bytes().decode().splitlines()
+    assert rows[:2] == PAR.splitlines()[:2]
+    assert [float(row.split()[2]) for row in rows[2:]] == pytest.approx([4, 3])
+
+
+def test_a_parameter_file_of_canape_needs_one_to_write_over(line):
+    line.toml = line.toml.replace("output = 'dcm'", "output = 'par'")
+    assert any("par requires a parameter file of CANape" in str(finding) for finding in line.project.check())
+
+
 def test_the_variant_that_is_asked_for_is_fitted_and_written(line):
     line.toml += "variant = 'Engine=2'\n"
     assert line.project.problem().parameters["factor"].value == 2

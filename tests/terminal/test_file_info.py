@@ -141,7 +141,7 @@ def engine(inputs=("throttle", "load", "b", "c", "d"), name="else"):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("a.par", "Kp 1.0\n", "is a parameter file (.par), as written by CANape"),
+        ("a.par", "Kp 1.0\n", "is a parameter file (.par) that does not begin as those of CANape"),
         ("a.a2l", '/begin MEASUREMENT n "" UWORD CM 0 0 0 8000\n/end MEASUREMENT\n', "is a fragment of an A2L file"),
     ],
 )
@@ -276,6 +276,11 @@ def test_a_calibration_of_any_format_is_told_from_a_measurement(tmp_path, ending
 def test_a_tune_is_a_calibration(written):
     tune = '<?xml version="1.0"?>\n<msq><versionInfo signature="x"/><page><constant name="K">1</constant></page></msq>'
     assert describe_file(written("t.msq", tune)).summary == "t.msq: calibration (MSQ tune of x), 1 parameters, 1 values"
+
+
+def test_a_parameter_file_of_canape_is_a_calibration(written):
+    summary = describe_file(written("t.par", "CANape PAR V3.1: ~ 0 0 \nK [FLOAT(32)] 1 ; 1\n")).summary
+    assert summary == "t.par: calibration (CANape PAR 3.1), 1 parameters, 1 values"
 
 
 def test_a_workbook_of_measured_data_stays_a_measurement(tmp_path):

@@ -40,6 +40,7 @@ _FORMATS = (
         ("flash.recognition", "flash.description", "flash.description"),
     ),
     Format("MSQ (TunerStudio)", (".msq",), "msq", ("msq.reader", "msq.reader", "msq.update")),
+    Format("PAR (CANape)", (".par",), "par", ("par.lines", "par.reader", "par.update")),
     Format("ESDL (ASCET)", (".esdl",), "esdl", ("esdl.reader", "esdl.reader", "esdl.update")),
     BinaryFormat("AXL and AMD (ASCET 6)", (".axl", ".amd"), "amd", ("amd.reader", "amd.reader", "amd.update")),
     BinaryFormat("Excel", (".xlsx",), "excel", ("excel.layout", "excel.reader", "excel.writer"), _RICH),
@@ -131,9 +132,9 @@ def write(
 ) -> tuple[Finding, ...]:
     """Write a calibration file in the format of its ending (.dcm, .cdfx, .json, .xlsx, .csv for INCA's CVX, ...).
 
-    The file is written completely or not at all. A set that was read from a DCM, ESDL or ASCET 6 file or a tune and is
-    written in the same format keeps the rest of that file. An image is a copy of the one that the set was read from,
-    with values rounded to what the control unit can store.
+    The file is written completely or not at all. A set that was read from a DCM, PAR, ESDL or ASCET 6 file or a
+    tune and is written in the same format keeps the rest of that file. An image is a copy of the one that the set was
+    read from, with values rounded to what the control unit can store.
 
     Args:
         parameters: The set.

@@ -17,7 +17,7 @@ _MARKS = (
 _EXPORT_REMEDY = "Export it from that tool as DCM (.dcm) or CDFX (.cdfx)."
 _IMAGE_REMEDY = "Convert it to Intel HEX (.hex) or S-records (.s19), and pass the A2L file that describes it."
 _ENDINGS = {
-    ".par": ("a parameter file (.par), as written by CANape, which cannot be read", _EXPORT_REMEDY),
+    ".par": ("a parameter file (.par) that does not begin as those of CANape, which cannot be read", _EXPORT_REMEDY),
     ".cdm": ("an INCA calibration data file (.cdm), which cannot be read", _EXPORT_REMEDY),
     ".lab": ("a list of labels (.lab), which contains no values", "Pass the calibration file with their values."),
     ".bin": ("a raw memory dump (.bin), which contains no addresses", _IMAGE_REMEDY),

@@ -1,4 +1,4 @@
-"""Parsing of single table cells: numbers, gaps, dates and times of day, text."""
+"""Parsing of single table cells: numbers, gaps, dates of spreadsheets, text."""
 
 import re
 from collections.abc import Sequence
@@ -21,13 +21,6 @@ _NUMBER: dict[str, re.Pattern[str]] = {
     ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|[0-9]{1,3}(?:\.[0-9]{3})+,[0-9]+|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
 }
 _EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
-
-_DAY = 86_400.0
-_STAMP = re.compile(
-    r"\s*(?:(?P<date>(?P<y>\d{4})[-/](?P<m>\d\d?)[-/](?P<d>\d\d?)"
-    r"|(?P<d2>\d\d?)\.(?P<m2>\d\d?)\.(?P<y2>\d{4}))(?:[T ,]+|$))?"
-    r"(?:(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?P<part>[.,:]\d{1,9})?)?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*"
-)
 
 
 def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
@@ -117,62 +110,3 @@ def quote_cell(cell: object, limit: int = 40) -> str:
     """
     text = str(cell).strip()
     return repr(text if len(text) <= limit else text[: limit - 3] + "...")
-
-
-def is_stamp(cell: object) -> bool:
-    """Return whether a cell is a date, or a time of day with seconds, or both.
-
-    >>> is_stamp("12:00:00,5"), is_stamp("2024-02-01T12:00:00Z"), is_stamp("01.02.2024"), is_stamp("12:00")
-    (True, True, True, False)
-    """
-    return isinstance(cell, str) and _stamp_seconds(cell) is not None
-
-
-def parse_stamps(cells: Sequence[object], origin: int | None = None) -> tuple[Float, int | None] | None:
-    """Return seconds since the day `origin` (default: that of the first date) and that day; None for other text.
-
-    An empty cell is NaN. Times without a date count from midnight, and on over the next one.
-
-    >>> parse_stamps(["01.02.2024 12:00:00", "02.02.2024 00:00:00,5"])
-    (array([43200. , 86400.5]), 738917)
-    """
-    values = np.full(len(cells), np.nan)
-    for k, cell in enumerate(cells):
-        if not isinstance(cell, str):
-            return None
-        if not cell.strip():
-            continue
-        seconds = _stamp_seconds(cell)
-        if seconds is None:
-            return None
-        day, within = seconds
-        if day is not None:
-            origin = day if origin is None else origin
-            within += (day - origin) * _DAY
-        values[k] = within
-    return values, origin
-
-
-def _stamp_seconds(cell: str) -> tuple[int | None, float] | None:
-    """Return the day, if there is one, and the seconds of the day."""
-    match = _STAMP.fullmatch(cell)
-    if match is None or (match["date"] is None and match["s"] is None):
-        return None
-    hours, minutes, whole = (int(match[part] or 0) for part in ("h", "min", "s"))
-    if (hours > 23 and match["date"]) or minutes > 59 or whole > 60:
-        return None
-    seconds = 3600.0 * hours + 60.0 * minutes + float(f"{whole}.{(match['part'] or '.0')[1:]}") - _offset(match["zone"])
-    if match["date"] is None:
-        return None, seconds
-    year, month, day = (int(match[part] or match[f"{part}2"]) for part in ("y", "m", "d"))
-    try:
-        return date(year, month, day).toordinal(), seconds
-    except ValueError:
-        return None
-
-
-def _offset(zone: str | None) -> float:
-    if not zone or zone == "Z":
-        return 0.0
-    sign = -1.0 if zone[0] == "-" else 1.0
-    return sign * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:]))

@@ -21,6 +21,8 @@ from kennfeld.measurement.table_conversion import assemble, check_columns, reado
 from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, merge_instants, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
+_SHIFT = 1e-3  # of a recording, by which equal times may drift apart by rounding
+
 
 @dataclass(frozen=True, eq=False)
 class _ChannelGroup:
@@ -135,16 +137,26 @@ def split_timelines(table: Table, selection: Selection) -> list[Table]:
     clocks = [k for k, column in enumerate(columns) if _may_be_clock(column, selection)]
     if len(clocks) < 2 or clocks[0] != 0:
         return [table]
-    if not _differ([columns[k] for k in clocks]):
-        copies = {k for k in clocks[1:] if columns[k].name == columns[0].name}
+    if not _differ([columns[k] for k in clocks], 0.0 if table.staggered else _SHIFT):
+        copies = {k for k in clocks[1:] if table.staggered or columns[k].name == columns[0].name}
         return [replace(table, columns=tuple(c for k, c in enumerate(columns) if k not in copies))]
     groups = [columns[k:end] for k, end in pairwise([*clocks, len(columns)]) if end > k + 1]
     if not groups or _count_groups(table.names, {columns[k].name for k in clocks}) < 2:
         return [table]
+    if selection.channels is None:
+        groups = _join_texts(groups)
     asked = [group for group in groups if any(selection.includes(channel.name) for channel in group[1:])]
     parts = [_part(table, group) for group in asked or groups[:1]]
     others = tuple(finding for finding in table.findings if finding.severity != "error")
     return [parts[0], *(replace(part, findings=others) for part in parts[1:])]
+
+
+def _join_texts(groups: list[tuple[Column, ...]]) -> list[tuple[Column, ...]]:
+    """Return the groups with channels of numbers; the first one also gets the texts of the others, to be listed."""
+    numeric = [group for group in groups if not all(column.is_text for column in group[1:])]
+    texts = [column for group in groups if all(c.is_text for c in group[1:]) for column in group[1:]]
+    listed = (replace(column, texts=column.texts[:1]) for column in texts)
+    return [(*numeric[0], *listed), *numeric[1:]] if numeric else groups
 
 
 def _count_groups(names: Sequence[str], clocks: set[str]) -> int:
@@ -156,18 +168,20 @@ def _may_be_clock(column: Column, selection: Selection) -> bool:
     if not is_clock(column.name, column.unit) or column.text_count or column.name in (selection.channels or ()):
         return False
     known = column.values[~np.isnan(column.values)]
-    return known.size > 0 and bool(np.all(known[1:] >= known[:-1]))
+    still = known.size > 2 and known[0] == known[-1]  # a quantity in s or min that does not change
+    return known.size > 0 and not still and bool(np.all(known[1:] >= known[:-1]))
 
 
-def _differ(clocks: Sequence[Column]) -> bool:
-    """Return whether the time columns differ by more than a constant shift."""
+def _differ(clocks: Sequence[Column], shift: float) -> bool:
+    """Return whether the time columns differ by more than a constant shift; with `shift` 0, whether they differ."""
     first = time_in_seconds(clocks[0])
     known = ~np.isnan(first)
-    tolerance = max(SAME_INSTANT, 1e-3 * np.ptp(first[known]))
+    tolerance = max(SAME_INSTANT, shift * np.ptp(first[known]))
     others = [time_in_seconds(clock) for clock in clocks[1:]]
-    return any(
-        not np.array_equal(known, ~np.isnan(other)) or np.ptp((other - first)[known]) > tolerance for other in others
-    )
+    if any(not np.array_equal(known, ~np.isnan(other)) for other in others):
+        return True
+    deviations = [(other - first)[known] for other in others]
+    return any((np.ptp(d) if shift else np.abs(d).max(initial=0.0)) > tolerance for d in deviations)
 
 
 def _part(table: Table, columns: Sequence[Column]) -> Table:

@@ -10,8 +10,9 @@ from kennfeld.errors import InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.header import Header, find_header
-from kennfeld.measurement.table import is_mark
+from kennfeld.measurement.table import MAX_MARKS, is_mark
 from kennfeld.measurement.unit_text import looks_like_unit
+from kennfeld.measurement.vcds_header import find_vcds_header
 
 ALONE = "\x1f"  # stands for: one column, no separator
 _SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
@@ -28,12 +29,15 @@ class Dialect:
     decimal: Decimal
     decimal_seen: bool  # whether the first lines contain a number with that mark
     header: Header
+    beacons: str = ""  # times at which the car passed a beacon, as AiM and MoTeC list them above the table
     repeated: frozenset[str] = frozenset()  # lines that are never rows: repeated names and units
 
     @property
     def details(self) -> tuple[tuple[str, str], ...]:
         """Details for `kennfeld info`."""
+        beacons = (("beacon markers", self.beacons),) if self.beacons else ()
         return (
+            *beacons,
             ("encoding", self.encoding),
             ("separator", _NAMES[self.separator]),
             ("decimal mark", {".": "point", ",": "comma"}[self.decimal]),
@@ -107,20 +111,32 @@ def _rate(
 
     Numbers count for it, text among numbers and rows of another length against it.
     """
-    header = find_header(rows, decimal) or _commented_header(rows, separator, decimal, lines)
+    header = (
+        find_vcds_header(rows, decimal)
+        or find_header(rows, decimal)
+        or _commented_header(rows, separator, decimal, lines)
+    )
     if header is None:
         return None
     above = rows[: header.data]  # which a log that was restarted repeats
     data = [row for row in rows[header.data :] if any(cell.strip() for cell in row) and row not in above]
     numbers = [[None if not cell.strip() else parse_number(cell, decimal) for cell in row] for row in data]
-    numeric = {i for values in numbers for i, value in enumerate(values) if value is not None}
+    numeric = {i for values in numbers for i, value in enumerate(values) if value is not None and value == value}
     score, seen = 0, False
     for row, values in zip(data, numbers, strict=True):
         odd = len(row) < header.width or any(cell.strip() for cell in row[len(header.names) :])
         texts = sum(value is None and i in numeric and bool(row[i].strip()) for i, value in enumerate(values))
         score += len(values) - values.count(None) - 2 * texts - 3 * odd
         seen = seen or any(value is not None and decimal in cell for cell, value in zip(row, values, strict=True))
-    return (score, -header.row), Dialect(encoding, separator, decimal, seen, header)
+    repeated = frozenset(lines[header.row : header.row + 1]) - {""}
+    return (score, -header.row), Dialect(encoding, separator, decimal, seen, header, _beacons(above), repeated)
+
+
+def _beacons(above: Sequence[Sequence[str]]) -> str:
+    """Return the times of the beacons that a row above the table lists."""
+    row = next((row for row in above if row and row[0].strip().casefold() == "beacon markers"), [])
+    times = " ".join(row[1:]).split()
+    return f"{', '.join(times[:MAX_MARKS])}{', ...' if len(times) > MAX_MARKS else ''} s" if times else ""
 
 
 def _commented_header(rows: list[list[str]], separator: str, decimal: Decimal, lines: Sequence[str]) -> Header | None:

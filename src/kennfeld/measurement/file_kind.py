@@ -38,6 +38,8 @@ class FileKind(Enum):
     BLF = "Vector BLF"
     TRC = "PEAK TRC"
     CANDUMP = "candump"
+    VBO = "VBOX"
+    HALTECH = "Haltech"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5"
     MODEL = "Simulink model"
@@ -86,6 +88,7 @@ _WORDS = (
     (b"konservierung_format", FileKind.DCM),
     (b"hp tuners csv log file", FileKind.HPTUNERS),
     (b"labview measurement", FileKind.LVM),
+    (b"%datalog%", FileKind.HALTECH),
     (b"{", FileKind.JSON),
 )
 _WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
@@ -248,7 +251,11 @@ def _kind_by_start(start: bytes) -> FileKind:
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
         return FileKind.DCM
     log = next((kind for pattern, kind in _BUS_LOGS if pattern.search(start.removeprefix(b"\xef\xbb\xbf"))), None)
-    return log or (FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV)
+    if log is not None:
+        return log
+    if _is_vbo(words):
+        return FileKind.VBO
+    return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
 
 
 def _is_matlab_4(start: bytes) -> bool:
@@ -267,6 +274,12 @@ def _is_tunerstudio_log(words: bytes) -> bool:
     lines = words.splitlines()
     quoted = next((i for i, line in enumerate(lines) if not line.startswith(b'"') or b"\t" in line), 0)
     return 0 < quoted < len(lines) and lines[quoted].replace(b'"', b"").startswith(b"time\t")
+
+
+def _is_vbo(words: bytes) -> bool:
+    """Return whether a text has the sections of Racelogic's loggers."""
+    header, columns, rows = (section in words for section in (b"[header]", b"[column names]", b"[data]"))
+    return (words.startswith(b"file created on") and (header or columns)) or (columns and (header or rows))
 
 
 def _kind_of_zip(file: Path) -> FileKind:

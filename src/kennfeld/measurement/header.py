@@ -13,6 +13,7 @@ Row = Sequence[object]
 _LABELS = ("unit", "units", "einheit", "einheiten")  # before the units of a row
 _MAX_HEADER_ROWS = 5  # above the numbers
 _MIN_TABLE_ROWS = 3  # of numbers; fewer may be settings above the table
+_MIN_NUMBERED = 3  # columns of a row of column numbers
 _MAX_BLOCK_ROWS = 10  # of numbers in a block above the table
 
 
@@ -24,6 +25,7 @@ class Header:
     data: int
     names: tuple[str, ...]  # empty if a column has none
     units: tuple[str, ...]
+    staggered: bool = False  # groups of channels are sampled one after the other, each with its own time
 
     @property
     def width(self) -> int:
@@ -56,6 +58,8 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         if below is None:
             continue
         unit_row, data = below
+        if unit_row is not None and at > 0 and _has_time(rows[row][:1]):
+            data = _skip_column_numbers(filled, rows, shapes, data)
         run = list(takewhile(lambda row: shapes[row].numbers, (row for row in filled if row >= data)))
         header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data)
         complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
@@ -69,6 +73,22 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         elif len(run) > len(first[1]) and _tells_more(header, first[0], rows, shapes):
             return header
     return first[0] if first else None
+
+
+def _skip_column_numbers(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape], data: int) -> int:
+    """Return the first row of data below a row of channel numbers.
+
+    Loggers write such a row below the units, in files that begin with facts about the session: 1 to n above a blank
+    row, or whole numbers without one for the time.
+    """
+    following = next((row for row in filled if row > data and shapes[row].numbers), data)
+    cells = ["" if _is_blank(cell) else str(cell).strip() for cell in rows[data]]
+    counted = [str(k + 1) for k in range(len(cells))]
+    if len(cells) >= _MIN_NUMBERED and cells == counted:
+        return following if following > data + 1 else data
+    numbers = [cell for cell in cells if cell]
+    is_untimed = not cells[0] and bool(rows[following]) and not _is_blank(rows[following][0])
+    return following if is_untimed and len(numbers) > 1 and all(map(str.isdecimal, numbers)) else data
 
 
 def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:

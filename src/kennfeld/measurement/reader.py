@@ -37,6 +37,8 @@ _READERS = {
     FileKind.MSL: "text",
     FileKind.HPTUNERS: "hptuners",
     FileKind.LVM: "lvm",
+    FileKind.VBO: "vbo",
+    FileKind.HALTECH: "haltech",
     FileKind.ASC: "can_logs",
     FileKind.BLF: "can_logs",
     FileKind.TRC: "can_logs",
@@ -44,7 +46,10 @@ _READERS = {
 }
 _BUS_LOGS = {FileKind.ASC, FileKind.BLF, FileKind.TRC, FileKind.CANDUMP}
 # kinds whose readers unpack gzip
-_TEXT = {FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM, FileKind.ASC, FileKind.TRC, FileKind.CANDUMP}
+_TEXT = {
+    FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM, FileKind.VBO, FileKind.HALTECH,
+    FileKind.ASC, FileKind.TRC, FileKind.CANDUMP,
+}  # fmt: skip
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {

@@ -16,8 +16,9 @@ from kennfeld.dataset import replace_infinite
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.cells import Decimal, is_dated, is_stamp, parse_numbers, parse_stamps, quote_cell
+from kennfeld.measurement.cells import Decimal, is_dated, parse_numbers, quote_cell
 from kennfeld.measurement.header import Header
+from kennfeld.measurement.stamps import StampCollector, is_stamp
 from kennfeld.measurement.unit_text import may_be_time
 
 BLOCK = 4096  # rows that text is parsed by at a time
@@ -83,6 +84,7 @@ class Column:
     dated: bool = False
     held: bool = False  # a value is valid until the next sample, so that nothing is interpolated
     description: str = ""
+    doubt: str = ""  # what its text leaves open, such as the order of day and month
 
     @classmethod
     def without_numbers(cls, name: str, samples: int, content: str) -> "Column":
@@ -114,6 +116,7 @@ class Table:
     findings: tuple[Finding, ...] = ()
     details: tuple[tuple[str, str], ...] = ()
     clock_index: int | None = None  # of the time column if the format itself defines it
+    staggered: bool = False  # times of groups that differ by a constant are different times
     restarts: bool = False  # time that falls begins a new piece, as in a log that continues after a restart
 
     @property
@@ -152,7 +155,8 @@ class ColumnBuilder:
         self._text_count = 0
         self._samples = 0
         self._dated = False
-        self._origin: int | None = None  # the day that stamps in text count from
+        self._stamps: StampCollector | None = None  # dates and times as text
+        self._has_numbers = False
 
     @classmethod
     def of(cls, header: Header, index: int) -> "ColumnBuilder":
@@ -162,10 +166,10 @@ class ColumnBuilder:
     def add(self, cells: Sequence[object], decimal: Decimal = ".") -> None:
         """Take the next cells."""
         values, texts = parse_numbers(cells, decimal)
-        if texts and (self._dated or not self._blocks) and is_stamp(cells[texts[0]]):
-            parsed = parse_stamps(cells, self._origin)
-            if parsed is not None:
-                (values, self._origin), texts, self._dated = parsed, [], True
+        if self._stamps is not None or (texts and not self._has_numbers and is_stamp(cells[texts[0]])):
+            texts = self._add_stamps(cells, values, texts)
+        elif not self._has_numbers:
+            self._has_numbers = bool(texts) or not bool(np.isnan(values).all())
         self._blocks.append(values)
         self._texts += [(self._samples + i, cells[i]) for i in texts[: _MAX_QUOTED - len(self._texts)]]
         self._text_count += len(texts)
@@ -174,14 +178,29 @@ class ColumnBuilder:
         is_text_file = bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
         self._dated = self._dated or (not is_text_file and any(map(is_dated, cells)))
 
+    def _add_stamps(self, cells: Sequence[object], values: Float, texts: list[int]) -> list[int]:
+        """Take a block of a column of stamps; return the positions of other text."""
+        stamps = self._stamps or StampCollector()
+        if self._stamps is None:
+            for block in self._blocks:  # all of them gaps
+                stamps.extend(block)
+        if texts and stamps.add(cells):
+            self._stamps, self._dated = stamps, True
+            return []
+        stamps.extend(values)
+        self._has_numbers = True  # or text: later stamps do not make it a column of stamps
+        return texts
+
     def build(self) -> Column:
         """Return the column of all cells taken."""
-        values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
-        if self._dated and self._origin is None:  # times of day that continue across midnight
-            days = np.cumsum(np.diff(values, prepend=values[:1]) < -43_200.0)
-            values = values + 86_400.0 * days
+        doubt = ""
+        if self._dated and self._stamps is not None:
+            values, doubt = self._stamps.build(), self._stamps.doubt
+        else:
+            values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
         values.setflags(write=False)
-        return Column(self.name, self.unit, self.place, values, tuple(self._texts), self._text_count, self._dated)
+        texts = tuple(self._texts)
+        return Column(self.name, self.unit, self.place, values, texts, self._text_count, self._dated, doubt=doubt)
 
 
 def text_findings(table: Table, columns: Iterable[Column]) -> list[Finding]:

@@ -11,7 +11,7 @@ After a restart of the ECU time may start again, and the lines of names and unit
 import codecs
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
 from itertools import islice
 
@@ -20,12 +20,14 @@ import numpy as np
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
+from kennfeld.measurement.clock_numbers import decode_clock
 from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split_line
 from kennfeld.measurement.encoding import GUESSED_ENCODINGS, detect_encoding
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile
 from kennfeld.measurement.table import (
     BLOCK,
     MAX_MARKS,
+    Column,
     ColumnBuilder,
     Selection,
     Table,
@@ -59,6 +61,9 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
         table = _read_msl(source, dialect, selection)
     else:
         table = _read_bulk(source, dialect, selection) or read_exactly(source, dialect, selection)
+    decoded = tuple(map(decode_clock, table.columns))
+    table = replace(table, columns=decoded, findings=(*table.findings, *_clock_findings(table, decoded)))
+    table = replace(table, staggered=dialect.header.staggered)
     ambiguities = (*_encoding_remark(table, dialect), *_thousands_warnings(source, dialect, table))
     return [replace(table, findings=(*table.findings, *ambiguities))]
 
@@ -154,7 +159,7 @@ def _read_rows(source: MeasurementFile, dialect: Dialect, selection: Selection) 
     for line, cells in _split_rows(source, dialect, rows):
         rows.add(line, cells)
     table = rows.table(source.location)
-    table = replace(table, names=header.names, findings=tuple(_odd_rows(source.name, rows)), details=dialect.details)
+    table = replace(table, names=header.names, findings=tuple(row_findings(source.name, rows)), details=dialect.details)
     return replace(table, details=(*dialect.details, *_marks(table, rows)))
 
 
@@ -225,7 +230,8 @@ def _split_rows(source: MeasurementFile, dialect: Dialect, rows: RowCollector) -
         yield first, split_line(begun, separator)
 
 
-def _odd_rows(file: str, rows: RowCollector) -> list[Finding]:
+def row_findings(file: str, rows: RowCollector) -> list[Finding]:
+    """Report the rows with too many or too few cells."""
     last = rows.lines[-1] if rows.lines else 0
 
     def report(row: tuple[int, int]) -> Finding:
@@ -249,6 +255,18 @@ def _marks(table: Table, rows: RowCollector) -> tuple[tuple[str, str], ...]:
     following = np.minimum(np.searchsorted(table.rows, [line for line, _ in rows.marks]), time.size - 1)
     marks = [(float(time[k]), text) for k, (_, text) in zip(following, rows.marks, strict=True)]
     return describe_marks(marks, rows.mark_count)
+
+
+def _clock_findings(table: Table, decoded: Sequence[Column]) -> Iterator[Finding]:
+    """Report what the time stamps leave open, and numbers that were read as clock times."""
+    for before, column in zip(table.columns, decoded, strict=True):
+        location = table.location.within(f"column {column.place}")
+        if column.doubt:
+            remedy = "Export the file with ISO dates, 2026-12-31, if that is wrong."
+            yield Finding(location, column.doubt, remedy, severity="warning")
+        if before is not column:
+            message = "the numbers are clock times, HHMMSS, and were read as such"
+            yield Finding(location, message, "Rename the column if it is not a time.", severity="remark")
 
 
 def _encoding_remark(table: Table, dialect: Dialect) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from kennfeld.dataset import Clock
 from kennfeld.errors import Finding, Location, Severity
 from kennfeld.formatting import count_noun
 from kennfeld.measurement.table import Column, Table, limit_findings
-from kennfeld.measurement.unit_text import in_seconds, plain_unit, states_unit_of_time, time_unit
+from kennfeld.measurement.unit_text import in_seconds, plain_unit, says_time, states_unit_of_time, time_unit
 
 LONG_STEP = 5.0  # s; recordings of a function in time have shorter steps, and milliseconds have longer ones
 SAME_INSTANT = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
@@ -41,8 +41,10 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
         clock = column.dated or (in_seconds(column.unit) is not None and column.name not in asked)
         if column.name == first and clock and _is_usable(column) and _rises(column.values):
             return column
-    dates = (column for column in table.columns if column.dated and column.name not in asked)
-    return next((column for column in dates if _is_usable(column) and _rises(column.values)), None)
+    dates = [c for c in table.columns if c.dated and c.name not in asked and _is_usable(c)]
+    # stamps of whole seconds repeat, so they are the time only if no column has finer ones
+    rising = next((c for c in dates if _rises(c.values)), None)
+    return rising or next((c for c in dates if _does_not_fall(c)), None)
 
 
 def _is_usable(column: Column) -> bool:
@@ -53,6 +55,13 @@ def _is_usable(column: Column) -> bool:
 
 def _rises(values: Float) -> bool:
     return bool(np.all(values[1:] > values[:-1]))
+
+
+def _does_not_fall(column: Column) -> bool:
+    """Return whether stamps that repeat are a time: most of them differ, or the name says so. Others are dates."""
+    steps = np.diff(column.values)
+    mostly = 2 * int(np.count_nonzero(steps)) >= steps.size
+    return bool(np.all(steps >= 0)) and (mostly or says_time(column.name))
 
 
 def time_in_seconds(column: Column) -> Float:

@@ -7,10 +7,11 @@ s sec secs second seconds sek ms msec us µs μs usec ns min h hr d day
 rpm min-1 u upm s-1 hz khz mhz rad deg ° °ca °kw °crk degca deg_ca degcrk degkw cad
 nm n kn w kw mw hp ps j kj mj kwh v mv kv a ma ohm ω kω
 pa hpa kpa mpa bar mbar psi mmhg k °c degc deg_c c °f degf f celsius kelvin
-kg g mg t l ml m3 m³ mm3 mm³ cm3 cm³ cc stk str hub stroke cyc cycle cyl rev inj
-m mm cm km µm um kmh mph s2 s² mi
+kg g mg t l ml gal m3 m³ mm3 mm³ cm3 cm³ cc stk str hub stroke cyc cycle cyl rev inj
+m mm cm km µm um kmh mph kph kt knots s2 s² mi mile miles mpg
+meter meters metre metres degree degrees
 % pct percent ppm ppm_v vol% vol-% vol mol% fsn db dba phi lambda λ afr
-- -- 1 none bool boolean bit bits count counts enum flag adc raw #
+:1 - -- 1 none bool boolean bit bits count counts enum flag adc raw #
 """
 _UNITS = frozenset(_WORDS.split())
 _SECONDS = {
@@ -24,6 +25,9 @@ _SECONDS = {
 _TIME = {word: scale for scale, words in _SECONDS.items() for word in words.split()}
 _TIME_NAME = re.compile(r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?stamps?|zeit|t)(?:[ _]([a-zµμ]+))?")
 _NUMBERED = re.compile(r"(?:time|zeit|timestamps?)[ _.]?\(?[0-9]+(?: ?m?s)?\)?|x_value|t_[0-9]+ ?m?s", re.IGNORECASE)
+# words that name a date or a time of day, whose column may be the time although it is called `Device Time`
+_STAMPED = re.compile(r"\b(?:time|timestamps?|stamp|date|datetime|zeit|uhrzeit|datum|clock)\b", re.IGNORECASE)
+_SAYS_TIME = re.compile(r"\b(?:time|timestamp|zeit|uhrzeit)\b", re.IGNORECASE)
 _BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*", re.DOTALL)
 _PARENTHESES = re.compile(r"(.*\S)\s*\(([^()]*)\)\s*", re.DOTALL)
 
@@ -101,8 +105,19 @@ def states_unit_of_time(name: str, unit: str) -> bool:
     return plain_unit(unit) not in ("", "-") or bool(match and match[1])
 
 
+def says_time(name: str) -> bool:
+    """Return whether a name has the word for time, as that of a clock.
+
+    >>> says_time("Device Time"), says_time("Datum")
+    (True, False)
+    """
+    return _SAYS_TIME.search(name.replace("_", " ")) is not None
+
+
 def may_be_time(name: str, unit: str) -> bool:
     """Return whether a column may be the time of the samples."""
+    if _STAMPED.search(name.replace("_", " ")):
+        return True
     return time_unit(name, unit) is not None or is_clock(name, unit) or in_seconds(unit) is not None
 
 

@@ -58,7 +58,7 @@ MAX_NAMES = 5  # of parameters in a warning
 MAX_MISSING = 0.1  # share of samples without a value
 MAX_OUTSIDE = 0.05  # share of samples outside an axis
 _WORD = re.compile(r"[^\W\d][\w.]*\Z")  # a name that is valid in every format
-_OF_SETS = (*IMAGE_ENDINGS, ".msq", ".esdl", ".axl", ".amd")  # formats that update an existing file
+_OF_SETS = (*IMAGE_ENDINGS, ".msq", ".par", ".esdl", ".axl", ".amd")  # formats that update an existing file
 AXIS_TOLERANCE = 1e-9  # of the width of an axis, for rounding in unit conversions
 
 _Warning = tuple[Location, str, str]
@@ -401,10 +401,13 @@ def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
 
 
 def _unread_class(file: ProjectFile) -> Iterator[_Warning]:
-    """Yield the output as a file of ASCET if none was read that the values can be written into."""
+    """Yield the output as a file of ASCET or CANape if none was read that the values can be written into."""
     read = (file.model.file, *file.calibration.files)
     if ".esdl" in file.calibration.output and not any(name.lower().endswith(".esdl") for name in read):
         message = "esdl requires one ESDL class as the function or among the initial files"
+        yield file.location("calibration", "output"), message, "Write another format."
+    if ".par" in file.calibration.output and not any(name.lower().endswith(".par") for name in read[1:]):
+        message = "par requires a parameter file of CANape among the initial files"
         yield file.location("calibration", "output"), message, "Write another format."
     for ending in (".axl", ".amd"):
         if ending in file.calibration.output and not any(name.lower().endswith(ending) for name in read):

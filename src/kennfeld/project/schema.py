@@ -157,10 +157,10 @@ class CalibrationEntry:
     )
     output: tuple[str, ...] = key(
         'formats to write: `"dcm"`, `"csv"` (INCA\'s CVX), `"cdfx"`, `"xlsx"`, `"m"` and `"mat"` (MATLAB), `"json"`, '
-        '`"msq"` if `initial` is a tune, `"esdl"` or `"axl"` if the function is such a file, or `"hex"` and `"s19"` if '
-        "`initial` has such an image: a copy of it with the fitted values. `parameters.json` is always written. A "
-        "parameter whose name a format cannot represent, such as a block path with spaces in DCM, is omitted from that "
-        "file, and `kennfeld check` reports it beforehand",
+        '`"msq"` if `initial` is a tune, `"par"` if it is a parameter file of CANape, `"esdl"` or `"axl"` if the '
+        'function is such a file, or `"hex"` and `"s19"` if `initial` has such an image: a copy of it with the fitted '
+        "values. `parameters.json` is always written. A parameter whose name a format cannot represent, such as a "
+        "block path with spaces in DCM, is omitted from that file, and `kennfeld check` reports it beforehand",
         (),
         form=OutputForm(),
     )

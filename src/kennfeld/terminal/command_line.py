@@ -38,7 +38,11 @@ def _be_quiet(context: click.Context, parameter: click.Parameter, value: bool) -
 
 project_file = argument("path", "PROJECT", "The project file, kennfeld.toml.")
 description_file = option(
-    "--a2l", "A2L file that describes an image (.hex, .s19).", "FILE", "the A2L file of the same name", type=PATH
+    "--a2l",
+    "A2L file that describes an image (.hex, .s19) or a .par.",
+    "FILE",
+    "the A2L file of the same name",
+    type=PATH,
 )
 as_json = option("--json as_json", "Print JSON.")
 force = option("--force", "Replace existing files.")

@@ -74,8 +74,8 @@ def convert(
     """Convert a calibration file, a Simulink model or an ASCET class.
 
     Calibration files are .dcm, .csv (INCA CVX), .cdfx, .json, .xlsx (one sheet per table), .m and .mat (MATLAB), and
-    .msq, .esdl, .axl and .amd (only over the file they were read from). A model (.slx, .mdl, .esdl, .app, .axl, .amd)
-    becomes formula text (.kf), with its parameters in a .json file of the same name.
+    .msq, .par, .esdl, .axl and .amd (only over the file they were read from). A model (.slx, .mdl, .esdl, .app, .axl,
+    .amd) becomes formula text (.kf), with its parameters in a .json file of the same name.
     """
     from kennfeld import calfiles
 

@@ -138,9 +138,10 @@ def _is_calibration_text(file: _InputFile) -> bool:
     from kennfeld.calfiles.dcm.lines import recognises_dcm
     from kennfeld.calfiles.matlab_reader import recognises_script
     from kennfeld.calfiles.msq.reader import recognises_msq
+    from kennfeld.calfiles.par.lines import recognises_par
 
     head = file.head
-    if recognises_msq(head) or recognises_cdfx(head):
+    if recognises_msq(head) or recognises_cdfx(head) or recognises_par(head):
         return True
     return file.kind is FileKind.CSV and (recognises_script(head) or recognises_dcm(head))
 

@@ -47,6 +47,7 @@ def formats(session: Session, given: Given) -> Answer:
     image = _image(session)
     special = (
         ".msq",
+        ".par",
         *(ending for ending in (".esdl", ".axl", ".amd") if not _is_of_function(session, ending)),
         *(ending for ending in IMAGE_ENDINGS if image is None or image[0].suffix.lower() != ending),
     )

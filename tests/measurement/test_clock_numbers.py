@@ -1,0 +1,102 @@
+"""Clock times written as one number, and the order of day and month in dates."""
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import read
+from kennfeld.measurement.clock_numbers import seconds_of_clock
+from kennfeld.measurement.stamps import is_stamp, parse_stamps
+
+
+def clock(seconds):
+    minutes, rest = divmod(round(seconds % 86_400, 3), 60)
+    return f"{minutes // 60:02.0f}{minutes % 60:02.0f}{rest:06.3f}"
+
+
+def test_clock_numbers_pass_minutes_and_midnight(csv):
+    stamps = 86_340.0 + np.arange(0, 200, 0.5)
+    data = read(csv("time,n\n" + "".join(f"{clock(s)},{k}\n" for k, s in enumerate(stamps))))
+    np.testing.assert_allclose(data.time, stamps - stamps[0], atol=1e-6)
+    assert [f.message for f in data.findings] == ["the numbers are clock times, HHMMSS, and were read as such"]
+
+
+def test_a_stated_unit_needs_no_pattern(csv):
+    data = read(csv("UTC [hhmmss.sss],n\n120059.5,1\n120100.0,2\n"))
+    assert data.time.tolist() == [0, 0.5]
+
+
+@pytest.mark.parametrize("unit", ["", " [s]"])
+def test_seconds_are_not_taken_for_a_clock(csv, unit):
+    stamps = np.arange(0, 300, 0.5)
+    data = read(csv(f"time{unit},n\n" + "".join(f"{s},{k}\n" for k, s in enumerate(stamps))))
+    np.testing.assert_array_equal(data.time, stamps)
+    assert data.findings == ()
+
+
+def test_numbers_of_more_than_a_day_are_no_clock():
+    assert seconds_of_clock(np.array([240000.0])) is None
+    assert seconds_of_clock(np.array([126000.0])) is None
+    assert np.isnan(seconds_of_clock(np.array([np.nan, 100.0]))[0])
+
+
+def dated(csv, *dates):
+    return read(csv("Date;n\n" + "".join(f"{date} 12:00:00;{k}\n" for k, date in enumerate(dates))))
+
+
+def test_a_part_above_twelve_tells_the_order(csv):
+    assert dated(csv, "11/12/2026", "12/12/2026", "13/12/2026").time.tolist() == [0, 86_400, 172_800]
+    assert dated(csv, "12/11/2026", "12/12/2026", "12/13/2026").time.tolist() == [0, 86_400, 172_800]
+
+
+def test_a_part_above_twelve_in_a_later_block_tells_the_order(csv):
+    rows = [f"{1 + k // 400:02d}/03/2026 10:{k % 400 // 60:02d}:{k % 400 % 60:02d};{k}" for k in range(6000)]
+    data = read(csv("Date;n\n" + "\n".join(rows) + "\n"), ["n"])
+    assert data.time[4000] == 10 * 86_400
+    assert data.findings == ()
+
+
+def test_increasing_time_tells_the_order(csv):
+    data = dated(csv, "01/02/2026", "02/02/2026", "01/03/2026")
+    assert data.time.tolist() == [0, 86_400, 28 * 86_400]
+    assert data.findings == ()
+
+
+def test_an_order_that_stays_open_is_reported(csv):
+    data = dated(csv, "03/04/2026", "04/04/2026")
+    assert data.time.tolist() == [0, 86_400]
+    assert [str(f).partition(". ")[0] for f in data.findings] == [
+        "bench.csv column Date: dates such as 03/04/2026 12:00:00 read either way; day/month is assumed"
+    ]
+
+
+def test_times_of_one_day_do_not_depend_on_the_order(csv):
+    rows = "".join(f"03/04/2026 12:00:{k:02d};{k}\n" for k in range(9))
+    data = read(csv("Date;n\n" + rows))
+    assert data.time.tolist() == list(range(9))
+    assert data.findings == ()
+
+
+@pytest.mark.parametrize(
+    ("cells", "step"),
+    [
+        (["11-Nov-2026 23:59:59.500", "12-Nov-2026 00:00:00.250"], 0.75),
+        (["31-Okt-2026 23:59:59,5", "01-Nov-2026 00:00:00,0"], 0.5),
+        (["5 May 2025 10:00:00", "5 May 2025 10:00:01"], 1),
+        (["11/25/2026 11:59:59 AM", "11/25/2026 12:00:00 PM"], 1),
+        (["11/25/2026 12:00:00 AM", "11/25/2026 1:00:00 AM"], 3600),
+    ],
+)
+def test_names_of_months_and_halves_of_days(cells, step):
+    seconds, _ = parse_stamps(cells, month_first="/" in cells[0])
+    assert seconds[1] - seconds[0] == pytest.approx(step)
+
+
+@pytest.mark.parametrize("cell", ["11-Xyz-2026 10:00:00", "13:00:00 PM", "32/01/2026", "11-Nov-26 10:00:00"])
+def test_other_words_are_no_stamps(cell):
+    assert not is_stamp(cell)
+
+
+def test_gaps_among_stamps_are_missing_stamps(csv):
+    with pytest.raises(InputError, match=r"line 3, column Time: the time stamp is missing"):
+        read(csv("Time;n\n11-Nov-2026 10:00:00;1\n-;2\n11-Nov-2026 10:00:02;3\n"))
