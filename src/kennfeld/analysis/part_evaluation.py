@@ -3,6 +3,7 @@
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from itertools import accumulate
+from threading import Lock
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -14,11 +15,14 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.lookup_coverage import Lookup, Lookups, coordinates
 from kennfeld.optimize.partitions import StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem, partitions_of
+from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.portable_pickle import pickle_content
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.sample_statistics import Mergeable, gather, merge_all
+
+NODES_AT_ONCE = 8  # so that those of a long piece need little memory
 
 _Statistic = TypeVar("_Statistic", bound=Mergeable)  # Python 3.11
 _Arguments = ParamSpec("_Arguments")
@@ -144,6 +148,17 @@ class PartEvaluator:
             self.criteria.prepare(parameters)  # compiled before threads need it
         self.lookups = Lookups(problem, after)
         self._kept: dict[int, EvaluatedPart] = {}
+        self._nodes: dict[tuple[str, ...], NodeSimulator] = {}
+        self._compiling = Lock()
+
+    def nodes(self, evaluated: EvaluatedPart, names: Sequence[str]) -> Iterator[tuple[str, Float]]:
+        """Yield named nodes of the function over a part after the calibration, Float[kept samples]; a few at a time."""
+        for at in range(0, len(names), NODES_AT_ONCE):
+            group = tuple(names[at : at + NODES_AT_ONCE])
+            with self._compiling:
+                if group not in self._nodes:
+                    self._nodes[group] = NodeSimulator(self.problem.model.graph, self.parameters, group)
+            yield from zip(group, self._nodes[group].values(evaluated.bound, self.parameters), strict=True)
 
     def over(self, part: BoundPart) -> EvaluatedPart:
         """Return the criteria over a part."""

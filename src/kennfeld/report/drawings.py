@@ -4,8 +4,6 @@ Their number is bounded, whatever the number of samples. What is drawn of a part
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
-from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +13,8 @@ from kennfeld.analysis.residual_statistics import TAILS, ErrorRange
 from kennfeld.analysis.residuals import Fit
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.report.strip_details import DrawnSignals, SignalPlan, detail_groups
+from kennfeld.report.stamps import Stamps
 from kennfeld.sample_statistics import QuantileSearch
 from kennfeld.trace_envelope import Trace, TraceEnvelope
 
@@ -77,6 +77,7 @@ class DrawingPlan:
     timed: bool
     samples: int  # that are scored
     groups: TraceEnvelope
+    detail: TraceEnvelope | None  # of what is shown when the strip is zoomed
     chosen: Int  # of the scored samples, for the scatter plot
     worst: Sequence[int]  # samples of the dataset that it shows as well
     criterion: int
@@ -88,11 +89,13 @@ class DrawingPlan:
         most = int(np.clip(TOTAL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
         dots = int(np.clip(TOTAL_POINTS // (6 * max(series, 1)), *SCATTER_POINTS))
         counts, searches = fit.counts, fit.details.searches
+        groups = TraceEnvelope(fit.data.count, most)
         return cls(
             unit=counts.unit,
             timed=fit.data.is_timed,
             samples=fit.samples,
-            groups=TraceEnvelope(fit.data.count, most),
+            groups=groups,
+            detail=detail_groups(fit, groups, series),
             chosen=sample_indices(fit.samples, dots),
             worst=worst,
             criterion=fit.number,
@@ -110,53 +113,36 @@ class DrawingPlan:
 
 
 @dataclass
-class Stamps:
-    """Times of the drawn samples, or their numbers; and the first, second and last time of each piece."""
+class DetailPoints:
+    """What the strip of a criterion shows when it is zoomed."""
 
-    timed: bool
-    whole: bool
-    drawn: list[Float] = field(default_factory=list)
-    owners: list[Int] = field(default_factory=list)  # the piece of each drawn sample
-    pieces: list[Float] = field(default_factory=list)  # Float[3, pieces]
+    stamps: Stamps
+    traces: dict[str, Trace]
 
     @classmethod
-    def of(cls, plan: DrawingPlan, place: PartPlace, series: CriterionSeries) -> "Stamps":
-        """Return the stamps of a part."""
-        bound, time = series.bound, series.time
-        at = plan.groups.firsts(place.first, place.first + bound.count) - place.first
-        stamps = cls(plan.timed, plan.groups.whole)
-        numbers = (place.begin + bound.kept).astype(np.float64) if time is None else time
-        stamps.drawn.append(numbers[at])
-        stamps.owners.append(place.piece + np.searchsorted(bound.starts, at, side="right") - 1)
-        edges = [*bound.starts[place.continues :].tolist(), bound.count]
-        ends = [[numbers[a], numbers[min(a + 1, b - 1)], numbers[b - 1]] for a, b in pairwise(edges)]
-        stamps.pieces.append(np.array(ends).reshape(-1, 3).T)
-        return stamps
+    def of(
+        cls,
+        groups: TraceEnvelope,
+        timed: bool,
+        place: PartPlace,
+        series: CriterionSeries,
+        signals: Mapping[str, Float],
+    ) -> "DetailPoints":
+        """Return the points of a part of the dataset."""
+        return cls(Stamps.of(groups, timed, place, series), _traces(groups, place, signals))
 
-    def merge(self, later: "Stamps") -> None:
-        """Take in the stamps of the following part."""
-        self.drawn += later.drawn
-        self.owners += later.owners
-        self.pieces += later.pieces
+    def merge(self, later: "DetailPoints") -> None:
+        """Take in the points of the following part."""
+        self.stamps.merge(later.stamps)
+        for name, trace in later.traces.items():
+            self.traces[name].merge(trace)
 
-    def along(self) -> tuple[Float, str, str, Float]:
-        """Return the x axis with its title and unit, and where pieces begin.
 
-        That is the time, with pieces in a row if it restarts in each, else the sample number.
-        """
-        drawn, owners = np.concatenate(self.drawn), np.concatenate(self.owners)
-        firsts, seconds, lasts = np.concatenate(self.pieces, axis=1)
-        twice = drawn if self.whole else np.repeat(drawn, 2)
-        if not self.timed:
-            return twice, "sample", "", firsts[1:]
-        if np.all(firsts[1:] > lasts[:-1]):
-            return twice, "time", "s", firsts[1:]
-        shifts, end = np.empty(firsts.size), 0.0
-        for number, (first, second, last) in enumerate(zip(firsts, seconds, lasts, strict=True)):
-            shifts[number] = end - first
-            end = float(last + shifts[number]) + float(second - first)
-        row = drawn + shifts[owners]
-        return row if self.whole else np.repeat(row, 2), "time, recordings in a row", "s", (firsts + shifts)[1:]
+def _traces(groups: TraceEnvelope, place: PartPlace, signals: Mapping[str, Float]) -> dict[str, Trace]:
+    traces = {name: Trace() for name in signals}
+    for name, trace in traces.items():
+        trace.add(groups, place.first, signals[name])
+    return traces
 
 
 @dataclass
@@ -165,6 +151,7 @@ class DrawnPoints:
 
     stamps: Stamps
     traces: dict[str, Trace]
+    detail: "DetailPoints | None"
     scattered: list[Float]  # Float[4, dots]: number, measured, before, after
     own: dict[str, Histogram]
     equal: dict[str, Histogram]
@@ -175,12 +162,10 @@ class DrawnPoints:
         errors = {"before": before.error, "after": after.error}
         signals = {"measured": after.measured, "before": before.model, "after": after.model}
         signals |= {"errorBefore": errors["before"], "error": errors["after"]}
-        traces = {name: Trace() for name in signals}
-        for name, trace in traces.items():
-            trace.add(plan.groups, place.first, signals[name])
         return cls(
-            stamps=Stamps.of(plan, place, after),
-            traces=traces,
+            stamps=Stamps.of(plan.groups, plan.timed, place, after),
+            traces=_traces(plan.groups, place, signals),
+            detail=None if plan.detail is None else DetailPoints.of(plan.detail, plan.timed, place, after, signals),
             scattered=[_scatter(plan, place, before, after)],
             own={name: Histogram.of(error, plan.ends[name]) for name, error in errors.items()},
             equal={name: Histogram.of(error, plan.shared) for name, error in errors.items()},
@@ -189,6 +174,8 @@ class DrawnPoints:
     def merge(self, later: "DrawnPoints") -> None:
         """Take in the points of the following part."""
         self.stamps.merge(later.stamps)
+        if self.detail is not None and later.detail is not None:
+            self.detail.merge(later.detail)
         self.scattered += later.scattered
         for name in ("traces", "own", "equal"):
             for key, drawn in getattr(later, name).items():
@@ -202,10 +189,12 @@ class DrawnPoints:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """The points of one criterion on one dataset, and their plan."""
+    """The points of one criterion on one dataset, and their plan; and the further signals of the dataset."""
 
     plan: DrawingPlan
     points: DrawnPoints
+    dataset: str
+    signals: DrawnSignals | None
 
 
 def _scatter(plan: DrawingPlan, place: PartPlace, before: CriterionSeries, after: CriterionSeries) -> Float:
@@ -228,24 +217,37 @@ def draw(passes: PartPasses, fits: Sequence[Fit], worst: Mapping[int, Mapping[st
         worst: samples that are drawn in any case, by the number of the criterion and the dataset.
     """
     drawings: list[Drawing] = []
-    for data in {id(fit.data): fit.data for fit in fits}.values():
+    datasets = {id(fit.data): fit.data for fit in fits}.values()
+    for data in datasets:
         own = [fit for fit in fits if fit.data is data]
         plans = [DrawingPlan.of(fit, worst[fit.number].get(data.name, ()), len(fits)) for fit in own]
-        drawings += map(Drawing, plans, passes.over(data, _draw_part, plans).points)
+        further = SignalPlan.of(passes.problem, data, len(datasets))
+        drawn = passes.over(data, _draw_part, plans, further)
+        drawings += [Drawing(*pair, data.name, drawn.signals) for pair in zip(plans, drawn.points, strict=True)]
     return drawings
 
 
 def _draw_part(
-    evaluator: PartEvaluator, evaluated: EvaluatedPart, place: PartPlace, plans: Sequence[DrawingPlan]
-) -> "_Points":
+    evaluator: PartEvaluator,
+    evaluated: EvaluatedPart,
+    place: PartPlace,
+    plans: Sequence[DrawingPlan],
+    further: SignalPlan | None,
+) -> "_DrawnPart":
     before, after = evaluated.before, evaluated.after
-    return _Points([DrawnPoints.of(plan, place, before[plan.criterion], after[plan.criterion]) for plan in plans])
+    return _DrawnPart(
+        points=[DrawnPoints.of(plan, place, before[plan.criterion], after[plan.criterion]) for plan in plans],
+        signals=None if further is None else DrawnSignals.of(further, evaluator, evaluated, place),
+    )
 
 
 @dataclass
-class _Points:
+class _DrawnPart:
     points: list[DrawnPoints]
+    signals: DrawnSignals | None
 
-    def merge(self, later: "_Points") -> None:
+    def merge(self, later: "_DrawnPart") -> None:
         for own, other in zip(self.points, later.points, strict=True):
             own.merge(other)
+        if self.signals is not None and later.signals is not None:
+            self.signals.merge(later.signals)

@@ -14,6 +14,7 @@ from kennfeld.optimize.result import TraceLine
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
 from kennfeld.report.drawings import Drawing, Histogram
 from kennfeld.report.report_data import ParameterChange, ReportData
+from kennfeld.report.strip_details import coded_details
 
 MOST_PIECES = 500  # beginnings of recordings that a strip marks
 
@@ -38,9 +39,13 @@ class Pictures:
 def strip(drawing: Drawing) -> Figure:
     """Return measured and calculated signal and the error over time or sample number, some pieces marked."""
     x, title, unit, pieces = drawing.points.stamps.along()
-    groups = drawing.plan.groups
+    groups, detail = drawing.plan.groups, drawing.points.detail
+    details = {}
+    if detail is not None and drawing.plan.detail is not None:
+        details = {"detail": coded_details(detail.stamps, detail.traces, drawing.plan.detail)}
     return {
         "kind": "strip",
+        "dataset": drawing.dataset,
         "samples": groups.count,
         "whole": groups.whole,
         "time": drawing.plan.timed,
@@ -50,7 +55,14 @@ def strip(drawing: Drawing) -> Figure:
         "pieces": round_digits(pieces[:: -(-max(pieces.size, 1) // MOST_PIECES)], 7),
         "unit": drawing.plan.unit,
         **{name: round_digits(trace.points(groups)) for name, trace in drawing.points.traces.items()},
+        **details,
     }
+
+
+def signals(drawings: Sequence[Drawing]) -> Mapping[str, Figure]:
+    """Return the further signals of each dataset, by its name."""
+    drawn = {drawing.dataset: drawing.signals for drawing in drawings}
+    return {name: each.figure() for name, each in drawn.items() if each is not None}
 
 
 def scatter(drawing: Drawing) -> Figure:

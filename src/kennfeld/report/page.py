@@ -17,7 +17,7 @@ from kennfeld.optimize.result import Result
 from kennfeld.project import Project
 from kennfeld.project.manifest import KEY, check_other_files
 from kennfeld.project.schema import ReportEntry
-from kennfeld.report.figures import Pictures
+from kennfeld.report.figures import Pictures, signals
 from kennfeld.report.report_data import ReportData, collect_report_data
 from kennfeld.report.sections import sections
 from kennfeld.report.stored_result import READ, read_result, read_trust, read_validation
@@ -33,7 +33,13 @@ def page(report: ReportData) -> str:
     pictures = Pictures()
     parts = list(sections(report, pictures))
     title = report.heading.title or f"{report.project.name}: calibration report"
-    data = {"version": __version__, "made": time, "result": report.written, "figures": pictures.data}
+    data = {
+        "version": __version__,
+        "made": time,
+        "result": report.written,
+        "figures": pictures.data,
+        "signals": signals(report.drawings),
+    }
     return "<!doctype html>\n" + element(
         "html",
         element(

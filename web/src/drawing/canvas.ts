@@ -40,6 +40,7 @@ export function canvasIn(host: HTMLElement, draw: (pen: Pen, width: number, heig
   let [width, height] = [host.clientWidth, tall?.(host.clientWidth) ?? host.clientHeight];
   const now = () => {
     waiting.delete(now);
+    if (tall) height = tall(width);
     if (width < 8 || height < 8) return;
     draw(penOf(canvas, width, height, tall !== undefined), width, height);
   };
@@ -210,7 +211,9 @@ function scales(box: Box, [x0, x1]: Range, yRange: Range, log: boolean): Pick<Ar
 
 function yTicks(range: Range, wanted: number, scale: AreaOptions["scale"]): number[] {
   if (scale === "log") return logTicks(...range);
-  const values = ticks(...range, Math.max(2, Math.min(8, wanted)));
+  let most = Math.max(2, Math.min(8, wanted));
+  let values = ticks(...range, most);
+  while (values.length < 2 && range[1] > range[0] && most < 8) values = ticks(...range, ++most);
   return scale === "counts" ? values.filter(Number.isInteger) : values;
 }
 

@@ -63,6 +63,11 @@ export function lastUpTo(xs: ArrayLike<number>, value: number): number {
   return low;
 }
 
+/** Return the numbers from the position before a range to behind the one after it; positions rise. */
+export function within(xs: ArrayLike<number>, [from, to]: Range): readonly [number, number] {
+  return [Math.max(0, lastUpTo(xs, from) - 1), Math.min(xs.length, lastUpTo(xs, to) + 3)];
+}
+
 /** Return the number of the position nearest to a value. */
 export function nearest(xs: ArrayLike<number>, value: number): number {
   const k = lastUpTo(xs, value);

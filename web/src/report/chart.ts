@@ -1,7 +1,7 @@
 // A chart: strips over a common x axis, zoom by dragging or by keys, a crosshair, a legend that hides and shows.
 
 import { canvasIn, extent, widened, type Area, type Pen, type Range } from "../drawing/canvas";
-import { drawStrips } from "../drawing/strips";
+import { drawStrips, within } from "../drawing/strips";
 import { hideTip, make, showTip, toggle, type TipLine } from "./elements";
 import type { Layer } from "./layers";
 
@@ -18,17 +18,22 @@ export interface ChartOptions {
   margin?: number; // share of x on both sides
   whole?: boolean; // x counts
   fixed?: boolean; // no zoom
+  zoomed?: (range: Range | null) => void; // after the range of x has changed; null is the whole
   legend?: boolean;
   tip: (value: number, plot: Area, px: number, py: number, shown: (layer: Layer) => boolean) => Tip | null;
 }
+
+const HISTORY = 100; // ranges to which Backspace returns
 
 export class Chart {
   private readonly hidden = new Set<string>();
   private readonly box = make("div", { class: "canvas" });
   private readonly mark = make("div", { class: "mark" });
   private readonly cross = make("div", { class: "cross" });
-  private readonly redraw: () => void;
+  /** Draw again, at most once a frame. */
+  readonly redraw: () => void;
   private zoom: Range | null = null;
+  private readonly earlier: (Range | null)[] = [];
   private plots: Area[] = [];
 
   constructor(host: HTMLElement, private readonly panes: Pane[], private readonly options: ChartOptions) {
@@ -40,6 +45,11 @@ export class Chart {
     this.redraw = redraw;
     this.box.append(this.mark, this.cross);
     this.listen(canvas);
+  }
+
+  /** Whether less than the whole is shown. */
+  get isZoomed(): boolean {
+    return this.zoom !== null;
   }
 
   private readonly shown = (layer: Layer): boolean => !this.hidden.has(layer.name ?? "");
@@ -98,14 +108,31 @@ export class Chart {
     canvas.addEventListener("dblclick", () => this.zoomTo(null));
     canvas.tabIndex = 0;
     canvas.addEventListener("keydown", (event) => this.key(event));
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
   }
 
-  /** Arrows move and zoom, Escape shows the whole. */
+  /** Zoom at the pointer, with Ctrl or once the chart was clicked; else the page scrolls. */
+  private wheel(event: WheelEvent): void {
+    if (!this.plots.length || !(event.ctrlKey || event.metaKey || document.activeElement === event.target)) return;
+    event.preventDefault();
+    const [from, to] = this.zoom ?? this.whole();
+    const by = Math.exp(Math.max(-1, Math.min(1, event.deltaY / 240)));
+    const at = this.valueAt(event.offsetX);
+    this.zoomTo([at - (at - from) * by, at + (to - at) * by]);
+  }
+
+  /** Arrows move and zoom, Backspace goes back, Escape and F show the whole. */
   private key(event: KeyboardEvent): void {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === "Backspace") {
+      event.preventDefault();
+      if (this.earlier.length) this.set(this.earlier.pop()!);
+      return;
+    }
     const [from, to] = this.zoom ?? this.whole();
     const by = (to - from) / 8;
     const ranges: Record<string, Range | null> = {
-      ArrowLeft: [from - by, to - by], ArrowRight: [from + by, to + by], ArrowUp: [from + by, to - by], ArrowDown: [from - by, to + by], Escape: null,
+      ArrowLeft: [from - by, to - by], ArrowRight: [from + by, to + by], ArrowUp: [from + by, to - by], ArrowDown: [from - by, to + by], Escape: null, f: null, F: null,
     };
     const range = ranges[event.key];
     if (range === undefined) return;
@@ -115,13 +142,19 @@ export class Chart {
 
   /** Show a range of x, at most the whole; null is the whole. */
   private zoomTo(range: Range | null): void {
+    this.earlier.push(this.zoom);
+    if (this.earlier.length > HISTORY) this.earlier.shift();
     const [low, high] = this.whole();
-    if (range !== null) {
-      const [a, b] = [Math.min(...range), Math.max(...range)];
-      const wide = Math.min(b - a, high - low);
-      const begin = Math.max(low, Math.min(high - wide, a));
-      this.zoom = wide > 0 && wide < high - low ? [begin, begin + wide] : null;
-    } else this.zoom = null;
+    if (range === null) return this.set(null);
+    const [a, b] = [Math.min(...range), Math.max(...range)];
+    const wide = Math.min(b - a, high - low);
+    const begin = Math.max(low, Math.min(high - wide, a));
+    this.set(wide > 0 && wide < high - low ? [begin, begin + wide] : null);
+  }
+
+  private set(zoom: Range | null): void {
+    this.zoom = zoom;
+    this.options.zoomed?.(zoom);
     this.redraw();
   }
 
@@ -168,10 +201,11 @@ function yRange(pane: Pane, layers: Layer[], [from, to]: Range): Range {
     low = Math.min(low, value);
     high = Math.max(high, value);
   };
-  for (const { x, y, y2, reach } of layers) {
+  for (const { x, y, y2, reach, rising } of layers) {
     reach?.forEach(take);
+    const [first, end] = x && rising ? within(x, [from, to]) : [0, Infinity];
     for (const values of [y, y2]) {
-      if (x && values) for (let k = 0; k < values.length; k++) if (x[k]! >= from && x[k]! <= to) take(values[k]!);
+      if (x && values) for (let k = first; k < Math.min(end, values.length); k++) if (x[k]! >= from && x[k]! <= to) take(values[k]!);
     }
   }
   if (!(low <= high)) return pane.scale === "log" ? [0.1, 1] : [0, 1];

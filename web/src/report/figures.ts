@@ -1,11 +1,28 @@
 // The figures of a report as the Python side writes them (`report/figures.py`); null is a number that is not known.
 
+import type { CodedNumbers } from "./coded-numbers";
+
 export type Values = (number | null)[];
 
 export interface AxisData { title: string; unit: string; points: number[] }
 
+/** What a strip shows when it is zoomed; errors are missing if they are differences of samples. */
+export interface StripDetail {
+  whole: boolean;
+  size: number; // samples of a group
+  x: CodedNumbers; // one for each sample or group
+  traces: Partial<Record<"measured" | "before" | "after" | "errorBefore" | "error", CodedNumbers>>;
+}
+
+export interface Signal { name: string; unit: string; kind: "input" | "node"; values: CodedNumbers }
+
+/** Inputs and nodes of the function over a dataset. */
+export interface DatasetSignals { whole: boolean; size: number; x: CodedNumbers; signals: Signal[] }
+
 export interface StripFigure {
   kind: "strip";
+  dataset: string;
+  detail?: StripDetail;
   whole: boolean; // else each group of samples has two points: minimum and maximum
   time: boolean;
   x: number[];

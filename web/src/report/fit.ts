@@ -1,46 +1,13 @@
-// Measured and calculated: over time, against each other, and the distribution and memory of the errors.
+// Measured and calculated against each other, and the distribution and memory of the errors.
 
 import { extent, widened } from "../drawing/canvas";
 import { plain, withUnit } from "../drawing/numbers";
 import { nearest } from "../drawing/strips";
-import { Chart, type Pane, type Tip } from "./chart";
+import { Chart, type Tip } from "./chart";
 import { make, type TipLine } from "./elements";
-import { equal, numbers, type AutocorrelationFigure, type Bins, type HistogramsFigure, type ScatterFigure, type StripFigure } from "./figures";
-import { bandLayer, barsLayer, diagonalLayer, dotsLayer, levelLayer, lineLayer, uprightLayer, type Layer, type Points } from "./layers";
+import { equal, numbers, type AutocorrelationFigure, type Bins, type HistogramsFigure, type ScatterFigure } from "./figures";
+import { bandLayer, barsLayer, diagonalLayer, dotsLayer, levelLayer, lineLayer, uprightLayer, type Layer } from "./layers";
 import { nearestPoint } from "./nearest-point";
-
-export function drawStrip(host: HTMLElement, f: StripFigure): void {
-  const same = equal(f.before, f.after);
-  const breaks = new Set(f.pieces.map((piece) => f.x.indexOf(piece)));
-  const trace = (name: string, colour: string, values: StripFigure["after"], width: number, options: { off?: boolean; opacity?: number } = {}): Points =>
-    lineLayer(colour, f.x, numbers(values), { name, width, breaks, dots: f.whole && f.x.length <= 200 ? 1.8 : undefined, ...options });
-  const thin = f.whole ? 1.1 : 0.9;
-  const values = [
-    ...(same ? [] : [trace("model before", "before", f.before, thin, { off: true })]),
-    trace("measured", "measured", f.measured, f.whole ? 2 : 1.3),
-    trace(same ? "model" : "model after", "model", f.after, thin, { opacity: f.whole && !f.time ? 0.85 : 0.9 }),
-  ];
-  const errors = [...(same ? [] : [trace("error before", "error-before", f.errorBefore, thin, { off: true })]), trace(same ? "error" : "error after", "error", f.error, thin)];
-  const pieces = uprightLayer("edge", f.pieces, [3, 3]);
-  const panes: Pane[] = [
-    { title: withUnit("value", f.unit), weight: 1.7, layers: [pieces, ...values] },
-    { title: withUnit("error", f.unit), zero: true, layers: [pieces, levelLayer("axis", [0]), ...errors] },
-  ];
-  new Chart(host, panes, {
-    height: () => 340, title: withUnit(f.xTitle, f.xUnit),
-    tip: (value, _plot, _px, _py, shown) => (f.x.length ? stripTip(f, value, [...values, ...errors].filter(shown)) : null),
-  });
-}
-
-function stripTip(f: StripFigure, value: number, layers: Points[]): Tip {
-  const k = nearest(f.x, value);
-  if (f.whole) {
-    return { x: f.x[k], lines: [[`${f.xTitle} ${plain(f.x[k]!, 7)} ${f.xUnit}`], ...layers.map<TipLine>((l) => [`${l.name} ${plain(l.y[k]!, 5)}`, l.colour])] };
-  }
-  const first = k - (k % 2);
-  const ends = layers.map<TipLine>((l) => [`${l.name} ${plain(l.y[first]!, 4)} to ${plain(l.y[first + 1]!, 4)}`, l.colour]);
-  return { x: f.x[first], lines: [[`from ${plain(f.x[first]!, 7)} ${f.xUnit}`], ...ends] };
-}
 
 export function drawScatter(host: HTMLElement, f: ScatterFigure): void {
   const [measured, before, after] = [numbers(f.measured), numbers(f.before), numbers(f.after)];

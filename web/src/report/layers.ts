@@ -3,6 +3,7 @@
 import { line, type Area, type Pen } from "../drawing/canvas";
 import { css, family } from "../drawing/colours";
 import * as marks from "../drawing/marks";
+import { drawColumns, within } from "../drawing/strips";
 import { paint } from "./elements";
 
 export interface Layer {
@@ -13,10 +14,14 @@ export interface Layer {
   y?: ArrayLike<number>;
   y2?: ArrayLike<number>;
   reach?: readonly number[]; // further values that the axis takes in
+  rising?: boolean; // x rises
   draw: (pen: Pen, plot: Area) => void;
 }
 
 type Points = Layer & { x: ArrayLike<number>; y: ArrayLike<number> };
+
+/** The points of a trace: samples if it is whole, else minimum and maximum of each group at the same x. */
+export interface TraceSource { x: ArrayLike<number>; y: ArrayLike<number>; whole: boolean; breaks: ReadonlySet<number> }
 
 interface LineOptions { name?: string; off?: boolean; width?: number; opacity?: number; dots?: number; hollow?: boolean[] | null; breaks?: ReadonlySet<number> }
 
@@ -35,6 +40,53 @@ export function lineLayer(colour: string, x: ArrayLike<number>, y: ArrayLike<num
       pen.globalAlpha = 1;
     },
   };
+}
+
+const DENSE = 3; // points of a pixel from which their extremes are drawn
+const DOTTED = 200; // samples up to which each has a dot
+
+/** A trace over rising x, of which the part in view is drawn; `source` may give other points each time. */
+export function tracesLayer(colour: string, source: () => TraceSource, options: { name?: string; off?: boolean; width: number; opacity?: number }): Points {
+  return {
+    name: options.name, off: options.off, colour, rising: true,
+    get x() { return source().x; },
+    get y() { return source().y; },
+    draw(pen, plot) {
+      const { x, y, whole, breaks } = source();
+      const [first, end] = within(x, [plot.xAt(plot.box.left), plot.xAt(plot.box.right)]);
+      pen.globalAlpha = options.opacity ?? 1;
+      if (end - first > DENSE * (plot.box.right - plot.box.left)) drawDense(pen, plot, { x, y }, first, end, paint(colour), options.width);
+      else {
+        const [xs, ys] = [Float64Array.from({ length: end - first }, (_, k) => plot.x(x[first + k]!)), Float64Array.from({ length: end - first }, (_, k) => plot.y(y[first + k]!))];
+        line(pen, xs, ys, paint(colour), options.width, new Set([...breaks].map((k) => k - first)));
+        if (whole && end - first <= DOTTED) marks.dots(pen, xs, ys, paint(colour), 1.8);
+      }
+      pen.globalAlpha = 1;
+    },
+  };
+}
+
+/** Draw the extremes of the points of each pixel. */
+function drawDense(pen: Pen, plot: Area, { x, y }: { x: ArrayLike<number>; y: ArrayLike<number> }, first: number, end: number, colour: string, width: number): void {
+  const [xs, ys]: [number[], number[]] = [[], []];
+  let [pixel, low, high] = [NaN, Infinity, -Infinity];
+  const finish = () => {
+    if (!(low <= high)) return;
+    xs.push(pixel + 0.5, pixel + 0.5);
+    ys.push(plot.y(low), plot.y(high));
+  };
+  for (let k = first; k < end; k++) {
+    const at = Math.floor(plot.x(x[k]!));
+    if (at !== pixel) {
+      finish();
+      [pixel, low, high] = [at, Infinity, -Infinity];
+    }
+    const value = y[k]!;
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
+  finish();
+  drawColumns(pen, xs, ys, colour, width);
 }
 
 export function dotsLayer(colour: string, name: string, x: ArrayLike<number>, y: ArrayLike<number>, radius: number, opacity: number): Points {

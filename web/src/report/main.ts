@@ -5,16 +5,17 @@ import { themeChanged } from "../drawing/colours";
 import { drawCellErrors } from "./cells";
 import { drawConvergence } from "./convergence";
 import { make } from "./elements";
-import type { Figure } from "./figures";
-import { drawAutocorrelation, drawHistograms, drawScatter, drawStrip } from "./fit";
+import type { DatasetSignals, Figure } from "./figures";
+import { drawAutocorrelation, drawHistograms, drawScatter } from "./fit";
 import { drawParameter } from "./parameter";
+import { drawStrip } from "./strip";
 import "./report.css";
 
 const AHEAD = 600; // pixels below the window that are drawn already
 
 function drawFigure(host: HTMLElement, figure: Figure): void {
   switch (figure.kind) {
-    case "strip": return drawStrip(host, figure);
+    case "strip": return drawStrip(host, figure, signals[figure.dataset]);
     case "scatter": return drawScatter(host, figure);
     case "histograms": return drawHistograms(host, figure);
     case "autocorrelation": return drawAutocorrelation(host, figure);
@@ -25,7 +26,8 @@ function drawFigure(host: HTMLElement, figure: Figure): void {
 }
 
 const hosts = Array.from(document.querySelectorAll<HTMLElement>("[data-figure]"));
-const { figures } = JSON.parse(document.getElementById("report-data")!.textContent) as { figures: Figure[] };
+interface ReportData { figures: Figure[]; signals: Record<string, DatasetSignals> }
+const { figures, signals } = JSON.parse(document.getElementById("report-data")!.textContent) as ReportData;
 const drawn = new Set<HTMLElement>();
 
 function draw(host: HTMLElement): void {
