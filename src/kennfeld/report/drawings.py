@@ -13,8 +13,8 @@ from kennfeld.analysis.residual_statistics import TAILS, ErrorRange
 from kennfeld.analysis.residuals import Fit
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.report.strip_details import DrawnSignals, SignalPlan, detail_groups
 from kennfeld.report.stamps import Stamps
+from kennfeld.report.strip_details import DrawnSignals, SignalPlan, detail_groups
 from kennfeld.sample_statistics import QuantileSearch
 from kennfeld.trace_envelope import Trace, TraceEnvelope
 
