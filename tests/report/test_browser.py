@@ -72,6 +72,75 @@ def test_a_strip_zooms_by_dragging_and_by_keys_and_a_double_click_shows_the_whol
     page.wait_for_function("([canvas, whole]) => canvas.toDataURL() === whole", arg=[strip.element_handle(), whole])
 
 
+TIP_IN = 61.3  # s, when a step of 0.2 s begins in a recording of 40 minutes
+LONG = """x = { input = "x", count = 5 }
+initial = 0
+"""
+
+
+def a_long_drive(shop):
+    """A recording with a short step that the first view of its strip cannot show, and a node beside the criterion."""
+    time = 0.02 * np.arange(120_000)
+    x = 5 + 4 * np.sin(0.01 * time)
+    measured = 3 * x + np.where((time > TIP_IN) & (time < TIP_IN + 0.2), 20.0, 0.0)
+    columns = {"time [s]": time.round(2), "x": x.round(4), "m": measured.round(4)}
+    return shop.project("half = C(x) / 2\ny = 2 * half\n", f"[parameters.C]\n{LONG}", columns)
+
+
+def test_a_part_of_a_long_strip_shows_its_samples(shop, show):
+    page = show(a_long_drive(shop))
+    strip = canvas_of(page, "strip")
+    host = page.locator("figure.strip [data-figure]").first
+    assert host.get_attribute("data-shown") == "ranges"
+    width = strip.bounding_box()["width"]
+    scale = (width - 62 - 12) / 2400  # pixels a second
+    strip.click(position={"x": 62 + TIP_IN * scale, "y": 60})
+    for _ in range(6):
+        page.mouse.wheel(0, -400)
+    page.wait_for_selector("figure.strip [data-shown=samples]")
+    box = strip.bounding_box()
+    values = set()
+    for x in range(70, int(width) - 20, 4):
+        page.mouse.move(box["x"] + x, box["y"] + 60)
+        lines = lines_of_tooltip(page)
+        values.add(round(float(next(line.split()[1] for line in lines if line.startswith("measured")))))
+    assert max(values) - min(values) == 20  # the step, and what is before and behind it
+    strip.press("Backspace")
+    strip.press("f")
+    page.wait_for_selector("figure.strip [data-shown=ranges]")
+
+
+def test_inputs_and_nodes_are_added_below_a_strip_and_removed(shop, show):
+    page = show(a_long_drive(shop))
+    strip = canvas_of(page, "strip")
+    low = strip.bounding_box()["height"]
+    choice = page.locator("figure.strip .further select").first
+    assert choice.locator("optgroup").evaluate_all("groups => groups.map(group => group.label)") == ["inputs", "nodes"]
+    choice.select_option(label="x")
+    choice.select_option(label="half")
+    host = page.locator("figure.strip [data-figure]").first
+    page.wait_for_function("node => node.dataset.signals === 'x,half'", arg=host.element_handle())
+    page.wait_for_function("([node, low]) => node.clientHeight > low + 200", arg=[strip.element_handle(), low])
+    page.get_by_label("Remove x").click()
+    page.wait_for_function("node => node.dataset.signals === 'half'", arg=host.element_handle())
+
+
+def test_every_axis_of_errors_has_two_numbers_or_more(shop, show):
+    page = show(a_long_drive(shop))
+    canvas_of(page, "strip")
+    page.evaluate(
+        "() => { window.ticks = []; const own = CanvasRenderingContext2D.prototype.fillText;"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {"
+        " if (x < 62 && this.textAlign === 'right') window.ticks.push([text, y]); own.call(this, text, x, y); } }"
+    )
+    for _ in range(6):
+        page.evaluate("() => { window.ticks = []; }")
+        canvas_of(page, "strip").press("ArrowUp")
+        page.wait_for_function("() => window.ticks.length > 0")
+        lower = [text for text, y in page.evaluate("() => window.ticks") if y > 215]
+        assert len(lower) >= 2
+
+
 def test_the_tooltip_says_what_the_data_say(shop, show):
     page = show(a_map(shop))
     strip = canvas_of(page, "strip")

@@ -29,11 +29,10 @@ def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any
     """
     known = np.isfinite(values)
     first = float(values[known].min()) if known.any() else 0.0
-    with np.errstate(over="ignore", invalid="ignore"):
-        reach = float(values[known].max()) - first if known.any() else 0.0
-        step = max(step, reach / MAX_STEPS, np.finfo(float).tiny)
-        steps = np.zeros(values.size, dtype=np.int64)
-        steps[known] = np.round((values[known] - first) / step)
+    last = float(values[known].max()) if known.any() else 0.0
+    step = max(step, last / MAX_STEPS - first / MAX_STEPS, np.finfo(float).tiny)
+    steps = np.zeros(values.size, dtype=np.int64)
+    steps[known] = np.round(values[known] / step - first / step)
     steps = steps[np.maximum.accumulate(np.where(known, np.arange(values.size), 0))]  # a gap costs no differences
     differences = steps
     for _ in range(order):

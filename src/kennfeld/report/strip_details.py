@@ -120,8 +120,8 @@ def coded_details(stamps: Stamps, traces: Mapping[str, Trace], groups: TraceEnve
     """
     points = {name: trace.points(groups) for name, trace in traces.items()}
     if groups.whole:
-        errors = [points.pop(name) for name in ("errorBefore", "error")]
-        step = min(_range(*points.values()) / LEVELS, _range(*errors) / ERROR_LEVELS or np.inf)
+        points.pop("errorBefore")
+        step = min(_range(*points.values()) / LEVELS, _range(points.pop("error")) / ERROR_LEVELS or np.inf)
         coded = {name: code_numbers(values, step) for name, values in points.items()}
     else:
         coded = {name: _coded(values) for name, values in points.items()}
@@ -136,7 +136,8 @@ def _range(*columns: Float) -> float:
     known = [values[np.isfinite(values)] for values in columns]
     ends = [(each.min(), each.max()) for each in known if each.size]
     with np.errstate(over="ignore"):
-        return float(max(high for _, high in ends) - min(low for low, _ in ends)) if ends else 0.0
+        reach = float(max(high for _, high in ends) - min(low for low, _ in ends)) if ends else 0.0
+    return min(reach, np.finfo(float).max)
 
 
 def _coded_stamps(stamps: Stamps, groups: TraceEnvelope) -> Mapping[str, Any]:

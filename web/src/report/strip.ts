@@ -45,6 +45,7 @@ class Strip {
   private readonly chart: Chart;
   private readonly panes: Pane[];
   private readonly added: Signal[] = [];
+  private readonly points = new Map<Signal, Points>(); // of the added signals that are drawn
   private readonly chips = make("span", { class: "chips" });
   private readonly tipped: { layer: Points; name: TraceName }[];
 
@@ -126,11 +127,16 @@ class Strip {
     const [xTitle, xUnit] = [this.f.xTitle, this.f.xUnit];
     if (whole) {
       const lines = visible.map<TipLine>(({ name, layer }) => [`${layer.name} ${plain(traces[name][k]!, 5)}`, layer.colour]);
-      return { x: x[k], lines: [[`${xTitle} ${plain(x[k]!, 7)} ${xUnit}`], ...lines] };
+      return { x: x[k], lines: [[`${xTitle} ${plain(x[k]!, 7)} ${xUnit}`], ...lines, ...this.furtherLines(x[k]!)] };
     }
     const first = k - (k % 2);
     const ends = visible.map<TipLine>(({ name, layer }) => [`${layer.name} ${plain(traces[name][first]!, 4)} to ${plain(traces[name][first + 1]!, 4)}`, layer.colour]);
-    return { x: x[first], lines: [[`from ${plain(x[first]!, 7)} ${xUnit}`], ...ends] };
+    return { x: x[first], lines: [[`from ${plain(x[first]!, 7)} ${xUnit}`], ...ends, ...this.furtherLines(x[first]!)] };
+  }
+
+  /** Say what the added signals are at a place. */
+  private furtherLines(at: number): TipLine[] {
+    return [...this.points].map(([{ name }, { x, y }]) => [`${name} ${plain(y[nearest(x, at)]!, 5)}`, "model"]);
   }
 
   /** Offer the inputs and nodes of the dataset, each in a strip of its own below. */
@@ -157,13 +163,16 @@ class Strip {
     if (!this.added.includes(signal)) return;
     const x = whole ? stamps : twice(stamps);
     const breaks = breaksAt(x, this.f.pieces);
-    const pane: Pane = { title: withUnit(signal.name, signal.unit), weight: 1, layers: [this.pieces(), tracesLayer("model", () => ({ x, y, whole, breaks }), { width: 1.1 })] };
+    const layer = tracesLayer("model", () => ({ x, y, whole, breaks }), { width: 1.1 });
+    const pane: Pane = { title: withUnit(signal.name, signal.unit), weight: 1, layers: [this.pieces(), layer] };
     this.panes.push(pane);
+    this.points.set(signal, layer);
     const remove = make("button", { type: "button", "aria-label": `Remove ${signal.name}` }, "×");
     const chip = make("span", { class: "chip" }, signal.name, remove);
     remove.addEventListener("click", () => {
       this.added.splice(this.added.indexOf(signal), 1);
       this.panes.splice(this.panes.indexOf(pane), 1);
+      this.points.delete(signal);
       chip.remove();
       this.resize();
     });

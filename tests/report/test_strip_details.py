@@ -1,0 +1,79 @@
+"""What a zoomed strip shows: samples within the room of a page, inputs and nodes; the same over partitions."""
+
+import json
+
+import numpy as np
+import pytest
+
+from kennfeld.report import document, strip_details
+from kennfeld.report.coded_numbers import decode_numbers
+
+COUNT = 30_000
+LAG = """[parameters.Lag]
+initial = 0.5
+bounds = [0.1, 5]
+[parameters.C]
+x = { input = "x", count = 4 }
+initial = 0
+"""
+
+
+@pytest.fixture
+def drive(shop):
+    random = np.random.default_rng(0)
+    time = 0.1 * np.arange(COUNT)
+    x = 5 + 4 * np.sin(0.03 * time)
+    measured = 100 * x + random.normal(0, 0.3, COUNT)
+    measured[500:600] = np.nan
+    columns = {"time [s]": time.round(1), "x": x.round(4), "m": measured.round(3)}
+    return shop.project("settled[degC] = C(x)\ny = PT1(settled, Lag)\n", LAG, columns)
+
+
+def data_of(page):
+    return json.loads(page.text.split('id="report-data">')[1].split("</script>")[0])
+
+
+def test_all_samples_are_there_to_a_small_part_of_their_errors(drive, opened):
+    result = drive.calibrate()
+    page = opened(document(drive, result))
+    (strip,) = page.figures("strip")
+    detail = strip["detail"]
+    assert (detail["whole"], detail["size"]) == (True, 1)
+    np.testing.assert_allclose(decode_numbers(detail["x"]), 0.1 * np.arange(COUNT), atol=1e-4)
+    bound = drive.problem().bind(drive.problem().datasets[0])
+    measured = bound.channel("m")
+    errors = strip_details._range(np.array([value for value in strip["error"] if value is not None]))
+    decoded = decode_numbers(detail["traces"]["measured"])
+    np.testing.assert_array_equal(np.isnan(decoded), np.isnan(measured))
+    assert np.nanmax(np.abs(decoded - measured)) <= errors / 4000
+
+
+def test_inputs_and_nodes_are_offered_with_their_units(drive, opened):
+    signals = data_of(opened(document(drive, drive.calibrate())))["signals"]
+    (dataset,) = signals.values()
+    offered = [(each["name"], each["unit"], each["kind"]) for each in dataset["signals"]]
+    assert offered == [("x", "", "input"), ("settled", "degC", "node")]
+    x = decode_numbers(dataset["signals"][0]["values"])
+    np.testing.assert_allclose(x, 5 + 4 * np.sin(0.03 * 0.1 * np.arange(COUNT)), atol=2e-4)
+
+
+def test_a_page_keeps_its_room_whatever_the_samples(drive, opened, monkeypatch):
+    monkeypatch.setattr(strip_details, "TOTAL_NUMBERS", 100_000)
+    page = opened(document(drive, drive.calibrate()))
+    (strip,) = page.figures("strip")
+    detail = strip["detail"]
+    assert not detail["whole"]
+    assert detail["size"] > 1
+    assert {"errorBefore", "error"} <= set(detail["traces"])
+    numbers = sum(trace["count"] for trace in detail["traces"].values())
+    numbers += sum(signal["values"]["count"] for own in data_of(page)["signals"].values() for signal in own["signals"])
+    assert numbers <= 100_000 * 1.01
+    assert decode_numbers(detail["x"]).size == detail["traces"]["error"]["count"] / 2
+
+
+def test_points_without_time_have_no_details(shop, opened):
+    columns = {"x": np.arange(9000.0), "m": np.arange(9000.0)}
+    project = shop.project("y = a * x\n", "[parameters.a]\ninitial = 0\n", columns)
+    page = opened(document(project, project.calibrate()))
+    assert all("detail" not in strip for strip in page.figures("strip"))
+    assert data_of(page)["signals"] == {}
