@@ -13,7 +13,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 
 MAX_STEPS = 1 << 30  # of the range of a column, so that differences fit into 32 bits
-LEVEL = 6  # of compression
+LEVEL = 1  # of compression: the bytes of noise cannot be compressed, and others can at once
 
 
 def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any]:
