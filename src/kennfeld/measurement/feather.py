@@ -6,6 +6,7 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.measurement.arrow_columns import column_of, header_of, is_numeric, text_column
+from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 
@@ -28,8 +29,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
             columns = [column_of(read.column(at), header, i) for at, i in enumerate(numeric)]
             texts = [text_column(schema, header, i, count) for i in asked if i not in numeric]
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
-        message = f"the Feather file is damaged or cut off ({' '.join(str(error).split())[:200]})"
-        raise InputError.of(source.location, message, "Copy or write it again.") from None
+        raise damaged(source, "Feather", error, "Copy or write it again.") from None
     if not count:
         raise InputError.of(source.location, "holds no rows", "Is it the right file?")
     rows = np.arange(1, count + 1)

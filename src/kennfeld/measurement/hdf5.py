@@ -16,6 +16,7 @@ from kennfeld.errors import InputError
 from kennfeld.formatting import join_names
 from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
+from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
 from kennfeld.measurement.table import Selection, Table
@@ -50,13 +51,7 @@ def _is_matlab(source: MeasurementFile) -> bool:
     try:
         return mat_v73.is_matlab(source.path)
     except Exception as error:  # of many kinds: the library trusts what it reads
-        raise _damaged(source, error) from None
-
-
-def _damaged(source: MeasurementFile, error: Exception) -> InputError:
-    reason = " ".join(str(error).split())[:160] or type(error).__name__
-    message = f"the HDF5 file is damaged or cut off ({reason})"
-    return InputError.of(source.location, message, "Copy or export it again.")
+        raise damaged(source, "HDF5", error) from None
 
 
 def _with_file(source: MeasurementFile, work: Callable[[list[RecordedGroup]], list[Table]]) -> list[Table]:
@@ -71,7 +66,7 @@ def _with_file(source: MeasurementFile, work: Callable[[list[RecordedGroup]], li
     except InputError:
         raise
     except Exception as error:  # of many kinds, as above
-        raise _damaged(source, error) from None
+        raise damaged(source, "HDF5", error) from None
     if content.others:
         message = f"holds no vectors: {join_names(content.others, 8)}"
         raise InputError.of(source.location, message, "Store channels as vectors of equal length, with a vector time.")

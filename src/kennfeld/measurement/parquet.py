@@ -7,6 +7,7 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.measurement.arrow_columns import column_of, header_of, is_numeric, text_column
+from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table
@@ -31,8 +32,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
             if odd := [column.name for column in columns if column.values.size != count]:
                 raise ValueError(f"{odd[0]} does not hold {count} values")
     except (pa.ArrowException, OSError, ValueError, MemoryError, OverflowError, KeyError) as error:
-        message = f"the Parquet file is damaged or cut off ({' '.join(str(error).split())[:200]})"
-        raise InputError.of(source.location, message, "Copy or write it again.") from None
+        raise damaged(source, "Parquet", error, "Copy or write it again.") from None
     if not count:
         raise InputError.of(source.location, "holds no rows", "Is it the right file?")
     rows = np.arange(1, count + 1)

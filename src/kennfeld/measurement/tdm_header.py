@@ -16,6 +16,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Findings, InputError
 from kennfeld.file_errors import nearest_file
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
 from kennfeld.measurement.table import Selection, Table
@@ -57,8 +58,7 @@ def _parse(source: MeasurementFile) -> Element:
     try:
         return fromstring(raw)
     except (ParseError, ValueError, LookupError) as error:
-        message = f"the TDM file is damaged or cut off ({error})"
-        raise InputError.of(source.location, message, "Copy or export it again.") from None
+        raise damaged(source, "TDM", error) from None
 
 
 @dataclass(frozen=True)

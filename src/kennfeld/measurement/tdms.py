@@ -10,6 +10,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
+from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
 from kennfeld.measurement.table import Selection, Table
@@ -40,9 +41,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     except InputError:
         raise
     except Exception as error:  # of many kinds: the library trusts what it reads
-        reason = " ".join(str(error).split())[:160] or type(error).__name__
-    message = f"the TDMS file is damaged or cut off ({reason})"
-    raise InputError.of(source.location, message, "Copy or export it again.")
+        raise damaged(source, "TDMS", error) from None
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:

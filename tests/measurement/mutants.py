@@ -1,0 +1,22 @@
+"""Damage to whole files."""
+
+import random
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import read
+
+
+def refusals(path, head, *, count=300, bytes_=range(256), seed=3, **settings):
+    """Read damaged versions of a file, cut off or with other bytes behind its head; return how many are refused."""
+    content, generator = path.read_bytes(), random.Random(seed)
+    refused = 0
+    for _ in range(count):
+        mutant = bytearray(content[: generator.choice([len(content), generator.randrange(head + 1, len(content))])])
+        for _ in range(generator.randint(0, 4)):
+            mutant[generator.randrange(head, len(mutant))] = generator.choice(bytes_)
+        path.write_bytes(mutant)
+        try:
+            read(path, **settings)
+        except InputError:
+            refused += 1
+    return refused
