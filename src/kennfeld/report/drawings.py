@@ -114,7 +114,7 @@ class DrawingPlan:
 
 @dataclass
 class DetailPoints:
-    """What the strip of a criterion shows when it is zoomed."""
+    """Details of the strip of a criterion, which it shows when it is zoomed."""
 
     stamps: Stamps
     traces: dict[str, Trace]

@@ -1,4 +1,4 @@
-"""What a strip shows when it is zoomed, and further signals that a reader adds to it.
+"""Details of a strip, which it shows when it is zoomed, and further signals that a reader adds to it.
 
 The first view of a strip has few points. Its details have as many as the page has room for: if possible all samples,
 else the range of each few. Inputs and named nodes have details alone.
@@ -26,7 +26,7 @@ LEVELS = 65_535  # steps of the range of a signal: more than a screen has pixels
 ERROR_LEVELS = 4_095  # steps of the range of its errors, which are differences of signals
 
 
-class Signal(NamedTuple):
+class StripSignal(NamedTuple):
     """An input of the function, or a named node of it."""
 
     name: str
@@ -39,7 +39,7 @@ class SignalPlan:
     """The further signals of a dataset, and how many samples a point of them stands for."""
 
     groups: TraceEnvelope
-    signals: tuple[Signal, ...]
+    signals: tuple[StripSignal, ...]
 
     @classmethod
     def of(cls, problem: Problem, data: DatasetExtent, datasets: int) -> "SignalPlan | None":
@@ -61,16 +61,16 @@ def detail_groups(fit: Fit, view: TraceEnvelope, series: int) -> TraceEnvelope |
     return groups if groups.whole or view.size >= GAIN * groups.size else None
 
 
-def _signals(problem: Problem, data: DatasetExtent) -> Sequence[Signal]:
+def _signals(problem: Problem, data: DatasetExtent) -> Sequence[StripSignal]:
     graph, dataset = problem.model.graph, data.dataset
     shown = {criterion.node for criterion in problem.criteria}
     signals = []
     for name in graph.inputs:
         channel = problem.channels.get(name, name)
         unit = graph.units.get(name, "") or (dataset[channel].unit if channel in dataset else "")
-        signals.append(Signal(name, unit, "input"))
+        signals.append(StripSignal(name, unit, "input"))
     nodes = [name for name in graph.names if name not in shown and name not in graph.inputs]
-    return [*signals, *(Signal(name, graph.units.get(name, ""), "node") for name in nodes)]
+    return [*signals, *(StripSignal(name, graph.units.get(name, ""), "node") for name in nodes)]
 
 
 @dataclass
