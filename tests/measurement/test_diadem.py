@@ -119,6 +119,21 @@ def test_what_a_header_gets_wrong_is_named_with_the_channel(diadem, entries, mes
         read(path)
 
 
+def test_a_channel_that_cannot_be_read_is_left_out_with_a_warning(diadem):
+    path = diadem(
+        explicit("Speed", "bench.r64", "REAL64", 3),
+        explicit("Torque", "other.r64", "REAL64", 3),
+        bench_r64=np.arange(3.0),
+    )
+    data = read(path)
+    assert list(data) == ["Speed"]
+    assert [finding.severity for finding in data.findings] == ["warning"]
+    assert "channel Torque: file other.r64 is not beside the header" in str(data.findings[0])
+    assert list(read(path, ["Speed"])) == ["Speed"]
+    with pytest.raises(InputError, match=r"file other\.r64 is not beside the header"):
+        read(path, ["Torque"])
+
+
 def test_damaged_headers_are_read_or_refused(diadem):
     path = diadem(
         implicit("Time", "s", 3, 0.5, 0.1),

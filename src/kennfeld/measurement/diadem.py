@@ -14,12 +14,12 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.errors import Finding, Findings, InputError, Location
+from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
+from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import split_name
@@ -44,13 +44,8 @@ class _Header:
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each length of channels that has a requested one."""
-    header = _header(source)
-    findings = Findings()
-    groups = _groups(source, header, findings)
-    findings.finish()
-    if not groups:
-        raise InputError.of(source.location, "the header describes no channels with values", "Is it the right file?")
-    return tables_of(source.location, groups, selection)
+    groups, unreadable = _groups(source, _header(source))
+    return tables_of(source.location, groups, selection, unreadable)
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
@@ -78,23 +73,25 @@ def _header(source: MeasurementFile) -> _Header:
     return _Header(common, tuple(channels))
 
 
-def _groups(source: MeasurementFile, header: _Header, findings: Findings) -> list[RecordedGroup]:
+def _groups(source: MeasurementFile, header: _Header) -> tuple[list[RecordedGroup], list[UnreadableChannel]]:
     counts = Counter(entries.get(211, "") for entries in header.channels if _method(entries) == "BLOCK")
     by_length: dict[int, list[RecordedChannel]] = defaultdict(list)
+    unreadable: list[UnreadableChannel] = []
     for number, entries in enumerate(header.channels, 1):
-        place = source.location.within(f"channel {entries.get(200) or number}")
         try:
             length = _integer(entries, 220, 0)
             if length > _MAX_VALUES:
                 raise ValueError(f"it claims {length} values")
             if length > 0:
-                by_length[length].append(_channel(source, header, entries, length, counts))
+                channel = _channel(source, header, entries, length, counts)
+                by_length[length].append(channel)
         except ValueError as error:
-            findings.add(Finding(place, str(error), _EXPORT))
-    return [
+            unreadable.append(UnreadableChannel(entries.get(200) or str(number), str(error), _EXPORT))
+    groups = [
         RecordedGroup("" if len(by_length) == 1 else f"{length} samples", length, channels)
         for length, channels in by_length.items()
     ]
+    return groups, unreadable
 
 
 def _channel(

@@ -2,11 +2,13 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.errors import Findings, Location
+from kennfeld.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
@@ -38,6 +40,18 @@ class RecordedChannel:
     content: str = ""
 
 
+class UnreadableChannel(NamedTuple):
+    """A channel whose values cannot be read: an error if it is requested or no other can be read, else a warning."""
+
+    name: str
+    problem: str
+    remedy: str
+
+    def finding(self, location: Location, severity: Severity = "error") -> Finding:
+        """Return the finding that names the channel."""
+        return Finding(location.within(f"channel {self.name}"), self.problem, self.remedy, severity=severity)
+
+
 @dataclass(frozen=True, eq=False)
 class RecordedGroup:
     """Channels of equal length.
@@ -55,19 +69,31 @@ class RecordedGroup:
     time: Callable[[], Float] | None = None
 
 
-def tables_of(location: Location, groups: Sequence[RecordedGroup], selection: Selection) -> list[Table]:
+def tables_of(
+    location: Location,
+    groups: Sequence[RecordedGroup],
+    selection: Selection,
+    unreadable: Sequence[UnreadableChannel] = (),
+) -> list[Table]:
     """Return a table for each group that has a requested channel; other channels are not read.
 
     A channel has its own name, or its path if another one has the same name; it may be requested by either.
 
     Raises:
-        InputError: a requested name is that of several channels.
+        InputError: there is no channel, a requested name is that of several channels, or one cannot be read.
     """
+    errors = [each for each in unreadable if not groups or each.name in (selection.channels or ())]
+    if errors:
+        raise InputError(each.finding(location) for each in errors)
+    if not groups:
+        raise InputError.of(location, "holds no channels with samples", "Is it the right file?")
     names = _unique_names(groups)
     chosen = _choose(location, names, selection)
     tables = [_table(location, group, names, chosen, selection) for group in groups]
     kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
-    return kept or tables[:1]
+    first, *others = kept or tables[:1]
+    warnings = () if selection.channels else tuple(each.finding(location, "warning") for each in unreadable)
+    return [replace(first, findings=warnings), *others]
 
 
 def _has_channel(table: Table, asked: Sequence[str]) -> bool:

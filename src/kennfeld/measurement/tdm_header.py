@@ -13,12 +13,12 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.errors import Finding, Findings, InputError
+from kennfeld.errors import InputError
 from kennfeld.file_errors import nearest_file
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
+from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import split_name
@@ -38,12 +38,8 @@ _EXPORT = "Export the measurement from DIAdem as MDF, TDMS or CSV."
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each raster that has a requested channel."""
     document = _Document(source, _parse(source))
-    findings = Findings()
-    groups = list(document.groups(findings))
-    findings.finish()
-    if not groups:
-        raise InputError.of(source.location, "describes no channels with values", "Is it the right file?")
-    return tables_of(source.location, groups, selection)
+    groups = list(document.groups())
+    return tables_of(source.location, groups, selection, document.unreadable)
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
@@ -94,9 +90,10 @@ class _Document:
         self.groups_of_channels = [each for each in root.iter() if _tag(each) == "tdm_channelgroup"]
         file = next((each for each in root.iter() if _tag(each) == "file"), None)
         self.file = {} if file is None else dict(file.attrib)
+        self.unreadable: list[UnreadableChannel] = []
 
-    def groups(self, findings: Findings) -> Iterator[RecordedGroup]:
-        """Yield the channels of each group that have one length; add a finding for each that cannot be read."""
+    def groups(self) -> Iterator[RecordedGroup]:
+        """Yield the channels of each group that have one length, and collect those that cannot be read."""
         several = len(self.groups_of_channels) > 1
         for group in self.groups_of_channels:
             name = _child_text(group, "name")
@@ -105,8 +102,7 @@ class _Document:
                 try:
                     own = self._channel(channel, name)
                 except ValueError as error:
-                    place = self.source.location.within(f"channel {_child_text(channel, 'name')}")
-                    findings.add(Finding(place, str(error), _EXPORT))
+                    self.unreadable.append(UnreadableChannel(_child_text(channel, "name"), str(error), _EXPORT))
                 else:
                     if own is not None:
                         by_length[own[0]].append(own[1])

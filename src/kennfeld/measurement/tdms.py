@@ -35,8 +35,6 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     try:
         with source.path.open("rb") as stream, TdmsFile.open(stream) as file:
             groups = list(_groups(file))
-            if not groups:
-                raise InputError.of(source.location, "holds no channels with samples", "Is it the right file?")
             return tables_of(source.location, groups, selection)
     except InputError:
         raise
