@@ -1,10 +1,11 @@
 """The files that the samples of a dataset come from."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import PurePath
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kennfeld.arrays import Int
 from kennfeld.lazy_dataclass import dataclass
@@ -55,6 +56,11 @@ class FileSpans:
             return None
         edges = np.searchsorted(samples, np.append(self.starts, self.starts[-1:] + self.lengths[-1:]))
         return type(self)(self.names, edges[:-1], np.diff(edges))
+
+    def parts(self, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+        """Yield each file with its part of the values of a dataset, [samples]."""
+        for name, start, length in zip(self.names, self.starts, self.lengths, strict=True):
+            yield name, values[max(start, 0) : start + length]
 
     def sizes(self, samples: int) -> Int:
         """Return how many of a number of samples come from each file, Int[files]."""

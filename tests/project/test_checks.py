@@ -35,6 +35,14 @@ def test_a_channel_with_many_gaps_is_a_warning(shop):
     assert "channel Torque is missing in 33% of the samples" in shop.warning()
 
 
+def test_a_file_without_any_value_of_the_target_is_a_warning(shop):
+    shop.bench("bench_2.csv", **{"Torque [Nm]": [np.nan] * 6})
+    shop.bench("bench_3.csv", **{"Torque [Nm]": None})
+    shop.change('files = ["bench.csv"]', 'files = ["bench*.csv"]')
+    warnings = [str(finding) for finding in shop.findings()]
+    assert any("no value of Torque, so that no sample is scored, in bench_2.csv and bench_3.csv" in w for w in warnings)
+
+
 def test_a_channel_that_never_changes_is_a_warning(shop):
     shop.bench("bench.csv", **{"Load": [10.0] * 6})
     assert "channel Load is constant (10) in the training data. Is it the right channel?" in shop.warning()

@@ -15,6 +15,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import Finding, Findings, InputError, Location
+from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.events import Event, events
@@ -278,6 +279,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
     problems = [
         *_units(problem, locations),
         *_channels(problem, locations),
+        *_unscored_files(problem, locations),
         *_axes(file, problem),
         *_beyond(file, problem),
         *_idle(file, problem),
@@ -339,6 +341,21 @@ def _channels(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_
         if count > 1 and len(levels) == 1:
             message = f"channel {name} is constant ({levels.pop():g}) in the training data"
             yield locations[training[0].name], message, "Is it the right channel?"
+
+
+def _unscored_files(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:
+    """Yield the files of a dataset that hold no value of a target which others of its files hold."""
+    targets = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
+    for data in problem.datasets if problem.partitions is None else ():  # else they are excerpts
+        for name in targets if data.files is not None and len(data.files.names) > 1 else ():
+            known = np.isfinite(data[name].values) if name in data else np.zeros(0, dtype=bool)
+            empty = [path for path, own in data.files.parts(known) if not own.any()] if known.any() else []
+            if empty:
+                short = short_names(data.files.names)
+                message = (
+                    f"no value of {name}, so that no sample is scored, in {join_names([short[p] for p in empty], 6)}"
+                )
+                yield locations[data.name], message, ""
 
 
 def _axes(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
