@@ -33,3 +33,10 @@ def test_extremes_are_coded(values):
     decoded = decode_numbers(code_numbers(values, 1e-9))
     np.testing.assert_array_equal(np.isnan(decoded), ~np.isfinite(values))
     assert decoded.size == values.size
+
+
+@pytest.mark.parametrize("value", [5.0, -850.0, 1e-12, 1e300, 0.0])
+def test_a_constant_column_is_exact_and_small(value):
+    coded = code_numbers(np.full(1000, value), 0.0)
+    np.testing.assert_array_equal(decode_numbers(coded), np.full(1000, value))
+    assert coded["planes"] == 1

@@ -21,7 +21,8 @@ def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any
 
     Args:
         values: Float[samples]; infinite values are stored as NaN.
-        step: resolution in the unit of the values, > 0. It grows if the range has more than `MAX_STEPS` steps.
+        step: resolution in the unit of the values, >= 0; 0 suits constant columns. It grows if the range has more than
+            `MAX_STEPS` steps.
         order: 1 stores differences, 2 differences of differences, which suits time stamps.
 
     >>> decode_numbers(code_numbers(np.array([1.0, np.nan, 2.52, -3.0]), 0.1))
@@ -32,7 +33,8 @@ def code_numbers(values: Float, step: float, order: int = 1) -> Mapping[str, Any
     last = float(values[known].max()) if known.any() else 0.0
     step = max(step, last / MAX_STEPS - first / MAX_STEPS, np.finfo(float).tiny)
     steps = np.zeros(values.size, dtype=np.int64)
-    steps[known] = np.round(values[known] / step - first / step)
+    # halves, since the range of doubles may exceed the largest double
+    steps[known] = np.round((values[known] / 2 - first / 2) / (step / 2))
     steps = steps[np.maximum.accumulate(np.where(known, np.arange(values.size), 0))]  # a gap costs no differences
     differences = steps
     for _ in range(order):
