@@ -108,7 +108,7 @@ def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
     with function_screen(torque) as page:
         page.set_input_files(".choice input[type=file]", EXAMPLE / "exhaust.mdl")
         page.wait_for_selector("[data-blocking='Sensor/Radiation']")
-        assert page.locator("[data-missing]").count() == 3
+        assert page.locator("[data-missing]").count() == 5
         page.set_input_files(".state .head input[type=file]", EXAMPLE / "exhaust.m")
         page.wait_for_selector(".chip:has-text('exhaust.m')")
         page.wait_for_selector("[data-missing]", state="detached")

@@ -192,7 +192,7 @@ def test_a_simulation_with_shifts_is_that_of_all_data(tmp_path, model, size):
     plain, parted = (table.to_pydict() for table in tables)
     assert plain.keys() == parted.keys()
     for name, values in plain.items():
-        exact = name in ("dataset", "piece", "use")
+        exact = name in ("dataset", "file", "piece", "use")
         close = np.testing.assert_array_equal if exact else np.testing.assert_allclose
         close(np.array(parted[name], dtype=None if exact else float), np.array(values, dtype=None if exact else float))
 

@@ -40,7 +40,7 @@ def test_a_file_without_any_value_of_the_target_is_a_warning(shop):
     shop.bench("bench_3.csv", **{"Torque [Nm]": None})
     shop.change('files = ["bench.csv"]', 'files = ["bench*.csv"]')
     warnings = [str(finding) for finding in shop.findings()]
-    assert any("no value of Torque, so that no sample is scored, in bench_2.csv and bench_3.csv" in w for w in warnings)
+    assert any("no value of Torque, so that no sample is scored, in bench_2.csv, bench_3.csv" in w for w in warnings)
 
 
 def test_a_channel_that_never_changes_is_a_warning(shop):

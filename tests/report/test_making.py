@@ -178,7 +178,7 @@ def test_a_long_recording_makes_no_large_report(shop, opened):
         {"time [s]": np.arange(count) * 0.01, "x": x.round(3), "m": (x + rng.normal(size=count)).round(3)},
     )
     page = opened(document(project, project.calibrate()))
-    assert len(page.text) < 900_000
+    assert len(page.text) < 4_000_000  # samples for the zoomed strip included
     (strip,) = page.figures("strip")
     assert not strip["whole"]
     assert len(strip["x"]) == len(strip["error"]) <= 4002

@@ -1,12 +1,15 @@
 """What a zoomed strip shows: samples within the room of a page, inputs and nodes; the same over partitions."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from kennfeld.report import document, strip_details
 from kennfeld.report.coded_numbers import decode_numbers
+from kennfeld.report.strip_details import DetailRoom
+from kennfeld.trace_envelope import TraceEnvelope
 
 COUNT = 30_000
 LAG = """[parameters.Lag]
@@ -58,7 +61,7 @@ def test_inputs_and_nodes_are_offered_with_their_units(drive, opened):
 
 
 def test_a_page_keeps_its_room_whatever_the_samples(drive, opened, monkeypatch):
-    monkeypatch.setattr(strip_details, "TOTAL_NUMBERS", 100_000)
+    monkeypatch.setattr(strip_details, "TOTAL_NUMBERS", 50_000)
     page = opened(document(drive, drive.calibrate()))
     (strip,) = page.figures("strip")
     detail = strip["detail"]
@@ -67,8 +70,21 @@ def test_a_page_keeps_its_room_whatever_the_samples(drive, opened, monkeypatch):
     assert {"errorBefore", "error"} <= set(detail["traces"])
     numbers = sum(trace["count"] for trace in detail["traces"].values())
     numbers += sum(signal["values"]["count"] for own in data_of(page)["signals"].values() for signal in own["signals"])
-    assert numbers <= 100_000 * 1.01
+    assert numbers <= 50_000
     assert decode_numbers(detail["x"]).size == detail["traces"]["error"]["count"] / 2
+
+
+def test_strips_have_samples_as_far_as_the_room_goes():
+    views = [TraceEnvelope(count, 4000) for count in (250_000, 250_000, 250_000, 1000, 5_000_000)]
+    fits = [SimpleNamespace(data=SimpleNamespace(is_timed=True, count=view.count)) for view in views]
+    room = DetailRoom.of(fits[:4], views[:4])
+    assert [None if groups is None else groups.size for groups in room.groups] == [1, 1, 1, None]
+    assert room.signals == pytest.approx((3e6 - 3 * 750_000) / 4)
+    room = DetailRoom.of(fits, views)
+    assert [None if groups is None else groups.size for groups in room.groups[:4]] == [1, 1, 1, None]
+    assert 1 < room.groups[4].size < views[4].size / 2
+    numbers = 3 * 750_000 + 5 * 2 * room.groups[4].groups
+    assert numbers + 5 * room.signals <= 3_000_000
 
 
 def test_points_without_time_have_no_details(shop, opened):

@@ -32,6 +32,7 @@ from kennfeld.measurement.reader import read_leniently
 
 _NOTES = b"kennfeld"
 _STORED = ("name", "channels", "time", "starts", "clock", "findings")  # what is written of a dataset
+_ADDED = ("files",)  # by whoever reads the entry
 
 _WORTH = {
     FileKind.PARQUET: math.inf,
@@ -55,7 +56,7 @@ def to_parquet(dataset: Dataset) -> bytes | None:
     import pyarrow.parquet as pq
 
     new = Dataset(dataset.name, dataset.channels, dataset.time, dataset.starts)
-    others = [attribute.name for attribute in fields(Dataset) if attribute.name not in _STORED]
+    others = [attribute.name for attribute in fields(Dataset) if attribute.name not in (*_STORED, *_ADDED)]
     if not dataset.channels or any(getattr(dataset, name) != getattr(new, name) for name in others):
         return None
     columns = [channel.values for channel in dataset.channels]

@@ -122,6 +122,8 @@ class RecordingSums:
     def of(cls, part: BoundPart, errors: Sequence[ScoredErrors]) -> "RecordingSums":
         """Return the sums over a part, given the errors of each criterion."""
         whole = part.whole.dataset
+        if part.begin == part.end:
+            return cls([])
         files = whole.files or FileSpans.joined([""], [whole.samples])
         return cls(list(_file_sums(files.cut(part.begin, part.end), part, errors)))
 

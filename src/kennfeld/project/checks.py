@@ -347,11 +347,12 @@ def _unscored_files(problem: Problem, locations: Mapping[str, Location]) -> Iter
     """Yield the files of a dataset that hold no value of a target which others of its files hold."""
     targets = dict.fromkeys(c.target.name for c in problem.criteria if c.target.kind == "channel")
     for data in problem.datasets if problem.partitions is None else ():  # else they are excerpts
-        for name in targets if data.files is not None and len(data.files.names) > 1 else ():
+        files = data.files
+        for name in targets if files is not None else ():
             known = np.isfinite(data[name].values) if name in data else np.zeros(0, dtype=bool)
-            empty = [path for path, own in data.files.parts(known) if not own.any()] if known.any() else []
-            if empty:
-                short = short_names(data.files.names)
+            empty = [path for path, own in files.parts(known) if not own.any()] if files and known.any() else []
+            if files and empty:
+                short = short_names(files.names)
                 message = (
                     f"no value of {name}, so that no sample is scored, in {join_names([short[p] for p in empty], 6)}"
                 )

@@ -14,7 +14,7 @@ from kennfeld.analysis.residuals import Fit
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.report.stamps import Stamps
-from kennfeld.report.strip_details import DrawnSignals, SignalPlan, detail_groups
+from kennfeld.report.strip_details import DetailRoom, DrawnSignals, SignalPlan
 from kennfeld.sample_statistics import QuantileSearch
 from kennfeld.trace_envelope import Trace, TraceEnvelope
 
@@ -84,18 +84,18 @@ class DrawingPlan:
     ends: Mapping[str, Ends]  # of the histograms before and after
 
     @classmethod
-    def of(cls, fit: Fit, worst: Sequence[int], series: int) -> "DrawingPlan":
+    def of(
+        cls, fit: Fit, worst: Sequence[int], series: int, groups: TraceEnvelope, detail: TraceEnvelope | None
+    ) -> "DrawingPlan":
         """Return the plan for a fit, one of `series`."""
-        most = int(np.clip(TOTAL_POINTS // (5 * max(series, 1)), *TRACE_POINTS))
         dots = int(np.clip(TOTAL_POINTS // (6 * max(series, 1)), *SCATTER_POINTS))
         counts, searches = fit.counts, fit.details.searches
-        groups = TraceEnvelope(fit.data.count, most)
         return cls(
             unit=counts.unit,
             timed=fit.data.is_timed,
             samples=fit.samples,
             groups=groups,
-            detail=detail_groups(fit, groups, series),
+            detail=detail,
             chosen=sample_indices(fit.samples, dots),
             worst=worst,
             criterion=fit.number,
@@ -216,12 +216,17 @@ def draw(passes: PartPasses, fits: Sequence[Fit], worst: Mapping[int, Mapping[st
         fits: their statistics, dataset by dataset.
         worst: samples that are drawn in any case, by the number of the criterion and the dataset.
     """
+    most = int(np.clip(TOTAL_POINTS // (5 * max(len(fits), 1)), *TRACE_POINTS))
+    views = [TraceEnvelope(fit.data.count, most) for fit in fits]
+    room = DetailRoom.of(fits, views)
+    planned = [
+        (fit.data, DrawingPlan.of(fit, worst[fit.number].get(fit.data.name, ()), len(fits), view, detail))
+        for fit, view, detail in zip(fits, views, room.groups, strict=True)
+    ]
     drawings: list[Drawing] = []
-    datasets = {id(fit.data): fit.data for fit in fits}.values()
-    for data in datasets:
-        own = [fit for fit in fits if fit.data is data]
-        plans = [DrawingPlan.of(fit, worst[fit.number].get(data.name, ()), len(fits)) for fit in own]
-        further = SignalPlan.of(passes.problem, data, len(datasets))
+    for data in {id(fit.data): fit.data for fit in fits}.values():
+        plans = [plan for own, plan in planned if own is data]
+        further = SignalPlan.of(passes.problem, data, room.signals)
         drawn = passes.over(data, _draw_part, plans, further)
         drawings += [Drawing(*pair, data.name, drawn.signals) for pair in zip(plans, drawn.points, strict=True)]
     return drawings

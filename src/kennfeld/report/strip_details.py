@@ -18,9 +18,11 @@ from kennfeld.report.coded_numbers import code_numbers
 from kennfeld.report.stamps import Stamps
 from kennfeld.trace_envelope import Trace, TraceEnvelope
 
-TOTAL_NUMBERS = 3_000_000  # of all details of a page, about 5 MB of text
-SHARE_OF_CRITERIA = 0.6  # the rest is for inputs and nodes
+TOTAL_NUMBERS = 3_000_000  # of all details of a page: 3 to 9 MB of text
+RESERVE = 0.1  # share of them for strips whose samples have no room, and as much for inputs and nodes
+LEAST_POINTS = 400  # of a signal
 MAX_SIGNALS = 40  # of a dataset, inputs first
+SIGNALS_OF_SAMPLES, SIGNALS_OF_RANGES = 3, 5  # columns of a strip: errors follow from samples, not from ranges
 GAIN = 2  # times the points of the first view from which details are worth their room
 LEVELS = 65_535  # steps of the range of a signal: more than a screen has pixels
 ERROR_LEVELS = 4_095  # steps of the range of its errors, which are differences of signals
@@ -40,24 +42,55 @@ class SignalPlan:
 
     groups: TraceEnvelope
     signals: tuple[StripSignal, ...]
+    left_out: int  # signals for which there is no room
 
     @classmethod
-    def of(cls, problem: Problem, data: DatasetExtent, datasets: int) -> "SignalPlan | None":
-        """Return the plan for a dataset, one of `datasets`; None if it has no time or no signals."""
-        signals = tuple(_signals(problem, data))[:MAX_SIGNALS] if data.is_timed else ()
+    def of(cls, problem: Problem, data: DatasetExtent, room: float) -> "SignalPlan | None":
+        """Return the plan for a dataset in a room of so many numbers; None if it has no time or no signals."""
+        signals = tuple(_signals(problem, data)) if data.is_timed else ()
         if not signals:
             return None
-        room = TOTAL_NUMBERS * (1 - SHARE_OF_CRITERIA) / (max(datasets, 1) * len(signals))
-        return cls(TraceEnvelope(data.count, int(max(room, 400))), signals)
+        shown = signals[:MAX_SIGNALS]
+        points = max(int(room / len(shown)), LEAST_POINTS)
+        return cls(TraceEnvelope(data.count, points), shown, len(signals) - len(shown))
 
 
-def detail_groups(fit: Fit, view: TraceEnvelope, series: int) -> TraceEnvelope | None:
-    """Return the groups of a strip's details, one of `series`; None if its first view shows as much."""
-    if not fit.data.is_timed or view.whole:
-        return None
-    room = TOTAL_NUMBERS * SHARE_OF_CRITERIA / max(series, 1)
-    whole = TraceEnvelope(fit.data.count, int(room / 3))
-    groups = whole if whole.whole else TraceEnvelope(fit.data.count, int(room / 5))
+@dataclass(frozen=True, eq=False)
+class DetailRoom:
+    """How the numbers of a page are divided: samples of criteria first, then ranges of others, then signals.
+
+    Attributes:
+        groups: the groups of each strip's details; None if its first view shows as much.
+        signals: numbers for the signals of each dataset.
+    """
+
+    groups: tuple[TraceEnvelope | None, ...]
+    signals: float
+
+    @classmethod
+    def of(cls, fits: Sequence[Fit], views: Sequence[TraceEnvelope]) -> "DetailRoom":
+        """Divide the room among the strips of fits, given the groups of their first views."""
+        room = TOTAL_NUMBERS * (1.0 - RESERVE)
+        detailed = [fit.data.is_timed and not view.whole for fit, view in zip(fits, views, strict=True)]
+        needs = [SIGNALS_OF_SAMPLES * fit.data.count if own else 0 for fit, own in zip(fits, detailed, strict=True)]
+        scarce = sum(needs) > room
+        left = room - TOTAL_NUMBERS * RESERVE if scarce else room
+        whole = []
+        for need in needs:
+            whole.append(need <= left)
+            left -= need if whole[-1] else 0
+        others = sum(not each for each in whole)
+        points = int((left + TOTAL_NUMBERS * RESERVE) / (SIGNALS_OF_RANGES * others)) if others else 0
+        groups = tuple(
+            _detail_groups(fit.data.count, view, fit.data.count if all_samples else points) if own else None
+            for fit, view, own, all_samples in zip(fits, views, detailed, whole, strict=True)
+        )
+        datasets = len({id(fit.data) for fit in fits})
+        return cls(groups, (TOTAL_NUMBERS * RESERVE + (0.0 if others else left)) / max(datasets, 1))
+
+
+def _detail_groups(count: int, view: TraceEnvelope, points: int) -> TraceEnvelope | None:
+    groups = TraceEnvelope(count, points)
     return groups if groups.whole or view.size >= GAIN * groups.size else None
 
 
@@ -106,6 +139,7 @@ class DrawnSignals:
         """Return the signals as the page decodes them."""
         return {
             **_coded_stamps(self.stamps, self.plan.groups),
+            "leftOut": self.plan.left_out,
             "signals": [
                 {**signal._asdict(), "values": _coded(self.traces[signal.name].points(self.plan.groups))}
                 for signal in self.plan.signals

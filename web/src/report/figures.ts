@@ -17,7 +17,7 @@ export interface StripDetail {
 export interface Signal { name: string; unit: string; kind: "input" | "node"; values: CodedNumbers }
 
 /** Inputs and nodes of the function over a dataset. */
-export interface DatasetSignals { whole: boolean; size: number; x: CodedNumbers; signals: Signal[] }
+export interface DatasetSignals { whole: boolean; size: number; leftOut: number; x: CodedNumbers; signals: Signal[] }
 
 export interface StripFigure {
   kind: "strip";

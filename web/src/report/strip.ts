@@ -6,7 +6,7 @@ import { nearest } from "../drawing/strips";
 import { Chart, type Pane, type Tip } from "./chart";
 import { canDecode, decodeNumbers, type CodedNumbers } from "./coded-numbers";
 import { make, type TipLine } from "./elements";
-import { equal, numbers, type DatasetSignals, type Signal, type StripFigure } from "./figures";
+import { equal, numbers, type DatasetSignals, type Signal, type StripDetail, type StripFigure } from "./figures";
 import { levelLayer, tracesLayer, uprightLayer, type Points } from "./layers";
 
 const TRACES = ["measured", "before", "after", "errorBefore", "error"] as const;
@@ -107,6 +107,15 @@ class Strip {
     const { detail } = this.f;
     if (detail === undefined || this.loading || !canDecode) return;
     this.loading = true;
+    try {
+      this.details = await this.decode(detail);
+    } finally {
+      this.loading = false;
+    }
+    if (this.chart.isZoomed) this.show(this.details);
+  }
+
+  private async decode(detail: StripDetail): Promise<View> {
     const names = TRACES.filter((name) => detail.traces[name] !== undefined);
     const [stamps, ...columns] = await Promise.all([column(detail.x), ...names.map((name) => column(detail.traces[name]!))]);
     const x = detail.whole ? stamps! : twice(stamps!);
@@ -115,8 +124,7 @@ class Strip {
       known.errorBefore = difference(known.before, known.measured);
       known.error = difference(known.after, known.measured);
     }
-    this.details = { x, whole: detail.whole, breaks: breaksAt(x, this.f.pieces), traces: known };
-    if (this.chart.isZoomed) this.show(this.details);
+    return { x, whole: detail.whole, breaks: breaksAt(x, this.f.pieces), traces: known };
   }
 
   private tip(value: number, shown: (layer: Points) => boolean): Tip | null {
@@ -148,6 +156,7 @@ class Strip {
       const options = own.map((signal) => make("option", { value: String(this.signals!.signals.indexOf(signal)) }, withUnit(signal.name, signal.unit)));
       if (own.length) choice.append(make("optgroup", { label }, ...options));
     }
+    if (this.signals.leftOut) choice.append(make("option", { disabled: "" }, `${this.signals.leftOut} more have no room`));
     choice.addEventListener("change", () => {
       const signal = this.signals!.signals[Number(choice.value)];
       choice.value = "";
@@ -191,8 +200,9 @@ class Strip {
   /** Say what a point stands for where the page has no room for all samples. */
   private describe(): void {
     const size = this.f.detail?.size ?? 1;
-    if (this.f.whole || (this.f.detail !== undefined && size === 1)) return;
-    const note = this.f.detail === undefined ? "Each point is the range of several samples." : `Zoomed in, each point is the range of ${size} samples.`;
+    const refined = this.f.detail !== undefined && canDecode;
+    if (this.f.whole || (refined && size === 1)) return;
+    const note = !refined ? "Each point is the range of several samples." : `Zoomed in, each point is the range of ${size} samples.`;
     this.host.append(make("p", { class: "note" }, note));
   }
 }
