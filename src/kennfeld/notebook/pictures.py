@@ -64,7 +64,7 @@ def ticks(low: float, high: float, most: int = MAX_TICKS) -> list[float]:
     ([0.0, 2.0, 4.0, 6.0, 8.0, 10.0], [1000.0, 2000.0, 3000.0, 4000.0, 5000.0])
     """
     width = high - low
-    if not (np.isfinite(width) and width > 0):
+    if not (np.isfinite(width) and width / most > np.finfo(float).tiny):
         return [low]
     power = 10.0 ** floor(log10(width / most))
     step = next((digit * power for digit in (1, 2, 5, 10) if width / (digit * power) <= most), 10 * power)
