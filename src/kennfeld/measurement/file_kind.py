@@ -294,4 +294,6 @@ def _kind_of_zip(file: Path) -> FileKind:
         return FileKind.EXCEL
     if "simulink/blockdiagram.xml" in members or "simulink/blockDiagram.json" in members:
         return FileKind.MODEL
+    if members == {"header.xml"}:
+        return FileKind.TDM  # as DIAdem saves it
     return FileKind.FMU if "modelDescription.xml" in members else FileKind.ZIP

@@ -12,6 +12,7 @@ from kennfeld.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
+from kennfeld.measurement.time_column import find_time
 
 _TIME = "time"
 _MAX_LISTED = 8  # channels in a message
@@ -27,7 +28,7 @@ class RecordedChannel:
         unit: as the file states it.
         load: reads the values, Float[samples].
         description: as the file states it.
-        dated: the values are dates, in s.
+        dated: the values are dates, in s from an origin that all channels of the file share.
         content: what a channel holds that is no numbers, as messages say it: "a text".
     """
 
@@ -91,9 +92,31 @@ def tables_of(
     chosen = _choose(location, names, selection)
     tables = [_table(location, group, names, chosen, selection) for group in groups]
     kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
-    first, *others = kept or tables[:1]
+    first, *others = _with_dates_aligned(kept or tables[:1], selection)
     warnings = () if selection.channels else tuple(each.finding(location, "warning") for each in unreadable)
     return [replace(first, findings=warnings), *others]
+
+
+def _with_dates_aligned(tables: Sequence[Table], selection: Selection) -> list[Table]:
+    """Return the tables with dates that are their time counted from the earliest one, so that they can be joined.
+
+    If the format defines the time of a group, the reader counts dates from the same origin.
+    """
+    clocks = [find_time(table, selection.channels or ()) for table in tables]
+    dates = [clock.values for clock in clocks if clock is not None and clock.dated]
+    known = [values[~np.isnan(values)] for values in dates]
+    shared = any(table.clock is not None for table in tables)
+    origin = 0.0 if shared else min((float(values[0]) for values in known if values.size), default=0.0)
+    return [_with_clock(table, clock, origin) for table, clock in zip(tables, clocks, strict=True)]
+
+
+def _with_clock(table: Table, clock: Column | None, origin: float) -> Table:
+    if clock is None or not clock.dated:
+        return table
+    index = next(i for i, column in enumerate(table.columns) if column is clock)
+    # a difference of two large numbers; nobody stamps finer than that
+    own = replace(clock, values=np.round(clock.values - origin, 9), dated=False)
+    return replace(table, columns=(*table.columns[:index], own, *table.columns[index + 1 :]), clock_index=index)
 
 
 def _has_channel(table: Table, asked: Sequence[str]) -> bool:
