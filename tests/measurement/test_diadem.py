@@ -57,6 +57,44 @@ def test_channels_one_after_the_other_are_read(diadem):
     assert describe(path).kind == "DIAdem"
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8", "cp1252"])
+def test_headers_are_read_in_any_encoding(diadem, encoding):
+    path = diadem(explicit("Öl", "bench.r64", "REAL64", 3, unit="°C"), bench_r64=np.arange(3.0))
+    path.write_text(path.read_text("latin-1"), encoding=encoding)
+    assert describe(path).kind == "DIAdem"
+    assert read(path)["Öl"].unit == "°C"
+
+
+def test_german_keywords_and_records_without_places_are_read(diadem):
+    path = diadem(
+        channel("T", "[s]", _210="IMPLIZIT", _220=3, _240=10, _241="5E-03"),
+        channel("UD", _210="EXPLIZIT", _211="S1.I32", _213="BLOCK", _214="INT32", _220=3),
+        channel("NS", _210="EXPLIZIT", _211="S1.I32", _213="BLOCK", _214="INT32", _220=3),
+        S1_I32=np.array([[1, 10], [2, 20], [3, 30]], dtype="<i4"),
+    )
+    data = read(path)
+    np.testing.assert_allclose(data.time, [10.0, 10.005, 10.01])
+    assert (data["UD"].values.tolist(), data["NS"].values.tolist()) == ([1.0, 2.0, 3.0], [10.0, 20.0, 30.0])
+
+
+def test_columns_of_text_without_places_follow_each_other(diadem):
+    more = {"_213": "BLOCK", "_214": "ASCII", "_220": 2, "_230": ";", "_210": "EXPLICIT", "_211": "bench.asc"}
+    path = diadem(channel("a", **more), channel("b", **more), bench_asc=b"1;3\n2;4\n")
+    data = read(path)
+    assert (data["a"].values.tolist(), data["b"].values.tolist()) == ([1.0, 2.0], [3.0, 4.0])
+
+
+def test_a_channel_may_have_its_own_number_for_missing_values(diadem):
+    path = diadem(
+        explicit("a", "bench.r64", "REAL64", 3, _254=-1),
+        explicit("b", "bench.r64", "REAL64", 3),
+        bench_r64=np.array([1.0, -1.0, 9.9e34]),
+    )
+    data = read(path)
+    np.testing.assert_array_equal(data["a"].values, [1.0, np.nan, 9.9e34])
+    np.testing.assert_array_equal(data["b"].values, [1.0, -1.0, np.nan])
+
+
 @pytest.mark.parametrize("stated", [True, False])
 def test_blocks_have_a_record_for_each_sample(diadem, stated):
     more = {"_222": 2} if stated else {}

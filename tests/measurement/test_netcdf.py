@@ -56,6 +56,25 @@ def test_dimensions_are_rasters(netcdf):
     assert read(path, ["Speed"]).samples == 3
 
 
+def test_a_coordinate_of_any_name_is_the_time(netcdf):
+    path = netcdf(
+        ("obs", "obs", np.array([0.0, 1.0, 2.0]), {"units": "hours since 2026-11-27 10:00"}),
+        ("Speed", "obs", np.arange(3.0), {"units": "rpm"}),
+    )
+    assert read(path).time.tolist() == [0.0, 3600.0, 7200.0]
+
+
+def test_matrices_are_skipped_and_reported(tmp_path):
+    with netcdf_file(tmp_path / "bench.nc", "w") as file:
+        for name, length in (("time", 3), ("x", 2), ("one", 1)):
+            file.createDimension(name, length)
+        for name, dimensions in (("Speed", ("time", "one")), ("map", ("time", "x"))):
+            file.createVariable(name, "d", dimensions)[:] = 1.0
+    data = read(tmp_path / "bench.nc")
+    assert list(data) == ["Speed"]
+    assert "channel map: is a matrix of 3 x 2 and is skipped" in str(data.findings[0])
+
+
 def test_damaged_files_are_read_or_refused(netcdf):
     path = netcdf(
         ("time", "time", np.arange(20.0), {"units": "s"}), ("Speed", "time", np.arange(20.0), {"units": "rpm"})

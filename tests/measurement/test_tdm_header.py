@@ -1,5 +1,7 @@
 """TDM with its binary file: blocks, records, implicit and scaled columns, damage."""
 
+import zipfile
+
 import numpy as np
 import pytest
 from mutants import refusals
@@ -90,6 +92,96 @@ def test_records_for_each_sample_are_read(tdm):
     assert read_back["b"].values.tolist() == [10.0, 20.0, 30.0]
 
 
+@pytest.mark.parametrize("inline", [True, False])
+def test_start_and_step_may_be_written_as_values(tdm, inline):
+    path = tdm(
+        block(0, byteOffset=0, length=2, valueType="eFloat64Usi")
+        + block(1, byteOffset=16, length=3, valueType="eFloat64Usi"),
+        group("bench", 1, 2)
+        + channel(
+            1,
+            "Time",
+            "[s]",
+            "<sequence_representation>implicit_linear</sequence_representation>",
+            "<values>0.5 0.1</values>" if inline else '<values external="inc0"/>',
+        )
+        + channel(2, "Speed", "rpm", EXPLICIT, '<values external="inc1"/>'),
+        np.array([0.5, 0.1, 900.0, 950.0, 1000.0]).tobytes(),
+    )
+    data = read(path)
+    np.testing.assert_allclose(data.time, [0.5, 0.6, 0.7])
+    assert data["Speed"].values.tolist() == [900.0, 950.0, 1000.0]
+
+
+def test_a_description_packed_by_diadem_is_read(tdm):
+    data = group("bench", 1) + channel(1, "Speed", "[rpm]", EXPLICIT, '<values external="inc0"/>')
+    path = tdm(block(0, byteOffset=0, length=3, valueType="eFloat64Usi"), data, np.arange(3.0).tobytes())
+    description = path.read_bytes()
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("header.xml", description)
+    assert read(path)["Speed"].values.tolist() == [0.0, 1.0, 2.0]
+    assert (describe(path).kind, read(path)["Speed"].unit) == ("TDM", "rpm")
+    assert refusals(path, head=4) > 200
+
+
+def stamps(seconds, order="<"):
+    """Times of LabVIEW, with an origin of its own."""
+    fields = [("fraction", "<u8"), ("seconds", "<i8")] if order == "<" else [("seconds", ">i8"), ("fraction", ">u8")]
+    stamped = np.zeros(len(seconds), fields)
+    stamped["seconds"] = 3_750_417_468 + np.floor(seconds).astype(np.int64)
+    stamped["fraction"] = (np.mod(seconds, 1) * 2.0**64).astype(np.uint64)
+    return stamped.tobytes()
+
+
+@pytest.mark.parametrize(("order", "word"), [("<", "littleEndian"), (">", "bigEndian")])
+def test_dates_of_all_groups_count_from_the_earliest(tdm, order, word):
+    blocks = block(0, byteOffset=0, length=3, valueType="eTimeUsi")
+    blocks += block(1, byteOffset=48, length=3, valueType="eTimeUsi")
+    data = group("early", 1, 2) + group("late", 3, 4)
+    data += channel(1, "Time", "", EXPLICIT, '<values external="inc0"/>')
+    data += channel(2, "Speed", "rpm", parameters("implicit_linear", 0, 100))
+    data += channel(3, "Time", "", EXPLICIT, '<values external="inc1"/>')
+    data += channel(4, "Torque", "Nm", parameters("implicit_linear", 0, 10))
+    raw = stamps(np.array([0.75, 1.75, 2.75]), order) + stamps(np.array([1.25, 2.25, 3.25]), order)
+    path = tdm(blocks, data, raw)
+    path.write_text(path.read_text().replace("littleEndian", word))
+    assert read(path, ["Speed"]).time.tolist() == [0.0, 1.0, 2.0]
+    both = read(path, ["Speed", "Torque"], raster=0.5)
+    assert both.time.tolist() == [1.0, 1.5, 2.0]
+    assert both["Torque"].values.tolist() == [5.0, 10.0, 15.0]
+    assert both["Speed"].values.tolist() == [100.0, 150.0, 200.0]
+
+
+def flagged(flags):
+    flagged = channel(1, "Speed", "", EXPLICIT, '<values external="inc0"/>')
+    flagged = flagged.replace("<values>#", '<flags>#xpointer(id("usi13"))</flags><values>#')
+    return flagged + f'<short_sequence id="usi13"><values external="{flags}"/></short_sequence>'
+
+
+def test_values_with_flags_may_be_missing(tdm):
+    blocks = block(0, byteOffset=0, length=3, valueType="eFloat64Usi")
+    blocks += block(1, byteOffset=24, length=3, valueType="eInt16Usi")
+    raw = np.arange(3.0).tobytes() + np.array([15, 0, 9], dtype="<i2").tobytes()
+    path = tdm(blocks, group("bench", 1) + flagged("inc1"), raw)
+    np.testing.assert_array_equal(read(path)["Speed"].values, [0.0, np.nan, 2.0])
+    with pytest.raises(InputError, match="the flags of its values are fewer than the values, or not integers"):
+        read(tdm(blocks, group("bench", 1) + flagged("inc0"), raw))
+
+
+@pytest.mark.parametrize(
+    ("column", "message"),
+    [
+        (parameters("raw_polynomial", 2, 0, 1, 3), "values of the representation raw_polynomial cannot be read"),
+        (parameters("implicit_saw", 0, 1, 3), "values of the representation implicit_saw cannot be read"),
+        (parameters("implicit_linear", 0), "start and step are not stated"),
+    ],
+)
+def test_representations_that_cannot_be_read_are_named(tdm, column, message):
+    data = group("bench", 1) + channel(1, "Speed", "", column, '<values external="inc0"/>')
+    with pytest.raises(InputError, match=f"channel Speed: .*{message}"):
+        read(tdm(block(0, byteOffset=0, length=1, valueType="eTimeUsi"), data, bytes(16)))
+
+
 def test_groups_are_told_apart(tdm):
     data = group("left", 1) + group("right", 2)
     data += channel(1, "Speed", "", EXPLICIT, '<values external="inc0"/>')
@@ -113,6 +205,14 @@ def test_what_is_wrong_is_named_with_the_channel(tdm, attributes, message):
     data = group("bench", 1) + channel(1, "Speed", "", EXPLICIT, '<values external="inc0"/>')
     with pytest.raises(InputError, match=f"channel Speed: .*{message}"):
         read(tdm(block(0, **stated), data, np.array([1.0, 2.0]).tobytes()))
+
+
+def test_entities_in_two_bytes_a_character_are_refused(tdm):
+    path = tdm("", "", b"")
+    text = path.read_text().replace("UTF-8", "UTF-16").replace("<usi:tdm", '<!DOCTYPE a [<!ENTITY b "c">]><usi:tdm')
+    path.write_bytes(text.encode("utf-16"))
+    with pytest.raises(InputError):
+        read(path)
 
 
 def test_entities_are_refused(tmp_path):

@@ -60,6 +60,28 @@ def test_a_channel_may_be_the_time(tdms):
     assert data["Speed"].values.tolist() == [1.0, 2.0, 3.0]
 
 
+def test_dates_of_all_groups_count_from_the_earliest(tdms):
+    stamps = START + np.arange(5) * np.timedelta64(500, "ms")
+    path = tdms(
+        ("early", "Timestamp", stamps),
+        ("early", "Speed", np.arange(5.0)),
+        ("late", "Timestamp", stamps + np.timedelta64(1, "s")),
+        ("late", "Torque", np.arange(5.0)),
+    )
+    data = read(path, ["Speed", "Torque"], raster=0.5)
+    assert data.time.tolist() == [1.0, 1.5, 2.0]
+    assert (data["Speed"].values.tolist(), data["Torque"].values.tolist()) == ([2.0, 3.0, 4.0], [0.0, 1.0, 2.0])
+
+
+def test_dates_and_starts_have_one_origin(tdms):
+    stamps = START + np.arange(1, 6) * np.timedelta64(500, "ms")
+    path = tdms(
+        ("even", "Speed", np.arange(5.0), even(0.5)), ("log", "Date Time", stamps), ("log", "Torque", np.arange(5.0))
+    )
+    data = read(path, ["Speed", "Torque"], raster=0.5)
+    assert (data.time.tolist(), data["Torque"].values.tolist()) == ([0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 2.0, 3.0])
+
+
 def test_equal_names_are_told_apart_by_their_groups(tdms):
     path = tdms(("left", "Speed", np.arange(3.0)), ("right", "Speed", np.arange(3.0) + 5))
     assert [table.channels[0].name for table in describe(path).tables] == ["left/Speed", "right/Speed"]

@@ -4,6 +4,7 @@ import random
 import warnings
 import zipfile
 
+import h5py
 import numpy as np
 import pytest
 from bus_files import DBC, drive, write_mf4
@@ -314,6 +315,12 @@ def test_files_of_other_packers_are_to_be_unpacked(tmp_path, start):
     path.write_bytes(start + bytes(200))
     with pytest.raises(InputError, match=r"this is a compressed file\. Unpack it first"):
         describe_file(path)
+
+
+def test_an_hdf5_file_that_matlab_did_not_write_is_a_measurement(tmp_path):
+    with h5py.File(tmp_path / "bench.h5", "w") as file:
+        file["Speed"], file["group/Torque"] = np.arange(3.0), np.arange(3.0)
+    assert "measurement (HDF5)" in "\n".join(describe_file(tmp_path / "bench.h5").lines())
 
 
 def test_a_bus_log_is_described_by_its_databases(tmp_path):

@@ -3,7 +3,8 @@
 Each line of a channel's header is a number and a value: 200 name, 201 comment, 202 unit, 210 IMPLICIT or EXPLICIT,
 211 file, 213 CHANNEL or BLOCK, 214 type, 220 number of values, 221 place of the first one (from 1), 222 distance of two
 values in a block, 223 column in a block of text, 230 and 231 its separator and decimal sign, 240 offset or start,
-241 factor or step. The global header has 111, which stands for missing values, and 112, the order of bytes.
+241 factor or step, 254 what stands for missing values. The global header has 111, the same for all channels, and 112,
+the order of bytes. German versions write IMPLIZIT. Without 221, the channels of a record follow each other.
 """
 
 from collections import Counter, defaultdict
@@ -29,6 +30,7 @@ _TYPES = {
 }  # fmt: skip
 _TEXT = "ASCII"
 _SWAPPED = "LOW -> HIGH"  # bytes in the order of other processors than those of PCs
+_IMPLICIT = ("IMPLICIT", "IMPLIZIT")
 _MAX_HEADER = 50_000_000  # bytes
 _MAX_VALUES = 500_000_000
 _EXPORT = "Export the measurement from DIAdem as MDF, TDMS or CSV."
@@ -75,15 +77,19 @@ def _header(source: MeasurementFile) -> _Header:
 
 def _groups(source: MeasurementFile, header: _Header) -> tuple[list[RecordedGroup], list[UnreadableChannel]]:
     counts = Counter(entries.get(211, "") for entries in header.channels if _method(entries) == "BLOCK")
+    places: Counter[str] = Counter()
     by_length: dict[int, list[RecordedChannel]] = defaultdict(list)
     unreadable: list[UnreadableChannel] = []
     for number, entries in enumerate(header.channels, 1):
         try:
+            if _method(entries) == "BLOCK":
+                places[entries.get(211, "")] += 1
             length = _integer(entries, 220, 0)
             if length > _MAX_VALUES:
                 raise ValueError(f"it claims {length} values")
             if length > 0:
-                channel = _channel(source, header, entries, length, counts)
+                place = places[entries.get(211, "")]
+                channel = _channel(source, header, {**_default_place(entries, place), **entries}, length, counts)
                 by_length[length].append(channel)
         except ValueError as error:
             unreadable.append(UnreadableChannel(entries.get(200) or str(number), str(error), _EXPORT))
@@ -94,6 +100,13 @@ def _groups(source: MeasurementFile, header: _Header) -> tuple[list[RecordedGrou
     return groups, unreadable
 
 
+def _default_place(entries: Mapping[int, str], place: int) -> dict[int, str]:
+    """Return the entry of a channel's place within a record: of numbers the first value, of text the column."""
+    if _method(entries) != "BLOCK":
+        return {}
+    return {223 if entries.get(214, "").upper() == _TEXT else 221: str(place)}
+
+
 def _channel(
     source: MeasurementFile, header: _Header, entries: Mapping[int, str], length: int, counts: Mapping[str, int]
 ) -> RecordedChannel:
@@ -101,7 +114,7 @@ def _channel(
     name, unit = split_name(full)
     unit = entries.get(202, "").strip("[]") or unit
     start, step = _number(entries, 240, 0.0), _number(entries, 241, 1.0)
-    if entries.get(210, "").upper() == "IMPLICIT":
+    if entries.get(210, "").upper() in _IMPLICIT:
         return RecordedChannel(name, full, unit, partial(_even, start, step, length), entries.get(201, ""))
     stored = _Stored.of(source, header, entries, length, counts)
     load = partial(_physical, stored, step or 1.0, start)  # some writers state a factor of 0 and mean none
@@ -156,7 +169,7 @@ class _Stored:
         kind = entries.get(214, "").upper()
         in_block = _method(entries) == "BLOCK"
         first = _integer(entries, 221, 1) - 1
-        missing = _number(header.common, 111, float("nan"))
+        missing = _number(entries, 254, _number(header.common, 111, float("nan")))
         if kind == _TEXT:
             separator, decimal = entries.get(230, ""), entries.get(231, ".") or "."
             column = _integer(entries, 223, 1) - 1 if in_block else 0

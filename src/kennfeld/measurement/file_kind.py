@@ -235,6 +235,8 @@ def detect_kind(file: Path) -> tuple[FileKind, bool]:
 
 
 def _kind_by_start(start: bytes) -> FileKind:
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")) and _is_diadem(_narrow(start)):
+        return FileKind.DIADEM
     for magic, kind in _MAGIC:
         if start.startswith(magic):
             return kind
@@ -246,7 +248,7 @@ def _kind_by_start(start: bytes) -> FileKind:
     for word, kind in _WORDS:
         if words.startswith(word):
             return kind
-    if words.startswith(b"diaextended") or b"#beginglobalheader" in words or b"#beginchannelheader" in words:
+    if _is_diadem(words):
         return FileKind.DIADEM
     if b"\nkonservierung_format" in words.replace(b"\r", b"\n"):
         return FileKind.DCM
@@ -256,6 +258,15 @@ def _kind_by_start(start: bytes) -> FileKind:
     if _is_vbo(words):
         return FileKind.VBO
     return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
+
+
+def _narrow(start: bytes) -> bytes:
+    """Return text of two bytes a character, the mark of that left out, in UTF-8 and lower case."""
+    return start[: len(start) // 2 * 2].decode("utf-16", "ignore").lower().encode()
+
+
+def _is_diadem(words: bytes) -> bool:
+    return words.startswith(b"diaextended") or b"#beginglobalheader" in words or b"#beginchannelheader" in words
 
 
 def _is_matlab_4(start: bytes) -> bool:
@@ -294,4 +305,6 @@ def _kind_of_zip(file: Path) -> FileKind:
         return FileKind.EXCEL
     if "simulink/blockdiagram.xml" in members or "simulink/blockDiagram.json" in members:
         return FileKind.MODEL
+    if members == {"header.xml"}:
+        return FileKind.TDM  # as DIAdem saves it
     return FileKind.FMU if "modelDescription.xml" in members else FileKind.ZIP

@@ -1,7 +1,7 @@
 """Groups of channels with a common time, as files with a directory hold them: TDMS, HDF5, netCDF, DIAdem."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,9 +12,12 @@ from kennfeld.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
+from kennfeld.measurement.time_column import find_time
+from kennfeld.measurement.unit_text import in_seconds, time_unit
 
 _TIME = "time"
 _MAX_LISTED = 8  # channels in a message
+_MAX_WARNINGS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +30,9 @@ class RecordedChannel:
         unit: as the file states it.
         load: reads the values, Float[samples].
         description: as the file states it.
-        dated: the values are dates, in s.
+        dated: the values are dates, in s from an origin that all channels of the file share.
         content: what a channel holds that is no numbers, as messages say it: "a text".
+        clock: the file says that it is the time of its group, whatever its name.
     """
 
     name: str
@@ -38,6 +42,7 @@ class RecordedChannel:
     description: str = ""
     dated: bool = False
     content: str = ""
+    clock: bool = False
 
 
 class UnreadableChannel(NamedTuple):
@@ -69,6 +74,23 @@ class RecordedGroup:
     time: Callable[[], Float] | None = None
 
 
+def with_clock(channels: Sequence[RecordedChannel]) -> list[RecordedChannel]:
+    """Return channels with one of them as their clock, if only its unit says that it is a time."""
+    if any(channel.clock or time_unit(channel.name, channel.unit) is not None for channel in channels):
+        return list(channels)
+    timed = [channel for channel in channels if not channel.content and in_seconds(channel.unit) is not None]
+    return [replace(channel, clock=timed == [channel]) for channel in channels]
+
+
+def unnamed_matrices(shapes: Mapping[str, tuple[int, ...]]) -> list[UnreadableChannel]:
+    """Return as what cannot be read the matrices under these paths."""
+    remedy = "Store it as vectors, or name its columns in an attribute column_names."
+    return [
+        UnreadableChannel(path, f"is a matrix of {' x '.join(map(str, shape))} and is skipped", remedy)
+        for path, shape in shapes.items()
+    ]
+
+
 def tables_of(
     location: Location,
     groups: Sequence[RecordedGroup],
@@ -91,9 +113,38 @@ def tables_of(
     chosen = _choose(location, names, selection)
     tables = [_table(location, group, names, chosen, selection) for group in groups]
     kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
-    first, *others = kept or tables[:1]
-    warnings = () if selection.channels else tuple(each.finding(location, "warning") for each in unreadable)
-    return [replace(first, findings=warnings), *others]
+    first, *others = _with_dates_aligned(kept or tables[:1], selection)
+    return [replace(first, findings=() if selection.channels else _warnings(location, unreadable)), *others]
+
+
+def _warnings(location: Location, unreadable: Sequence[UnreadableChannel]) -> tuple[Finding, ...]:
+    findings = [each.finding(location, "warning") for each in unreadable[:_MAX_WARNINGS]]
+    if len(unreadable) > _MAX_WARNINGS:
+        message = f"{len(unreadable) - _MAX_WARNINGS} more channels cannot be read"
+        findings.append(Finding(location, message, "Request them to see why.", severity="warning"))
+    return tuple(findings)
+
+
+def _with_dates_aligned(tables: Sequence[Table], selection: Selection) -> list[Table]:
+    """Return the tables with dates that are their time counted from the earliest one, so that they can be joined.
+
+    If the format defines the time of a group, the reader counts dates from the same origin.
+    """
+    clocks = [find_time(table, selection.channels or ()) for table in tables]
+    dates = [clock.values for clock in clocks if clock is not None and clock.dated]
+    known = [values[~np.isnan(values)] for values in dates]
+    shared = any(table.clock is not None for table in tables)
+    origin = 0.0 if shared else min((float(values[0]) for values in known if values.size), default=0.0)
+    return [_with_clock(table, clock, origin) for table, clock in zip(tables, clocks, strict=True)]
+
+
+def _with_clock(table: Table, clock: Column | None, origin: float) -> Table:
+    if clock is None or not clock.dated:
+        return table
+    index = next(i for i, column in enumerate(table.columns) if column is clock)
+    # a difference of two large numbers; nobody stamps finer than that
+    own = replace(clock, values=np.round(clock.values - origin, 9), dated=False)
+    return replace(table, columns=(*table.columns[:index], own, *table.columns[index + 1 :]), clock_index=index)
 
 
 def _has_channel(table: Table, asked: Sequence[str]) -> bool:
@@ -134,20 +185,28 @@ def _table(
     labels = [chosen.get(channel, names[channel]) for channel in group.channels]
     header = Header(0, 0, tuple(labels), tuple(channel.unit for channel in group.channels))
     wanted = set(selection.wants(header)) | {i for i, channel in enumerate(group.channels) if channel in chosen}
+    wanted |= {i for i, channel in enumerate(group.channels) if channel.clock}
     columns = [_column(group.channels[i], labels[i], group.samples) for i in sorted(wanted)]
-    clock = list(_clock(group, labels))
+    own = list(_own_time(group, labels))
+    stated = {labels[i] for i, channel in enumerate(group.channels) if channel.clock} - set(selection.channels or ())
+    clock = next((i for i, column in enumerate(columns) if column.name in stated and _rises(column)), None)
     return Table(
         location.within(group.path) if group.path else location,
-        (*clock, *columns),
+        (*own, *columns),
         np.arange(1, group.samples + 1),
         "sample",
-        (*(column.name for column in clock), *labels),
+        (*(column.name for column in own), *labels),
         details=(("group", group.path),) if group.path else (),
-        clock_index=0 if clock else None,
+        clock_index=0 if own else clock,
     )
 
 
-def _clock(group: RecordedGroup, labels: Sequence[str]) -> Iterator[Column]:
+def _rises(column: Column) -> bool:
+    return column.values.size > 1 and bool(np.all(np.diff(column.values) > 0))
+
+
+def _own_time(group: RecordedGroup, labels: Sequence[str]) -> Iterator[Column]:
+    """Yield the time that the format itself defines."""
     if group.time is not None:
         name = unique_names([*labels, _TIME])[-1]
         yield Column(name, "s", name, group.time())

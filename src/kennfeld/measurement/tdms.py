@@ -48,10 +48,10 @@ def describe_tables(source: MeasurementFile) -> list[TableDescription]:
 
 
 def _groups(file: Any) -> Iterator[RecordedGroup]:
-    starts = [
-        channel.properties[_START] for group in file.groups() for channel in group.channels() if _is_even(channel)
-    ]
-    first = min(starts, default=None)
+    channels = [channel for group in file.groups() for channel in group.channels() if len(channel)]
+    starts = [channel.properties[_START] for channel in channels if _is_even(channel)]
+    dates = [date for channel in channels if _is_dated(channel) and not np.isnat(date := channel[0])]
+    first = min(starts or dates, default=None)
     several = len(file.groups()) > 1
     for group in file.groups():
         rasters: dict[tuple[int, float, float], list[Any]] = defaultdict(list)
@@ -63,7 +63,7 @@ def _groups(file: Any) -> Iterator[RecordedGroup]:
             yield RecordedGroup(
                 path if several or len(rasters) > 1 else "",
                 samples,
-                [_channel(channel) for channel in members],
+                [_channel(channel, first) for channel in members],
                 partial(_stamps, samples, step, start) if step > 0 else None,
             )
 
@@ -92,16 +92,16 @@ def _stamps(samples: int, step: float, start: float) -> Float:
     return np.asarray(start + step * np.arange(samples), dtype=np.float64)
 
 
-def _channel(channel: Any) -> RecordedChannel:
+def _channel(channel: Any, first: Any) -> RecordedChannel:
     notes = channel.properties
     name, unit = split_name(channel.name)
     unit = next((str(notes[key]) for key in _UNITS if notes.get(key)), unit)
-    dated = channel.dtype.kind == "M"
+    dated = _is_dated(channel)
     content = (
         "" if dated or channel.dtype.kind in "fiub" else "a text" if channel.dtype.kind in "OSU" else "a complex number"
     )
     path = f"{channel.group_name}/{channel.name}"
-    load = partial(_dates if dated else _numbers, channel)
+    load = partial(_dates, channel, first) if dated else partial(_numbers, channel)
     return RecordedChannel(name, path, unit, load, str(notes.get("description", "")), dated, content)
 
 
@@ -109,7 +109,12 @@ def _numbers(channel: Any) -> Float:
     return np.asarray(channel[:], dtype=np.float64)
 
 
-def _dates(channel: Any) -> Float:
+def _is_dated(channel: Any) -> bool:
+    return bool(channel.dtype.kind == "M")
+
+
+def _dates(channel: Any, first: Any) -> Float:
     stamps = channel[:].astype("datetime64[ns]")
-    elapsed = (stamps - stamps[0]).astype(np.float64) * 1e-9
+    origin = stamps[0] if first is None else first.astype("datetime64[ns]")
+    elapsed = (stamps - origin).astype(np.float64) * 1e-9
     return np.asarray(np.where(np.isnat(stamps), np.nan, elapsed), dtype=np.float64)

@@ -21,6 +21,7 @@ _SECONDS = {
     (1.0, 1e9): "ns nanosecond nanoseconds",
     (60.0, 1.0): "min minute minutes minuten",
     (3600.0, 1.0): "h hr hour hours stunden",
+    (86400.0, 1.0): "day days tage",
 }
 _TIME = {word: scale for scale, words in _SECONDS.items() for word in words.split()}
 _TIME_NAME = re.compile(r"(?:elapsed|relative)?[ _]?(?:time|timestamps?|time ?stamps?|zeit|t)(?:[ _]([a-zµμ]+))?")

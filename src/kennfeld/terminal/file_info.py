@@ -121,12 +121,23 @@ def _is_calibration(file: _InputFile) -> bool:
         from kennfeld.calfiles.excel.layout import is_calibration_workbook
 
         return is_calibration_workbook(_whole(file.path))
+    if file.kind is FileKind.HDF5 and not _is_of_matlab(file.path):
+        return False
     if file.kind in (FileKind.MATLAB, FileKind.HDF5, FileKind.OTHER) and file.path.stat().st_size < _MAX_MAT_SIZE:
         from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat
 
         source = _whole(file.path)
         return recognises_mat(source) and is_calibration_mat(source)
     return file.kind in _CALIBRATION_KINDS or _is_calibration_text(file)
+
+
+def _is_of_matlab(path: Path) -> bool:
+    from kennfeld.matlab import mat_v73
+
+    try:
+        return mat_v73.is_matlab(path)
+    except Exception:  # of many kinds: the library trusts what it reads; the reader of measurements reports it
+        return False
 
 
 def _whole(path: Path) -> CalibrationSource:
