@@ -125,8 +125,12 @@ class ImportReport:
         undefined = (_undefined_finding(name, paths, self._reason(name)) for name, paths in self.undefined.items())
         others = (_merge_findings(blocks) for blocks in self.groups if blocks[0].stops)
         loops = (Finding(Location(path=loop[0]), _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
-        missing = (_missing_finding(name, source) for name, source in self.missing_files.items() if self.undefined)
-        return (*self.stopped, *others, *loops, *missing, *undefined)
+        return (*self.stopped, *others, *loops, *self.missing, *undefined)
+
+    @property
+    def missing(self) -> tuple[Finding, ...]:
+        """Files that were not found, if variables are undefined."""
+        return tuple(_missing_finding(*names) for names in self.missing_files.items()) if self.undefined else ()
 
     def _reason(self, name: str) -> str:
         return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")
