@@ -30,7 +30,7 @@ from kennfeld.measurement.table_conversion import TableDescription, describe_tab
 
 NO_DATABASE = (
     'Name its CAN database: dbc = ["engine.dbc"] in the [[dataset]] of the project, `kennfeld info --dbc engine.dbc`, '
-    'or read(..., dbc=["engine.dbc"]) in Python.'
+    'or read(..., dbc=["engine.dbc"]) in Python; in the app, drop it on the page.'
 )
 _ANY_SOURCE = 0xFE  # source address of a message of J1939 that any control unit may send
 _CLASSIC = 8  # bytes of a frame that is not CAN FD
