@@ -127,9 +127,20 @@ function Channels() {
   );
 }
 
+/** The channels by name, each with its range over all files. */
+function ranges(files: File[]): Map<string, Channel> {
+  const channels = new Map<string, Channel>();
+  for (const own of files.flatMap((file) => file.channels)) {
+    const known = channels.get(own.name);
+    if (known === undefined || known.least === null) channels.set(own.name, own);
+    else if (own.least !== null) channels.set(own.name, { ...known, least: Math.min(known.least, own.least), greatest: Math.max(known.greatest!, own.greatest!) });
+  }
+  return channels;
+}
+
 function Mapping() {
   const channels = [...new Set(entries.value.flatMap((entry) => entry.files.flatMap((file) => file.channels.map((c) => c.name))))];
-  const described = new Map(entries.value.flatMap((entry) => entry.files.flatMap((file) => file.channels.map((c) => [c.name, c] as const))));
+  const described = ranges(entries.value.flatMap((entry) => entry.files));
   const remarks = state.value.findings.filter((f) => f.screen === "data" && f.severity !== "remark");
   return (
     <section class="pane mapping">
