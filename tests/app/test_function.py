@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulink_files import Model
 
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
@@ -95,6 +96,45 @@ def test_a_file_that_cannot_be_read_is_one_message(
     assert said in problem["text"]
     assert sensor.stale
     assert sensor.view is not None
+
+
+def write_model(folder: Path, **options: str) -> Path:
+    """Write a project with a Simulink model that a function call runs: it has a remark on `file`."""
+    model = Model("plant", solver="FixedStepDiscrete", step="0.1", **options)
+    model.inport("u")
+    model.inport("Task", OutputFunctionCall="on")
+    inner = model.subsystem("S")
+    inner.block("TriggerPort", "T", TriggerType="function-call")
+    inner.inport("u")
+    inner.block("Gain", "G", Gain="K")
+    inner.outport("y")
+    inner.chain("u", "G", "y")
+    model.outport("y")
+    model.line("u", "S")
+    model.line("Task", "S#trigger")
+    model.line("S", "y")
+    model.write(folder)
+    (folder / "drive.csv").write_text("time,u,m\n0,1,2\n0.1,2,4\n0.2,3,6\n", encoding="utf-8")
+    text = '[model]\nfile = "plant.slx"\n[[dataset]]\nfiles = ["drive.csv"]\n[[criterion]]\nnode = "y"\n'
+    (folder / "kennfeld.toml").write_text(f'{text}target = {{ channel = "m" }}\n', encoding="utf-8")
+    return folder / "kennfeld.toml"
+
+
+def test_a_remark_on_the_model_does_not_stop_it(tmp_path: Path) -> None:
+    project = write_model(tmp_path)
+    project.write_text(f"{project.read_text()}[parameters.K]\ninitial = 1.0\n")
+    session = Session(project)
+    assert any("Task is a function call" in str(finding) for finding in session.findings)
+    own = QUESTIONS["diagram"](session, {}).head
+    assert own["problems"] == []
+    assert own["whole"]
+    assert "y = K * u" in {line["text"] for line in own["lines"]}
+
+
+def test_a_missing_dictionary_is_named_with_what_stops_the_import(tmp_path: Path) -> None:
+    own = QUESTIONS["diagram"](Session(write_model(tmp_path, dictionary="plant.sldd")), {}).head
+    assert [each["name"] for each in own["undefined"]] == ["K"]
+    assert [problem["message"] for problem in own["stopped"]] == ["needs plant.sldd, which was not found"]
 
 
 def test_an_unknown_block_is_named_and_the_blocks_are_still_shown(sensor: Session) -> None:

@@ -148,7 +148,9 @@ def test_databases_decode_the_recordings_that_come_with_them() -> None:
     assert workspace.session is not None
     assert workspace.session.settings["dataset"] == [{"files": ["drive.mf4"], "dbc": ["engine.dbc"], "use": "training"}]
     (file,) = recordings.files(workspace.session, {}).head["datasets"][0]["files"]
-    assert {"Engine.Speed", "Temp", "Gear"} <= {channel["name"] for channel in file["channels"]}
+    groups = {channel["name"]: channel["group"] for channel in file["channels"]}
+    assert (groups["Temp"], groups["Gear"]) == ("Engine", "Gearbox")
+    assert (file["missing"], file["sparsest"]) == (0.0, "time")
 
 
 def test_a_database_that_comes_later_decodes_the_logs_that_are_there() -> None:

@@ -127,6 +127,11 @@ def test_a_file_of_another_kind_is_refused(tmp_path, raw, said):
         ),
         ("a.PAR", b"<?xml version='1.0'?><a/>", "is a parameter file (.par)"),
         ("a.cdm", b"\0\1", "is an INCA calibration data file (.cdm), which cannot be read. Export it from that tool"),
+        (
+            "a.sldd",
+            b"PK\3\4",
+            "is a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
+        ),
         ("a.lab", b"[Label]\nK\n", "is a list of labels (.lab), which contains no values"),
         ("a.bin", b"\0\1", "is a raw memory dump (.bin), which contains no addresses. Convert it to Intel HEX"),
     ],

@@ -31,7 +31,7 @@ def test_a_log_without_a_database_is_named_with_the_remedy(log):
         with pytest.raises(InputError) as caught:
             work(path)
         said = str(caught.value)
-        frames = "30 CAN frames of 2 identifiers (0x1F4, 0x1F5)"
+        frames = "30 CAN frames of 2 identifiers on CAN1 (0x1F4, 0x1F5)"
         assert said.startswith(f"drive.mf4: this is a bus log: it holds {frames}, no values of signals. Name its")
         assert 'dbc = ["engine.dbc"] in the [[dataset]]' in said
         assert "kennfeld info --dbc engine.dbc" in said
@@ -128,6 +128,23 @@ def test_a_message_on_two_buses_is_two_messages(log, database):
     assert read(path, ["CAN2/Engine.Temp"], dbc=database).samples == 3
     assert read(path, ["Temp"], dbc=[{"file": database, "bus": 2}]).samples == 3
     assert read(path, ["Temp"], dbc=f"{database}@1").samples == 3
+
+
+def test_databases_that_describe_a_parameter_group_differently_are_reported(log, database, tmp_path):
+    path = log([Frame(0.01 * k, 0x0CF00400, eec1(800, 10), extended=True) for k in range(3)])
+    other = tmp_path / "other.dbc"
+    other.write_text(DBC.replace("EngineSpeed", "ShaftSpeed"))
+    assert not [text for text in remarks(describe(path, [database, database])) if "differently" in text]
+    (warning,) = [text for text in remarks(describe(path, [database, other])) if "differently" in text]
+    assert "0x0CF00400 is described differently by engine.dbc (EEC1), other.dbc (EEC1); engine.dbc is used" in warning
+
+
+def test_a_database_of_another_bus_is_reported_with_both(log, database):
+    path = log([Frame(0.01 * k, 500, engine(1000, 80)) for k in range(3)])
+    with pytest.raises(
+        InputError, match=r"described by engine\.dbc@CAN3; it holds 3 CAN frames of 1 identifier on CAN1 "
+    ):
+        read(path, dbc=f"{database}@3")
 
 
 def test_databases_of_several_buses_are_kept_apart(log, database, tmp_path):
@@ -228,7 +245,7 @@ def test_channels_beside_frames_need_no_description_of_the_frames(tmp_path):
 
 def test_the_real_log_of_a_logger_is_named(real):
     with pytest.raises(
-        InputError, match=r"this is a bus log: it holds 2010 CAN frames of 2 identifiers \(0x7BB, 0x7EC\)"
+        InputError, match=r"this is a bus log: it holds 2010 CAN frames of 2 identifiers on CAN1 \(0x7BB, 0x7EC\)"
     ):
         read(real("mdf/css_17BD1DB7_00000170.MF4"))
 

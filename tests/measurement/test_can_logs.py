@@ -71,6 +71,17 @@ def test_a_compressed_log_is_read(tmp_path, database, ending):
     assert read(path, ["Temp"], dbc=database).samples == 20
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("ending", [".asc", ".log", ".trc"])
+def test_a_log_cut_off_within_a_line_is_reported(tmp_path, database, ending, compressed):
+    content = write_log(tmp_path / f"drive{ending}", FRAMES).read_bytes()
+    for size, is_cut in ((len(content), False), (content.rstrip().rindex(b"\n") + 12, True)):
+        path = tmp_path / (f"part{ending}.gz" if compressed else f"part{ending}")
+        path.write_bytes(gzip.compress(content[:size]) if compressed else content[:size])
+        messages = [str(finding) for table in describe(path, database).tables for finding in table.findings]
+        assert any("cut off" in message or "1 line cannot be read" in message for message in messages) == is_cut
+
+
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_a_log_cut_off_anywhere_ends_in_data_or_findings(tmp_path, database, ending):
     content = write_log(tmp_path / f"drive{ending}", FRAMES).read_bytes()

@@ -42,6 +42,11 @@ def test_a_file_of_another_kind_is_named(csv, content, said):
         assert str(caught.value).startswith(f"run.x: this is {said}")
 
 
+def test_a_database_of_a_bus_is_to_be_named_with_a_log(csv):
+    with pytest.raises(InputError, match=r"Name a bus log .*: `kennfeld info drive\.mf4 --dbc engine\.dbc`\."):
+        read(csv(DBC, "engine.dbc"))
+
+
 @pytest.mark.parametrize(
     "text",
     ["version,a\n1,2\n2,3\n", "base,hex\n1,2\n2,3\n", "VERSION;BO_\n1;2\n2;3\n", "BU_,NS_\n1,2\n2,3\n"],

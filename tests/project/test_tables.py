@@ -352,6 +352,13 @@ def test_nothing_free_is_a_finding(shop):
     assert 'no parameter of the function is free. Write free = ["*"] in [calibration].' in shop.error()
 
 
+def test_nothing_free_is_no_finding_if_no_parameter_is_defined(shop):
+    shop.change('initial = "start.json"', "")
+    undefined_gain, undefined_offset = shop.errors()
+    assert "undefined name Gain" in undefined_gain
+    assert "undefined name offset" in undefined_offset
+
+
 def test_a_map_that_is_looked_up_like_a_curve_is_told_by_its_axes(shop):
     """Not by what would lie on the axis that the function does not feed, such as the quantiles of a missing channel."""
     shop.add('[parameters.Gain]\nx = { count = 3 }\ny = { input = "Lod", count = 3 }\ninitial = 0.0')

@@ -257,6 +257,16 @@ def test_a_zipped_simulink_model_and_a_data_dictionary_are_told(tmp_path):
     [variable] = found.as_json["variables"]
     assert (variable["name"], variable["class"], variable["size"]) == ("K", "double", [1, 1])
     json.dumps(found.as_json)
+    assert found.tables[0][1][:4] == ("K", "double", "1 x 1", "2.5")
+
+
+def test_the_class_file_of_an_enumeration_shows_its_members(written):
+    text = "classdef Gear < Simulink.IntEnumType\nenumeration\nReverse(-1), First(1)\nend\nend\n"
+    described = describe_file(written("Gear.m", text))
+    assert described.summary == "Gear.m: enumeration class of MATLAB, 2 members"
+    assert described.tables[0][1:] == [("Gear.Reverse", "-1"), ("Gear.First", "1")]
+    assert described.as_json["members"] == {"Reverse": -1, "First": 1}
+    assert "must be called Gear.m" in describe_file(written("gears.m", text)).notes[0]
 
 
 def test_a_damaged_simulink_model_is_told(tmp_path):

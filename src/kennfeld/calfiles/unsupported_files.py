@@ -19,6 +19,10 @@ _IMAGE_REMEDY = "Convert it to Intel HEX (.hex) or S-records (.s19), and pass th
 _ENDINGS = {
     ".par": ("a parameter file (.par) that does not begin as those of CANape, which cannot be read", _EXPORT_REMEDY),
     ".cdm": ("an INCA calibration data file (.cdm), which cannot be read", _EXPORT_REMEDY),
+    ".sldd": (
+        "a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
+        "Convert the model: `kennfeld convert engine.slx engine.kf` writes its values to engine.json.",
+    ),
     ".lab": ("a list of labels (.lab), which contains no values", "Pass the calibration file with their values."),
     ".bin": ("a raw memory dump (.bin), which contains no addresses", _IMAGE_REMEDY),
     ".elf": ("a program (.elf)", _IMAGE_REMEDY),

@@ -30,7 +30,7 @@ from kennfeld.measurement.table_conversion import TableDescription, describe_tab
 
 NO_DATABASE = (
     'Name its CAN database: dbc = ["engine.dbc"] in the [[dataset]] of the project, `kennfeld info --dbc engine.dbc`, '
-    'or read(..., dbc=["engine.dbc"]) in Python.'
+    'or read(..., dbc=["engine.dbc"]) in Python; in the app, drop it on the page.'
 )
 _ANY_SOURCE = 0xFE  # source address of a message of J1939 that any control unit may send
 _CLASSIC = 8  # bytes of a frame that is not CAN FD
@@ -119,7 +119,7 @@ class BusLog:
         self._segmented: dict[str, Sender] = {}
         self.messages = self._match()
         if not self.messages and not may_be_empty:
-            names = join_names([database.file for _, database in self._databases], 3)
+            names = join_names([_restricted(file, database.file) for file, database in self._databases], 3)
             message = f"none of its identifiers is described by {names}; it holds {_content(frames)}"
             remedy = "Check the database, and its bus if one is stated."
             if self._segmented:
@@ -285,9 +285,7 @@ class _Catalog:
         """Return the description of the frames of a sender: that of the identifier, else of the parameter group."""
         key = sender.identifier, sender.extended
         exact = [messages[key] for file, messages in self._exact if self._applies(file, sender) and key in messages]
-        if len(exact) > 1 and any(other.message.signals != exact[0].message.signals for other in exact[1:]):
-            others = join_names([f"{name} ({message.name})" for name, message in exact], 3)
-            self._twice[f"{sender.text} is described differently by {others}; {exact[0].database} is used"] = None
+        self._compare(sender, exact)
         if exact or not sender.extended or sender.network != "CAN":
             return exact[0] if exact else None
         number = sender.group_number
@@ -297,7 +295,17 @@ class _Catalog:
             if self._applies(file, sender)
             for described in groups.get(number, ())
         ]
-        return min(similar, key=lambda described: _distance(described.message, sender), default=None)
+        nearest = min((_distance(described.message, sender) for described in similar), default=0)
+        similar = [described for described in similar if _distance(described.message, sender) == nearest]
+        by_database = {described.database: described for described in reversed(similar)}
+        self._compare(sender, list(reversed(by_database.values())))
+        return similar[0] if similar else None
+
+    def _compare(self, sender: Sender, candidates: Sequence[_Described]) -> None:
+        """Keep in mind that databases describe a sender differently; the first one is used."""
+        if any(other.message.signals != candidates[0].message.signals for other in candidates[1:]):
+            others = join_names([f"{name} ({message.name})" for name, message in candidates], 3)
+            self._twice[f"{sender.text} is described differently by {others}; {candidates[0].database} is used"] = None
 
     @staticmethod
     def _applies(file: DatabaseFile, sender: Sender) -> bool:
@@ -321,12 +329,20 @@ def _forms(recorded: RecordedMessage, signal: BusSignal) -> tuple[str, ...]:
     return (signal.name, *(f"{form}.{signal.name}" for form in recorded.forms))
 
 
+def _restricted(file: DatabaseFile, name: str) -> str:
+    """Return a database with the bus that it is restricted to: `body.dbc@CAN2`."""
+    is_restricted = file.bus is not None or file.network != "CAN"
+    return f"{name}@{file.network}{file.bus or ''}" if is_restricted else name
+
+
 def _content(frames: Sequence[Frames]) -> str:
     """Return what a log holds: `1200 CAN frames of 3 identifiers (0x123, ...), no values of signals`."""
     parts = []
     for each in frames:
         texts = list(dict.fromkeys(sender.text for sender, _ in each.senders()))
-        listed = f"{count_noun(len(texts), 'identifier')} ({join_names(texts, _MAX_LISTED)})"
+        buses = sorted({sender.bus_text for sender, _ in each.senders() if sender.bus})
+        place = f" on {join_names(buses, 3)}" if buses else ""
+        listed = f"{count_noun(len(texts), 'identifier')}{place} ({join_names(texts, _MAX_LISTED)})"
         parts.append(f"{count_noun(len(each), f'{each.network} frame')} of {listed}")
     return f"{' and '.join(parts) or 'no frames'}, no values of signals"
 

@@ -32,6 +32,7 @@ _ABSOLUTE = "Export the log with absolute time stamps."
 _COPY = "Copy the file again from its source."
 _LARGEST = (1 << 29) - 1  # identifier
 _MOST_BYTES = 64
+_NO_END = "the last line has no line break: the log seems to be cut off; the frames before its end are read"
 _EPOCH = 1e8  # s; larger times count from 1970
 _DIGITS = 6  # of such times in s: they are not known to more
 _RELATIVE = "relative"
@@ -116,6 +117,8 @@ def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     is_relative = getattr(reader, "timestamps_format", "") == _RELATIVE
     frames = [columns.frames(is_relative=is_relative)] if columns.time else []
     findings = [Finding(source.location, _RELATIVE_TIME, _ABSOLUTE, severity="warning")] if is_relative else []
+    if frames and not problems and not _ends_with_line_break(source):
+        findings.append(Finding(source.location, _NO_END, _COPY, severity="warning"))
     if not problems:
         return frames, findings
     message = f"{count_noun(len(problems), 'line')} cannot be read, the first one because of {problems[0]}"
@@ -123,6 +126,12 @@ def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
         raise InputError.of(source.location, message, _COPY)
     rest = "the other frames are read" if done else f"only the {len(columns.time)} frames before are read"
     return frames, [*findings, Finding(source.location, f"{message}; {rest}", _COPY, severity="warning")]
+
+
+def _ends_with_line_break(source: MeasurementFile) -> bool:
+    with source.open() as raw:
+        raw.seek(-1, io.SEEK_END)
+        return raw.read(1) in b"\r\n"
 
 
 def _collect(reader: Any, columns: _Columns, problems: list[str]) -> bool:

@@ -108,7 +108,7 @@ _FOREIGN = (
     (
         rb"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)",
         f"a CAN database (DBC), {_DATABASE}",
-        _RECORDING,
+        "Name a bus log and the database that decodes it: `kennfeld info drive.mf4 --dbc engine.dbc`.",
     ),
     (rb"\A\s*(?:/\*.*?\*/\s*)?LIN_description_file\s*;", f"a LIN database (LDF), {_DATABASE}", _RECORDING),
     (

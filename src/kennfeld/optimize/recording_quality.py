@@ -1,5 +1,6 @@
 """The errors of each file, and its worst stretch: the window of about 1/20 of the file with the greatest RMSE."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -10,6 +11,7 @@ from kennfeld.numeric import finite_or_none
 
 SHARE = 20  # windows in a file
 LEAST_SECONDS = 5.0  # of a window
+_DIGITS = 3  # of the length of a stretch that its times are rounded to
 
 
 @dataclass(frozen=True)
@@ -29,14 +31,19 @@ class WorstStretch:
     unit: Literal["s", "samples"]
 
     def __str__(self) -> str:
-        """Return the place.
+        """Return the place; times are rounded to about 1/1000 of the length.
 
         >>> str(WorstStretch(12.0, 17.0, 0.5, "s")), str(WorstStretch(3, 7, 0.5, "samples"))
         ('12 to 17 s', 'samples 3 to 7')
+        >>> str(WorstStretch(1700068.4603, 1700098.7603, 0.5, "s"))
+        '1700068.5 to 1700098.8 s'
         """
         if self.unit == "samples":
             return f"samples {self.begin:.0f} to {self.end:.0f}"
-        return f"{self.begin:.6g} to {self.end:.6g} s"
+        length = self.end - self.begin
+        decimals = _DIGITS - math.ceil(math.log10(length)) if length > 0 else _DIGITS
+        begin, end = (f"{round(time, max(decimals, 0)):.15g}" for time in (self.begin, self.end))
+        return f"{begin} to {end} s"
 
 
 @dataclass(frozen=True)

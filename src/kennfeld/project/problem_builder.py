@@ -348,7 +348,7 @@ class ProblemBuilder:
                 where = f", the first at {at}" if at else ""
                 remedy = "Complete the file, or write initial = ... in its section."
                 self.findings.error(self.file.location("parameters", name, "initial"), message + where, remedy)
-        if not tables.free and function.graph.parameters:
+        if not tables.free and any(name in tables.parameters for name in function.graph.parameters):
             self.findings.error(
                 self.file.location("calibration", "free"),
                 "no parameter of the function is free",

@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld import calfiles, measurement
 from kennfeld.errors import InputError
-from kennfeld.formatting import join_names, number_text, size_text
+from kennfeld.formatting import count_noun, join_names, number_text, size_text
 from kennfeld.graph.events import events
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
@@ -49,7 +49,8 @@ def describe_measurement(description: measurement.Description) -> FileInfo:
     """Describe a recording: its channels, time and skipped columns."""
     groups, file = description.tables, description.file
     several = len(groups) > 1
-    notes = [note for group in groups for note in _recording_notes(group, file, several)]
+    notes = [note for group in groups for note in _time_notes(group, file, several)]
+    notes += [note for group in groups for note in _content_notes(group)]
     sizes = [f"{len(group.channels)} channels over {group.samples} samples" for group in groups]
     size = join_names(sizes, _MOST_GROUPS, " and ")
     return FileInfo(
@@ -75,7 +76,7 @@ def _without_empty(rows: Sequence[Sequence[str]], *optional: str) -> Table:
     return [[row[i] for i in used] for row in rows]
 
 
-def _recording_notes(table: measurement.TableDescription, file: str, several: bool) -> list[str]:
+def _time_notes(table: measurement.TableDescription, file: str, several: bool) -> list[str]:
     notes = []
     if table.details:
         notes.append(f"{table.name or file}: {', '.join(f'{k} {v}' for k, v in table.details.items())}")
@@ -83,7 +84,11 @@ def _recording_notes(table: measurement.TableDescription, file: str, several: bo
         group = f"{table.name}: " if several and table.name else ""
         step = "" if table.time.step is None else f", a sample every {table.time.step:g} s"
         notes.append(f"{group}time from {table.time.begin:g} s to {table.time.end:g} s{step}")
-    notes += [f"{finding.severity}: {finding}" for finding in table.findings]
+    return notes
+
+
+def _content_notes(table: measurement.TableDescription) -> list[str]:
+    notes = [f"{finding.severity}: {finding}" for finding in table.findings]
     if table.left_out:
         notes.append(f"columns without numbers: {', '.join(table.left_out)}")
     return notes
@@ -326,6 +331,20 @@ def describe_dictionary(path: Path) -> FileInfo:
         types=list(dictionary.types),
     )
     return FileInfo(simulink.dictionary_summary(dictionary), [simulink.dictionary_table(dictionary)], notes, as_json)
+
+
+def describe_enumeration(path: Path) -> FileInfo:
+    """Describe the class file of an enumeration of MATLAB: its members."""
+    from kennfeld.models.simulink.variables.enumerations import enumeration_of
+
+    name, members = enumeration_of(path.read_text(encoding="utf-8", errors="replace")) or ("", {})
+    rows = [(f"{name}.{member}", number_text(number)) for member, number in members.items()]
+    note = "A model finds the class if this file is next to it, in folders or in parameters."
+    if name != path.stem:
+        note = f"warning: the file must be called {name}.m; models do not find the class by this name"
+    as_json = _json("enumeration", path, name=name, members=members)
+    summary = f"{path.name}: enumeration class of MATLAB, {count_noun(len(rows), 'member')}"
+    return FileInfo(summary, [[("member", "value"), *rows]], [note], as_json)
 
 
 def _describe_variable(name: str, entry: "StoredVariable") -> dict[str, Any]:

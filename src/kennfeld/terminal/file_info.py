@@ -92,6 +92,14 @@ def _is_simulink(file: _InputFile) -> bool:
     return by_name or file.kind is FileKind.MODEL or recognises_simulink(file.head.encode())
 
 
+def _is_enumeration(file: _InputFile) -> bool:
+    if file.suffix != ".m":
+        return False
+    from kennfeld.models.simulink.variables.enumerations import enumeration_of
+
+    return enumeration_of(file.head) is not None
+
+
 def _is_toml(file: _InputFile) -> bool:
     return file.suffix == ".toml" or (file.kind is FileKind.CSV and _SECTION.search(file.head) is not None)
 
@@ -169,6 +177,7 @@ def _first_line(text: str) -> str:
 
 # tried in this order; a file that none of them recognises is a measurement
 _DESCRIBERS: Sequence[tuple[Callable[[_InputFile], bool], Callable[[_InputFile], FileInfo]]] = (
+    (_is_enumeration, lambda file: describers.describe_enumeration(file.path)),
     (lambda file: file.suffix == ".sldd", lambda file: describers.describe_dictionary(file.path)),
     (
         lambda file: file.suffix in (".esdl", ".app"),

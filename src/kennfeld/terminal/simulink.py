@@ -106,10 +106,14 @@ def parameter_rows(parameters: Sequence[CalibratableParameter]) -> Rows:
     """Return a row for each parameter of an imported model."""
     rows: Rows = [("parameter", "kind", "size", "value", "unit", "limits", "value from")]
     for p in parameters:
-        value = f"{p.smallest:.6g}" + (f" to {p.largest:.6g}" if p.largest != p.smallest else "")
+        value = _range_text(p.smallest, p.largest)
         source = f"{p.source}, locked" if p.locked else p.source
         rows.append((p.name, p.kind, size_text(p.shape), value, p.unit, _limits(p.lower, p.upper), source))
     return rows
+
+
+def _range_text(smallest: float, largest: float) -> str:
+    return f"{smallest:.6g}" + (f" to {largest:.6g}" if largest != smallest else "")
 
 
 def _limits(lower: float | None, upper: float | None) -> str:
@@ -148,8 +152,18 @@ def dictionary_summary(dictionary: Dictionary) -> str:
 
 def dictionary_table(dictionary: Dictionary) -> Rows:
     """Return a row for each variable."""
-    rows: Rows = [("variable", "class", "size", "unit", "minimum", "maximum", "description")]
+    rows: Rows = [("variable", "class", "size", "value", "unit", "limits", "description")]
     for name, e in dictionary.data.entries.items():
         size = size_text(e.value.shape) if isinstance(e.value, np.ndarray) else ""
-        rows.append((name, e.kind, size, e.unit, number_text(e.minimum), number_text(e.maximum), e.description))
+        rows.append((name, e.kind, size, _value_text(e.value), e.unit, _limits(e.minimum, e.maximum), e.description))
     return rows
+
+
+def _value_text(value: object) -> str:
+    """Return the range of the finite numbers of an array, or a text."""
+    if isinstance(value, str):
+        return value
+    if not isinstance(value, np.ndarray):
+        return ""
+    finite = value[np.isfinite(value)]
+    return _range_text(float(finite.min()), float(finite.max())) if finite.size else ""

@@ -248,7 +248,13 @@ def test_indices_and_ports_that_do_not_fit_are_told(tmp_path):
 
 @pytest.mark.parametrize(
     ("value", "told"),
-    [("Gear.Fifth", "Gear has no field Fifth; its fields are Reverse"), ("Lost.A", "Lost.A: undefined")],
+    [
+        (
+            "Gear.Fifth",
+            r"the enumeration Gear has no member Fifth; its members are Reverse, .* add the member to Gear\.m\.",
+        ),
+        ("Lost.A", "Lost.A: undefined"),
+    ],
 )
 def test_a_member_that_is_not_there_is_told(value, told, tmp_path):
     with pytest.raises(InputError, match=told):

@@ -5,6 +5,7 @@ from simulink_files import LAYOUTS, Model
 from simulink_runs import imported, run
 
 from kennfeld.models.simulink.importing import import_simulink
+from kennfeld.models.simulink.outline import summarize_model
 
 U = [1.0, 2.0, 3.0, 4.0]
 
@@ -44,6 +45,10 @@ def test_a_function_call_from_outside_occurs_in_every_step(layout, tmp_path):
 
 def test_a_function_call_from_outside_occurs_at_the_hits_of_its_port(tmp_path):
     assert run(imported(total(SampleTime="0.2"), tmp_path), {"u": U})["y"].tolist() == [1, 1, 4, 4]
+
+
+def test_the_outline_lists_a_function_call_from_outside_not_as_an_input(tmp_path):
+    assert [port.name for port in summarize_model(total().write(tmp_path)).inputs] == ["u"]
 
 
 @pytest.mark.parametrize(("rate", "told"), [("-1", "called in every step"), ("0.2", "called every 0.2 s")])

@@ -7,8 +7,9 @@ import pytest
 from simulink_files import Mask, Model
 from simulink_runs import alone, imported, run
 
+from kennfeld.errors import InputError
 from kennfeld.models.quantities import UndefinedParameter
-from kennfeld.models.simulink.importing import import_simulink
+from kennfeld.models.simulink.importing import import_simulink, simulink
 
 SCRIPT = """load('measured.mat');
 K = fminsearch(@(x) x^2, 1);
@@ -52,9 +53,21 @@ def test_undefined_variables_come_with_shape_field_and_reason(tmp_path):
     assert found["M"].reason == ""
 
 
+def test_the_error_names_the_files_that_were_not_found(tmp_path):
+    (tmp_path / "init.m").write_text(SCRIPT)
+    drawn = drawing()
+    drawn.dictionary = "lost.sldd"
+    with pytest.raises(InputError) as caught:
+        simulink(drawn.write(tmp_path), parameters=[tmp_path / "init.m"])
+    messages = list(map(str, caught.value.findings))
+    assert "model.slx: needs lost.sldd, which was not found. Place it in the same folder" in messages[0]
+    assert "model.slx init.m: needs measured.mat, which was not found." in messages[1]
+    assert messages[2].startswith("model.slx variable K: undefined")
+
+
 def test_the_sections_can_be_pasted_into_a_project_and_define_the_model(tmp_path):
     text = report_of(tmp_path).project_sections
-    assert text.startswith("# init.m loads measured.mat, which was not found\n")
+    assert text.startswith("# init.m needs measured.mat, which was not found\n")
     assert "# assignment failed in init.m line 2; used by G:Gain; a number, or all values\n[parameters.K]" in text
     assert "# used by Map:Table; 2 x 3 values\n[parameters.M]" in text
     sections = tomllib.loads(text)["parameters"]

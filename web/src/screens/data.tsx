@@ -14,8 +14,8 @@ import { message, request, screen, settled, state } from "../store";
 import { droppedFiles, upload } from "../uploads";
 import { DataSettings } from "./data/settings";
 
-interface Channel { name: string; unit: string; least: number | null; greatest: number | null }
-interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; error?: string; note?: string; channels: Channel[] }
+interface Channel { name: string; group: string; unit: string; least: number | null; greatest: number | null }
+interface File { name: string; size?: number; samples?: number; step?: number | null; length?: number | null; missing?: number; sparsest?: string; error?: string; note?: string; channels: Channel[] }
 interface Entry { number: number; name: string; use: string; files: File[] }
 interface Input { name: string; role: "input" | "target"; number?: number; unit: string; channel: string }
 
@@ -86,10 +86,10 @@ function FileRow({ entry, file, first }: { entry: Entry; file: File; first: bool
       <td>{first && <button class="fold link" title="All settings of the dataset" onClick={() => { panel.data.value = "dataset"; openEntry("dataset", at); }}>{entry.name || own?.name}</button>}</td>
       <td>{first && <Segment label={`Use of ${file.name}`} options={["training", "test"]} chosen={entry.use} choose={(use) => setKeys([[["dataset", at, "use"], use === "training" ? null : use]], `${file.name}: ${use} data`)} />}</td>
       <td class="num">{first && <NumberField path={["dataset", at, "weight"]} label={`Weight of ${file.name}`} width={44} />}</td>
-      {file.error ? <td colSpan={4} class="bad">{file.error}</td> : file.note ? <td colSpan={4} class="q">{file.note}</td> : (
+      {file.error ? <td colSpan={4} class="bad fault">{file.error}</td> : file.note ? <td colSpan={4} class="q">{file.note}</td> : (
         <>
           <td class="num">{count(file.samples ?? 0)}</td><td class="num">{file.step ? `${significant(1 / file.step, 3)} Hz` : MISSING}</td><td class="num">{file.length ? `${significant(file.length, 4)} s` : MISSING}</td>
-          <td>{file.missing ? <span class="tag w">{(file.missing * 100).toFixed(1)} %</span> : <span class="q">none</span>}</td>
+          <td>{file.missing ? <span class="tag w" title={`The largest share that a channel lacks: ${file.sparsest ?? ""}`}>{(file.missing * 100).toFixed(1)} %</span> : <span class="q">none</span>}</td>
         </>
       )}
       <td>{first && <TextField path={["dataset", at, "where"]} label={`Condition of ${file.name}`} placeholder="all samples" width={120} mono />}</td>
@@ -117,7 +117,7 @@ function Channels() {
             return (
               <tbody>
                 <tr class="group" onClick={() => { const next = new Set(closed.value); if (!next.delete(file.name)) next.add(file.name); closed.value = next; }}><td colSpan={4}>{open ? "⌄" : "›"} {file.name}</td><td class="q num">{file.channels.length}</td></tr>
-                {open && shown.map((c) => <tr><td class="mono">{c.name}</td><td class="q">{c.unit}</td><td class="num">{c.least === null ? MISSING : significant(c.least)}</td><td class="num">{c.greatest === null ? MISSING : significant(c.greatest)}</td><td class="acc">{feeds.get(c.name) ?? ""}</td></tr>)}
+                {open && shown.map((c, k) => <>{c.group && c.group !== shown[k - 1]?.group && <tr class="raster"><td colSpan={5}>{c.group}</td></tr>}<tr><td class="mono" title={c.name}>{c.name}</td><td class="q">{c.unit}</td><td class="num">{c.least === null ? MISSING : significant(c.least)}</td><td class="num">{c.greatest === null ? MISSING : significant(c.greatest)}</td><td class="acc">{feeds.get(c.name) ?? ""}</td></tr></>)}
               </tbody>
             );
           })}
@@ -127,9 +127,20 @@ function Channels() {
   );
 }
 
+/** The channels by name, each with its range over all files. */
+function ranges(files: File[]): Map<string, Channel> {
+  const channels = new Map<string, Channel>();
+  for (const own of files.flatMap((file) => file.channels)) {
+    const known = channels.get(own.name);
+    if (known === undefined || known.least === null) channels.set(own.name, own);
+    else if (own.least !== null) channels.set(own.name, { ...known, least: Math.min(known.least, own.least), greatest: Math.max(known.greatest!, own.greatest!) });
+  }
+  return channels;
+}
+
 function Mapping() {
   const channels = [...new Set(entries.value.flatMap((entry) => entry.files.flatMap((file) => file.channels.map((c) => c.name))))];
-  const described = new Map(entries.value.flatMap((entry) => entry.files.flatMap((file) => file.channels.map((c) => [c.name, c] as const))));
+  const described = ranges(entries.value.flatMap((entry) => entry.files));
   const remarks = state.value.findings.filter((f) => f.screen === "data" && f.severity !== "remark");
   return (
     <section class="pane mapping">

@@ -136,7 +136,9 @@ def diagram(session: Session, given: Given) -> Answer:
     source = _require_source(session)
     files = list(source.parameters[: len(source.parameters) - len(_initial_files(session))])
     head = {"file": source.file, "subsystem": source.subsystem, "bind": dict(source.bind)}
-    refused = tuple(each for each in session.findings if each.location.path == "[model] file")
+    refused = tuple(
+        each for each in session.findings if each.severity == "error" and each.location.path == "[model] file"
+    )
     if refused:
         return Answer({**head, "problems": _problems(refused)})
     try:
@@ -173,7 +175,7 @@ def _of_report(report: "ImportReport") -> dict[str, Any]:
             for name, paths in report.undefined.items()
         ],
         "loops": [list(loop) for loop in report.loops],
-        "stopped": _problems(report.stopped),
+        "stopped": _problems((*report.stopped, *report.missing)),
         "parameters": [asdict(parameter) for parameter in report.parameters],
         "inputs": [asdict(port) for port in report.inputs],
         "outputs": [asdict(port) for port in report.outputs],

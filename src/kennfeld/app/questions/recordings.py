@@ -165,7 +165,9 @@ def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], modi
         tables = describe(path, databases).tables
     except InputError as error:
         return {"name": shown, "size": size, "error": str(error), "channels": []}
-    channels = [channel for table in tables for channel in table.channels][:MAX_SIGNALS]
+    several = len(tables) > 1
+    channels = [(table.name if several else "", channel) for table in tables for channel in table.channels]
+    sparsest = max((channel for _, channel in channels), key=lambda channel: channel.nan_share, default=None)
     time = next((table.time for table in tables if table.time is not None), None)
     return {
         "name": shown,
@@ -173,15 +175,17 @@ def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], modi
         "samples": max((table.samples for table in tables), default=0),
         "step": None if time is None else time.step,
         "length": None if time is None else time.end - time.begin,
-        "missing": max((channel.nan_share for channel in channels), default=0.0),
+        "missing": 0.0 if sparsest is None else sparsest.nan_share,
+        "sparsest": "" if sparsest is None else sparsest.name,
         "channels": [
             {
                 "name": channel.name,
+                "group": group,
                 "unit": channel.unit,
                 "least": None if channel.minimum is None else finite(channel.minimum),
                 "greatest": None if channel.maximum is None else finite(channel.maximum),
             }
-            for channel in channels
+            for group, channel in channels[:MAX_SIGNALS]
         ],
     }
 

@@ -63,7 +63,7 @@ class ImportReport:
         subsystems: subsystems that can be imported on their own, if requested.
         reasons: by variable, why scripts could not assign it a value.
         definitions: what to define, if variables are undefined.
-        missing_files: data files that were not found, with the scripts that load them.
+        missing_files: data files that were not found, with the scripts that load them or the models that use them.
         stopped: errors that prevent lowering altogether.
         unreached: paths of blocks whose inputs come from unsupported ones; they count as neither.
     """
@@ -98,7 +98,7 @@ class ImportReport:
         """The undefined variables as sections of a project file, with `nan` for values; "" if there are none."""
         if not self.definitions:
             return ""
-        absent = [f"# {script} loads {name}, which was not found" for name, script in self.missing_files.items()]
+        absent = [f"# {source} {_missing_text(name)}" for name, source in self.missing_files.items()]
         return "\n".join([*absent, *(parameter.project_section for parameter in self.definitions)])
 
     @property
@@ -121,11 +121,16 @@ class ImportReport:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Reasons why outputs are not supported: blocks and loops, then undefined variables, each once."""
+        """Reasons why outputs are not supported: blocks and loops, missing files, undefined variables, each once."""
         undefined = (_undefined_finding(name, paths, self._reason(name)) for name, paths in self.undefined.items())
         others = (_merge_findings(blocks) for blocks in self.groups if blocks[0].stops)
         loops = (Finding(Location(path=loop[0]), _describe_loop(loop), _LOOP_REMEDY) for loop in self.loops)
-        return (*self.stopped, *others, *loops, *undefined)
+        return (*self.stopped, *others, *loops, *self.missing, *undefined)
+
+    @property
+    def missing(self) -> tuple[Finding, ...]:
+        """Files that were not found, if variables are undefined."""
+        return tuple(_missing_finding(*names) for names in self.missing_files.items()) if self.undefined else ()
 
     def _reason(self, name: str) -> str:
         return self.reasons.get(name) or self.reasons.get(name.partition(".")[0], "")
@@ -151,6 +156,16 @@ def _merge_findings(blocks: tuple[UnsupportedBlock, ...]) -> Finding:
     if len(blocks) == 1:
         return first
     return replace(first, location=Location(path=f"{first.location} and {len(blocks) - 1} more"))
+
+
+def _missing_text(name: str) -> str:
+    return f"needs {name}, which was not found"
+
+
+def _missing_finding(name: str, source: str) -> Finding:
+    return Finding(
+        Location(source), _missing_text(name), "Place it in the same folder: variables may be defined there."
+    )
 
 
 def _undefined_finding(name: str, paths: tuple[str, ...], why: str) -> Finding:

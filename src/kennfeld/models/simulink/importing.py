@@ -49,7 +49,7 @@ def simulink(
     result = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
     if result.model is None:
         name = Path(path).name
-        raise InputError(replace(f, location=Location(name, path=str(f.location))) for f in result.report.findings)
+        raise InputError(replace(f, location=_within(name, f.location)) for f in result.report.findings)
     return result.model
 
 
@@ -91,6 +91,11 @@ def _find_misnamed(path: Path, names: Collection[str], blocks: Mapping[str, Mode
         elif block.chart is None and field not in (fields := _fields(block)):
             remedy = nearest(field, fields) or f"Its fields: {', '.join(list(fields)[:_MAX_LISTED])}."
             yield Finding(Location(path.name, path=field_path), f"{block.type} has no field {field}", remedy)
+
+
+def _within(file: str, location: object) -> Location:
+    """Return a location in a file, which may be the file itself."""
+    return Location(file, path="" if str(location) == file else str(location))
 
 
 def _blocks(system: System, flat: FlatModel, prefix: str) -> dict[str, ModelBlock]:

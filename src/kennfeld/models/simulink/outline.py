@@ -135,8 +135,9 @@ def summarize_model(path: str | Path, folders: Iterable[str | Path] = ()) -> Mod
 
 
 def _ports(system: System, kind: str) -> tuple[Port, ...]:
-    """Return the ports of a system by number."""
-    ports = ((block.name, block.value("Unit") or "") for block in sorted(system.of(kind), key=port_number))
+    """Return the ports of a system by number, without those for function calls."""
+    signals = [block for block in system.of(kind) if block.value("OutputFunctionCall") != "on"]
+    ports = ((block.name, block.value("Unit") or "") for block in sorted(signals, key=port_number))
     return tuple(Port(name, "" if unit == "inherit" else unit) for name, unit in ports)
 
 

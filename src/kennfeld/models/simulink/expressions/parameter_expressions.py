@@ -12,6 +12,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from kennfeld.errors import InputError
+from kennfeld.formatting import join_names
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.parser import parse_expression
@@ -304,8 +305,10 @@ def _constant_value(builder: GraphBuilder, value: ParameterValue, is_enumeration
 
 def _field_of(variable: Variable, path: list[str]) -> Variable:
     """Return the field at the end of a path; raises `EvaluationError` if there is none."""
-    if variable.fixed and path[1] not in variable.value:
-        raise EvaluationError(f"{path[0]} has no field {path[1]}; its fields are {', '.join(list(variable.value)[:8])}")
+    if variable.fixed and isinstance(variable.value, Mapping) and path[1] not in variable.value:
+        members = join_names(list(variable.value), 8)
+        message = f"the enumeration {path[0]} has no member {path[1]}; its members are {members}"
+        raise EvaluationError(message, remedy=f"Correct the name, or add the member to {variable.source}.")
     return Variable(nested_field(variable.value, path), source=variable.source, fixed=variable.fixed)
 
 

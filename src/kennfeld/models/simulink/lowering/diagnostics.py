@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.models.imperative.evaluation_errors import EvaluationError
+from kennfeld.models.imperative.evaluation_errors import DEFAULT_REMEDY, EvaluationError
 from kennfeld.models.simulink.flattening.flat_model import FlatBlock
 from kennfeld.models.simulink.reader.library_links import is_of_simulink
 from kennfeld.models.simulink.reader.model_tree import split_path
@@ -36,11 +36,15 @@ class UnsupportedError(Exception):
 
 @contextmanager
 def evaluating(failure: str, remedy: str = "") -> Iterator[None]:
-    """Turn an `EvaluationError` into an `UnsupportedError` that starts with `failure`."""
+    """Turn an `EvaluationError` into an `UnsupportedError` that starts with `failure`.
+
+    A remedy of the error's own takes precedence.
+    """
     try:
         yield
     except EvaluationError as error:
-        raise UnsupportedError(f"{failure}: {error}", remedy, error.undefined) from None
+        own = error.remedy if error.remedy != DEFAULT_REMEDY else remedy
+        raise UnsupportedError(f"{failure}: {error}", own, error.undefined) from None
 
 
 class BlockFailure(NamedTuple):

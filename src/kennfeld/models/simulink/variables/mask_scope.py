@@ -226,8 +226,8 @@ class VariableTable(dict[str, Variable]):
     """Variables by name, with findings of their sources.
 
     `undefined` gives reasons why scripts could not assign a variable, `missing_files` are absent data files with the
-    scripts that load them, `solvers` are configurations by name, `strangers` parameters of calibration files unknown to
-    the model.
+    scripts or models that need them, `solvers` are configurations by name, `strangers` parameters of calibration files
+    unknown to the model.
     """
 
     def __init__(self) -> None:

@@ -137,6 +137,7 @@ def _add_adjacent_files(variables: VariableTable, document: ModelDocument, searc
             message = "the data dictionary was not found next to the model"
             remedy = "Give it as parameters, or its folder as folders."
             variables.findings.append(Finding(Location(document.name, path=name[:80]), message, remedy))
+            variables.missing_files[name[:80]] = document.path.name
             continue
         try:
             _entries(variables, path, search)
