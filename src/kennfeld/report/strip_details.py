@@ -57,7 +57,7 @@ class SignalPlan:
 
 @dataclass(frozen=True, eq=False)
 class DetailRoom:
-    """How the numbers of a page are divided: samples of criteria first, then ranges of others, then signals.
+    """Division of the numbers of a page: samples of criteria first, then ranges of others, then signals.
 
     Attributes:
         groups: the groups of each strip's details; None if its first view shows as much.

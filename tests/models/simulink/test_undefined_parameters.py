@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from simulink_data import entry, sldd
 from simulink_files import Mask, Model
 from simulink_runs import alone, imported, run
 
@@ -63,6 +64,14 @@ def test_the_error_names_the_files_that_were_not_found(tmp_path):
     assert "model.slx: needs lost.sldd, which was not found. Place it in the same folder" in messages[0]
     assert "model.slx init.m: needs measured.mat, which was not found." in messages[1]
     assert messages[2].startswith("model.slx variable K: undefined")
+
+
+def test_the_error_names_dictionaries_that_others_refer_to(tmp_path):
+    (tmp_path / "main.sldd").write_bytes(sldd({"M": entry([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])}, ["types.sldd"]))
+    drawn = drawing()
+    drawn.dictionary = "main.sldd"
+    with pytest.raises(InputError, match=r"model\.slx main\.sldd: needs types\.sldd, which was not found"):
+        simulink(drawn.write(tmp_path))
 
 
 def test_the_sections_can_be_pasted_into_a_project_and_define_the_model(tmp_path):

@@ -178,6 +178,9 @@ def _entries(variables: VariableTable, path: Path, search: FileSearch) -> None:
     variables.update({name: enumeration_variable(members, path.name) for name, members in read.enumerations.items()})
     _add(variables, read.data, path.name)
     variables.solvers.update(read.solvers)
+    for name in read.data.unreadable:
+        if name.endswith(".sldd") and not (path.parent / file_name(name)).is_file():
+            variables.missing_files[name[:80]] = path.name
 
 
 def _workspace(variables: VariableTable, document: ModelDocument, search: FileSearch) -> None:
