@@ -98,6 +98,91 @@ def test_texts_are_left_out_and_points_have_no_time(tdms):
     assert np.isnan(data["Torque"].values[1])
 
 
+def test_scaled_channels_have_physical_values(tdms):
+    scale = {
+        "NI_Number_Of_Scales": 1,
+        "NI_Scale[0]_Scale_Type": "Linear",
+        "NI_Scale[0]_Linear_Slope": 2.0,
+        "NI_Scale[0]_Linear_Y_Intercept": 10.0,
+        "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF,
+        "NI_UnitDescription": "Volts",
+    }
+    data = read(tdms(("bench", "U", np.arange(3, dtype=np.int16), scale)))
+    assert (data["U"].values.tolist(), data["U"].unit) == ([10.0, 12.0, 14.0], "Volts")
+
+
+@pytest.mark.parametrize("unit", ["Hz", "m"])
+def test_a_step_that_is_no_time_gives_points(tdms, unit):
+    assert read(tdms(("bench", "U", np.arange(3.0), {"wf_increment": 0.5, "wf_xunit_string": unit}))).time is None
+
+
+def test_the_step_may_be_in_another_unit_of_time(tdms):
+    stated = {"wf_increment": 20.0, "wf_start_offset": 10.0, "wf_xunit_string": "ms"}
+    np.testing.assert_allclose(read(tdms(("bench", "U", np.arange(3.0), stated))).time, [0.01, 0.03, 0.05])
+
+
+@pytest.mark.parametrize("offset", ["soon", float("nan"), True])
+def test_an_offset_that_is_no_number_is_ignored(tdms, offset):
+    stated = {"wf_increment": 0.5, "wf_start_offset": offset}
+    assert read(tdms(("bench", "U", np.arange(2.0), stated))).time[1] >= 0.5
+
+
+def test_a_group_may_say_that_its_first_channel_is_the_time(tmp_path):
+    path = tmp_path / "bench.tdms"
+    with nptdms.TdmsWriter(path) as writer:
+        step = {"wf_increment": 1.0}
+        group = nptdms.GroupObject("g", {"wf_xcolumns": "One"})
+        channels = [("Time", np.array([0.0, 0.1, 0.3])), ("Speed", np.arange(3.0))]
+        writer.write_segment([group, *(nptdms.ChannelObject("g", name, values, step) for name, values in channels)])
+    data = read(path)
+    assert (data.time.tolist(), list(data)) == ([0.0, 0.1, 0.3], ["Speed"])
+
+
+def interrupted(path, kept):
+    """Cut a file off, as a logger leaves it that lost its power: the length of the last segment was not written yet."""
+    content = bytearray(path.read_bytes())
+    content[12:20] = b"\xff" * 8
+    path.write_bytes(content[:kept])
+
+
+def test_interrupted_recordings_are_read_as_far_as_they_go(tdms):
+    path = tdms(("log", "Time", np.arange(50) * 0.1), ("log", "Speed", np.arange(50.0)))
+    whole = path.stat().st_size
+    interrupted(path, whole - 20 * 8)
+    data = read(path)
+    assert data["Speed"].values.tolist() == list(range(30))
+    np.testing.assert_allclose(data.time, np.arange(30) * 0.1)
+    (finding,) = data.findings
+    assert (finding.severity, "the last segment is incomplete" in str(finding)) == ("warning", True)
+
+
+def test_files_cut_off_at_any_byte_are_read_or_refused(tmp_path):
+    path = tmp_path / "bench.tdms"
+    with nptdms.TdmsWriter(path) as writer:
+        for first in (0.0, 9.0):
+            values = np.arange(first, first + 9)
+            channels = [("x", values), ("y", -values), ("Note", [str(value) for value in values])]
+            writer.write_segment([nptdms.ChannelObject("g", name, part, even(0.1)) for name, part in channels])
+    content = path.read_bytes()
+    samples = set()
+    for kept in range(4, len(content)):
+        path.write_bytes(content[:kept])
+        try:
+            data = read(path)
+        except InputError:
+            continue
+        samples.add(data.samples)
+        assert data["x"].values.tolist() == list(range(data.samples))
+        assert (-data["y"].values).tolist() == list(range(data.samples))
+    assert 9 in samples
+
+
+def test_an_index_file_names_its_recording(tmp_path):
+    (tmp_path / "bench.tdms_index").write_bytes(b"TDSh" + bytes(100))
+    with pytest.raises(InputError, match=r"an index of a TDMS file, which holds no samples\. Name the \.tdms file"):
+        read(tmp_path / "bench.tdms_index")
+
+
 def test_without_the_library_its_command_is_named(tdms, monkeypatch):
     path = tdms(("bench", "Torque", np.arange(3.0)))
     monkeypatch.setitem(sys.modules, "nptdms", None)

@@ -59,6 +59,24 @@ def test_one_of_several_files_is_named_after_a_hash(tmp_path, recording):
         read(f"{path}#tue/drive.csx")
 
 
+DIADEM = (
+    b"DIAEXTENDED\n#BEGINGLOBALHEADER\n#ENDGLOBALHEADER\n#BEGINCHANNELHEADER\n200,Speed\n210,EXPLICIT\n"
+    b"211,run.r64\n213,CHANNEL\n214,REAL64\n220,3\n221,1\n#ENDCHANNELHEADER\n"
+)
+
+
+def test_files_beside_a_header_in_an_archive_are_read(tmp_path, monkeypatch):
+    members = {"mon/run.dat": DIADEM, "mon/run.r64": np.arange(3.0).tobytes(), "tue/run.r64": bytes(24)}
+    path = zipped(tmp_path / "runs.zip", members)
+    assert read(f"{path}#run.dat")["Speed"].values.tolist() == [0.0, 1.0, 2.0]
+    with pytest.raises(InputError, match=r"file run\.r64 is not beside the header"):
+        read(str(zipped(tmp_path / "alone.zip", {"run.dat": DIADEM, "tue/run.r64": bytes(24)})) + "#run.dat")
+    monkeypatch.setattr(module, "_HARMLESS", len(DIADEM) + 10)
+    monkeypatch.setattr(module, "_MAX_RATIO", 0)
+    with pytest.raises(InputError, match="unpack to more than"):
+        read(f"{path}#run.dat")
+
+
 def test_what_is_compressed_twice_or_empty_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"drive\.csv\.gz in it is compressed as well"):
         read(zipped(tmp_path / "twice.zip", {"drive.csv.gz": gzip.compress(CSV)}))

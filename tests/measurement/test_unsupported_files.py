@@ -48,6 +48,32 @@ def test_a_database_of_a_bus_is_to_be_named_with_a_log(csv):
 
 
 @pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        (b"TDSh\x0e\0\0\0", "an index of a TDMS file, which holds no samples. Name the .tdms file beside it."),
+        (b"|CF,2,1,1;|CK,1,3,1,1;", "an imc FAMOS file. Export it as MDF (.mf4) or CSV."),
+        (b"CDF\x05", "a netCDF file of 64-bit data (CDF-5). Convert it: nccopy"),
+        (b"\x0e\x03\x13\x01", "an HDF4 file. Convert it to HDF5"),
+        (b"FEA1\0\0\0\0", "a Feather file of version 1. Write it again"),
+        (b"Rar!\x1a\x07", "a compressed file or archive. Unpack it first"),
+        (b"\x04\x22\x4d\x18", "a compressed file or archive. Unpack it first"),
+        (b"drive.mf4".ljust(257, b"\0") + b"ustar", "a compressed file or archive. Unpack it first"),
+        (b"\x01\0\x02", "a binary file, which cannot be read as a measurement. Export it as MDF (.mf4) or CSV;"),
+    ],
+)
+def test_a_binary_file_of_another_kind_is_named_with_the_way_out(tmp_path, start, said):
+    (tmp_path / "run.x").write_bytes(start + bytes(600))
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / "run.x")
+    assert str(caught.value).startswith(f"run.x: this is {said}")
+
+
+@pytest.mark.parametrize("name", ["fea1", "FEA1", "TDSh", "Rar!"])
+def test_tables_whose_first_name_is_a_signature_are_read(csv, name):
+    assert read(csv(f"{name},a\n1,2\n2,3\n")).samples == 2
+
+
+@pytest.mark.parametrize(
     "text",
     ["version,a\n1,2\n2,3\n", "base,hex\n1,2\n2,3\n", "VERSION;BO_\n1;2\n2;3\n", "BU_,NS_\n1,2\n2,3\n"],
 )

@@ -93,6 +93,7 @@ _WORDS = (
 )
 _WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
 
+_UNPACK = "Unpack it first; gzip, bzip2, xz and ZIP can be read."
 _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
 _ANYWHERE = re.IGNORECASE | re.MULTILINE
 _EXPORT = "Export the measurement as MDF, CSV or MATLAB."
@@ -122,6 +123,12 @@ _FOREIGN = (
         _RECORDING,
     ),
     (rb"\ACANape PAR\s", "a parameter file of CANape", "Name the recording instead, as MDF or CSV."),
+    (rb"\ATDSh(?s:.)\0", "an index of a TDMS file, which holds no samples", "Name the .tdms file beside it."),
+    (rb"\A\|CF,[12],", "an imc FAMOS file", "Export it as MDF (.mf4) or CSV."),
+    (rb"\ACDF\x05", "a netCDF file of 64-bit data (CDF-5)", "Convert it: nccopy -k netCDF-4 old.nc new.nc."),
+    (rb"\A\x0e\x03\x13\x01", "an HDF4 file", "Convert it to HDF5: h4toh5 old.hdf new.h5."),
+    (rb"\AFEA1[^\t\r\n -~]", "a Feather file of version 1", "Write it again, as version 2 or as Parquet."),
+    (rb"\A(?:Rar!\x1a|\x04\x22\x4d\x18|\x1f\x9d)|\A(?s:.{257})ustar", "a compressed file or archive", _UNPACK),
 )
 
 

@@ -199,6 +199,8 @@ def _check_kind(source: MeasurementFile) -> None:
     if source.kind not in _READERS:
         message = f"this is {kind_with_article} file, which cannot be read as a measurement"
         remedy = f"{', '.join(each.value for each in _READERS)} can."
+        if source.kind is FileKind.OTHER:
+            remedy = f"Export it as MDF (.mf4) or CSV; {remedy}"
         raise InputError.of(source.location, message, remedy)
     if source.sheet is not None and source.kind is not FileKind.EXCEL:
         message = f"sheet {source.sheet} is requested, but {kind_with_article} file has no sheets"

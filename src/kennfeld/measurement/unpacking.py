@@ -17,6 +17,7 @@ _CHUNK = 1 << 20  # bytes
 _HARMLESS = 1_000_000_000  # bytes; unpacked content up to this size is never refused
 _MAX_RATIO = 200  # of unpacked to packed size beyond that; recordings shrink to a thirtieth at best
 _MAX_LISTED = 8  # members in a message
+_WITH_OTHERS = (FileKind.DIADEM, FileKind.TDM)  # their values are in other files beside them
 _BZIP2, _XZ = b"BZh", b"\xfd7zXZ"
 
 
@@ -31,8 +32,9 @@ def unpacked(source: MeasurementFile, reads_gzip: bool) -> Iterator[MeasurementF
     Raises:
         InputError: the content is damaged or suspiciously large, or several members may be meant.
     """
+    member = ""
     if source.kind is FileKind.ZIP:
-        content = _members(source)
+        member, content = _members(source)
     elif source.kind is FileKind.PACKED or (source.packed and not reads_gzip):
         content = _single(source)
     else:
@@ -41,8 +43,10 @@ def unpacked(source: MeasurementFile, reads_gzip: bool) -> Iterator[MeasurementF
     with TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as folder:
         name, stream, sheet = content
         path = Path(folder) / name
-        _write(source, stream, path)
+        size = _write(source, stream, path)
         inner = locate(path, sheet)
+        if member and inner.kind in _WITH_OTHERS:
+            _write_others(source, member, Path(folder), size)
         if inner.packed or inner.kind in (FileKind.ZIP, FileKind.PACKED):
             raise InputError.of(source.location, f"{name} in it is compressed as well", "Unpack it first.")
         label = f"{source.name}#{name}" if source.kind is FileKind.ZIP else source.name
@@ -67,8 +71,8 @@ def _single(source: MeasurementFile) -> tuple[str, BinaryIO, str | None]:
     raise InputError.of(source.location, "this is a compressed file", remedy)
 
 
-def _members(source: MeasurementFile) -> tuple[str, BinaryIO, str | None]:
-    """Return name and content of the member of an archive that is meant."""
+def _members(source: MeasurementFile) -> tuple[str, tuple[str, BinaryIO, str | None]]:
+    """Return the member of an archive that is meant, and its name and content."""
     try:
         return _open_member(source)
     except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError, EOFError, ValueError, KeyError):
@@ -80,15 +84,31 @@ def _damaged(source: MeasurementFile) -> InputError:
     return InputError.of(source.location, message, "Copy it again from its source.")
 
 
-def _open_member(source: MeasurementFile) -> tuple[str, BinaryIO, str | None]:
+def _open_member(source: MeasurementFile) -> tuple[str, tuple[str, BinaryIO, str | None]]:
     with zipfile.ZipFile(source.path) as archive:
         if oversized := find_oversized(archive):
             raise InputError.of(source.location, f"suspicious archive: {oversized}", "Unpack it first.")
-        members = [each for each in archive.infolist() if not each.is_dir() and not _is_hidden(each.filename)]
-        chosen = _choose(source, [each.filename for each in members])
+        chosen = _choose(source, _files(archive))
         if archive.getinfo(chosen).flag_bits & 1:
             raise InputError.of(source.location, f"{chosen} in it is encrypted", "Unpack it first.")
-        return PurePosixPath(chosen).name, archive.open(chosen), None  # type: ignore[return-value]
+        return chosen, (PurePosixPath(chosen).name, archive.open(chosen), None)  # type: ignore[return-value]
+
+
+def _files(archive: zipfile.ZipFile) -> list[str]:
+    return [each.filename for each in archive.infolist() if not each.is_dir() and not _is_hidden(each.filename)]
+
+
+def _write_others(source: MeasurementFile, member: str, folder: Path, size: int) -> None:
+    """Write the other members in the folder of one; `size` bytes are unpacked already."""
+    own = PurePosixPath(member)
+    try:
+        with zipfile.ZipFile(source.path) as archive:
+            for each in map(PurePosixPath, _files(archive)):
+                if each.parent == own.parent and each.name != own.name:
+                    stream: BinaryIO = archive.open(str(each))  # type: ignore[assignment]
+                    size += _write(source, stream, folder / each.name, size)
+    except (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError, EOFError, ValueError, KeyError):
+        raise _damaged(source) from None
 
 
 def _is_hidden(member: str) -> bool:
@@ -112,8 +132,11 @@ def _choose(source: MeasurementFile, members: list[str]) -> str:
     raise InputError.of(source.location, message, remedy)
 
 
-def _write(source: MeasurementFile, stream: BinaryIO, path: Path) -> None:
-    """Write the content of a stream to a file; raise `InputError` if it is damaged or too large."""
+def _write(source: MeasurementFile, stream: BinaryIO, path: Path, before: int = 0) -> int:
+    """Write the content of a stream to a file and return its size; raise `InputError` if it is damaged or too large.
+
+    The `before` bytes of other files that were unpacked count too.
+    """
     packed = source.path.stat().st_size
     limit = max(_HARMLESS, _MAX_RATIO * packed)
     size = 0
@@ -121,7 +144,7 @@ def _write(source: MeasurementFile, stream: BinaryIO, path: Path) -> None:
         with stream, path.open("wb") as file:
             while chunk := stream.read(_CHUNK):
                 size += len(chunk)
-                if size > limit:
+                if before + size > limit:
                     message = f"its {packed / 1e6:.1f} MB unpack to more than {limit / 1e6:.0f} MB"
                     raise InputError.of(source.location, message, "Unpack it first if you trust it.")
                 file.write(chunk)
@@ -134,3 +157,4 @@ def _write(source: MeasurementFile, stream: BinaryIO, path: Path) -> None:
                 source.location, message, "Make room for temporary files, or unpack it first."
             ) from None
         raise _damaged(source) from None
+    return size
