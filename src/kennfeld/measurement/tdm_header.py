@@ -83,7 +83,7 @@ def _unpack(source: MeasurementFile) -> bytes:
 
 
 @dataclass(frozen=True)
-class _Block:
+class _StoredBlock:
     """Values of one type in the binary file."""
 
     path: Path
@@ -113,8 +113,8 @@ class _Block:
 class _Column:
     """The values of a channel: a block of the binary file, scaled; without a block they are evenly spaced."""
 
-    block: _Block | None
-    flags: _Block | None
+    block: _StoredBlock | None
+    flags: _StoredBlock | None
     length: int
     start: float
     factor: float
@@ -247,13 +247,13 @@ class _Document:
             return [float(number) for number in block.read(2)]
         return [] if sequence is None else [_number(text) for text in _child_text(sequence, "values").split()[:2]]
 
-    def _block_of(self, sequence: Element | None) -> _Block | None:
+    def _block_of(self, sequence: Element | None) -> _StoredBlock | None:
         """Return the block to which the values of a sequence refer, if they refer to one."""
         values = None if sequence is None else next((each for each in sequence if _tag(each) == "values"), None)
         block = self.elements.get("" if values is None else values.get("external", ""))
         return None if block is None else self._block(block)
 
-    def _block(self, block: Element) -> _Block:
+    def _block(self, block: Element) -> _StoredBlock:
         kind = block.get("valueType", "")
         if kind not in _TYPES and kind != _TIME:
             raise ValueError(f"values of type {kind or 'unknown'} cannot be read")
@@ -269,7 +269,7 @@ class _Document:
             raise ValueError("the description states an impossible place of the values")
         if length and offset + distance * (length - 1) + size > path.stat().st_size:
             raise ValueError(f"file {path.name} is cut off")
-        return _Block(path, _TYPES.get(kind, ""), order, offset, distance, length)
+        return _StoredBlock(path, _TYPES.get(kind, ""), order, offset, distance, length)
 
     @staticmethod
     def _bounded(length: int) -> int:
