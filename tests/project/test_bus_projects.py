@@ -84,7 +84,7 @@ def test_prepared_partitions_follow_the_content_of_the_database(project, tmp_pat
 
 def test_a_bus_log_without_a_database_names_the_key(project):
     found = findings(project(""))
-    assert found[0].startswith("drive_a.mf4: this is a bus log: it holds 30 CAN frames of 1 identifier (0x1F4)")
+    assert found[0].startswith("drive_a.mf4: this is a bus log: it holds 30 CAN frames of 1 identifier on CAN1 (0x1F4)")
     assert 'dbc = ["engine.dbc"] in the [[dataset]]' in found[0]
 
 

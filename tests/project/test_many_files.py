@@ -14,7 +14,7 @@ from kennfeld.errors import InputError
 from kennfeld.preprocessing import bound_parts
 from kennfeld.project import Project
 from kennfeld.project.results import write
-from kennfeld.report import page
+from kennfeld.report import page, strip_details
 
 TIMED = """
 [model]
@@ -128,6 +128,7 @@ def test_memory_is_that_of_the_data(project, monkeypatch):
     """Beside the channels and their time there is a copy of the target for the search, and room for a few parts."""
     samples, files = 20_000, 30
     monkeypatch.setattr(threads, "available_cores", lambda: 2)  # each core has a part of its own
+    monkeypatch.setattr(strip_details, "TOTAL_NUMBERS", 30_000)  # the room of a page does not grow with the data
     monkeypatch.setattr(bound_parts, "SAMPLES_PER_BLOCK", samples)
     drives = [drive(samples, seed) for seed in range(files)]
     few, many = project("few", drives[:2]), project("many", drives)

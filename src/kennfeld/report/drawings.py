@@ -14,7 +14,7 @@ from kennfeld.analysis.residuals import Fit
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.report.stamps import Stamps
-from kennfeld.report.strip_details import DetailRoom, DrawnSignals, SignalPlan
+from kennfeld.report.strip_details import SAMPLED, DetailRoom, DrawnSignals, SignalPlan
 from kennfeld.sample_statistics import QuantileSearch
 from kennfeld.trace_envelope import Trace, TraceEnvelope
 
@@ -129,6 +129,8 @@ class DetailPoints:
         signals: Mapping[str, Float],
     ) -> "DetailPoints":
         """Return the points of a part of the dataset."""
+        if groups.whole:  # errors are differences of samples
+            signals = {name: signals[name] for name in SAMPLED}
         return cls(Stamps.of(groups, timed, place, series), _traces(groups, place, signals))
 
     def merge(self, later: "DetailPoints") -> None:

@@ -22,7 +22,8 @@ TOTAL_NUMBERS = 3_000_000  # of all details of a page: 3 to 9 MB of text
 RESERVE = 0.1  # share of them for strips whose samples have no room, and as much for inputs and nodes
 LEAST_POINTS = 400  # of a signal
 MAX_SIGNALS = 40  # of a dataset, inputs first
-SIGNALS_OF_SAMPLES, SIGNALS_OF_RANGES = 3, 5  # columns of a strip: errors follow from samples, not from ranges
+SAMPLED = ("measured", "before", "after")  # columns of samples, from which the errors follow
+SIGNALS_OF_SAMPLES, SIGNALS_OF_RANGES = len(SAMPLED), 5  # columns of a strip
 GAIN = 2  # times the points of the first view from which details are worth their room
 LEVELS = 65_535  # steps of the range of a signal: more than a screen has pixels
 ERROR_LEVELS = 4_095  # steps of the range of its errors, which are differences of signals
@@ -154,8 +155,8 @@ def coded_details(stamps: Stamps, traces: Mapping[str, Trace], groups: TraceEnve
     """
     points = {name: trace.points(groups) for name, trace in traces.items()}
     if groups.whole:
-        points.pop("errorBefore")
-        step = min(_range(*points.values()) / LEVELS, _range(points.pop("error")) / ERROR_LEVELS or np.inf)
+        errors = points["after"] - points["measured"]
+        step = min(_range(*points.values()) / LEVELS, _range(errors) / ERROR_LEVELS or np.inf)
         coded = {name: code_numbers(values, step) for name, values in points.items()}
     else:
         coded = {name: _coded(values) for name, values in points.items()}
