@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -115,7 +116,10 @@ def _recordings(seed: int) -> Iterator[Sample]:
         ".feather": _feather,
         ".tdms": _tdms,
         ".h5": _hdf5,
+        ".frame.h5": _stored_frame,
+        ".table.h5": _stored_table,
         ".nc": _netcdf,
+        ".arrows": _arrow_stream,
         ".mf4": _mdf("4.10"),
         ".mdf": _mdf("3.30"),
         ".mlg": _mlg,
@@ -127,6 +131,8 @@ def _recordings(seed: int) -> Iterator[Sample]:
         ".xls": _xls,
         ".csv.gz": _gzipped(_csv),
         ".parquet.gz": _gzipped(_parquet),
+        ".mlg.gz": _gzipped(_mlg),
+        ".tdms.gz": _gzipped(_tdms),
         ".csv.zip": _zipped(_csv),
         ".txt.gz": _gzipped(_german),
         ".msl.gz": _gzipped(_msl),
@@ -138,6 +144,46 @@ def _recordings(seed: int) -> Iterator[Sample]:
                 path = Path(folder) / f"sample{ending}"
                 write(path, np.random.default_rng([seed, number]))
                 yield Sample(f"measurement {ending}", path.name, {path.name: path.read_bytes()})
+
+
+def _diadem(seed: int) -> Iterator[Sample]:
+    """Descriptions of DIAdem, each beside its values, and the values beside their description."""
+    import test_diadem as dat
+    import test_tdm_header as tdm
+
+    numbers = np.random.default_rng([seed, 7])
+    values = numbers.normal(size=12).astype("<f8").tobytes()
+    header = (
+        dat.GLOBAL
+        + "#ENDGLOBALHEADER\n\n"
+        + dat.implicit("Time", "s", 6, 0.0, 0.1)
+        + dat.explicit("Speed", "run.r64", "REAL64", 6, unit="rpm")
+        + dat.explicit("Load", "run.r64", "REAL64", 6, first=2, method="BLOCK", _222=2)
+        + dat.explicit("Text", "run.asc", "ASCII", 3, method="BLOCK", _230=";")
+    )
+    beside = {"run.r64": values, "run.asc": b"1;2\n3;4\n5;6\n"}
+    for encoding in ("cp1252", "utf-16"):
+        yield Sample("measurement .dat", "run.dat", {"run.dat": header.encode(encoding), **beside})
+    stamps = tdm.stamps(0.1 * np.arange(3))
+    blocks = (
+        tdm.block(0, byteOffset=0, length=3, valueType="eFloat64Usi")
+        + tdm.block(1, byteOffset=96, length=3, valueType="eTimeUsi")
+        + tdm.block(2, byteOffset=144, length=3, valueType="eInt16Usi")
+    )
+    channels = (
+        tdm.group("bench", 1, 2, 3)
+        + tdm.flagged("inc2")
+        + tdm.channel(2, "Stamp", "", tdm.EXPLICIT, '<values external="inc1"/>')
+        + tdm.channel(3, "Time", "s", tdm.parameters("implicit_linear", 0.5, 0.1))
+    )
+    description = tdm.HEAD.format(blocks=blocks, data=channels + tdm.ROWS).encode()
+    binary = {"bench.tdx": values + stamps + np.array([15, 0, 15], dtype="<i2").tobytes()}
+    yield Sample("measurement .tdm", "bench.tdm", {"bench.tdm": description, **binary})
+    yield Sample("measurement .tdx", "bench.tdx", {"bench.tdm": description, **binary})
+    packed = BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(zipfile.ZipInfo("header.xml"), description)
+    yield Sample("measurement .tdm packed", "bench.tdm", {"bench.tdm": packed.getvalue(), **binary})
 
 
 def _bus_logs(seed: int) -> Iterator[Sample]:
@@ -259,6 +305,31 @@ def _hdf5(path: Path, numbers: np.random.Generator) -> None:
             for name, values in _columns(numbers, rows).items():
                 file[f"{group}/{name}"] = values
                 file[f"{group}/{name}"].attrs["units"] = "s" if name == "time" else "rpm"
+
+
+def _stored_frame(path: Path, numbers: np.random.Generator) -> None:
+    import h5py
+    from test_hdf5 import fixed_frame
+
+    with h5py.File(path, "w") as file:
+        fixed_frame(file, "datetime64[us]")
+
+
+def _stored_table(path: Path, numbers: np.random.Generator) -> None:
+    import h5py
+    from test_hdf5 import stored_table
+
+    with h5py.File(path, "w") as file:
+        stored_table(file, ["Speed", "Load"])
+
+
+def _arrow_stream(path: Path, numbers: np.random.Generator) -> None:
+    import pyarrow as pa
+    from pyarrow import ipc
+
+    table = pa.table(_columns(numbers))
+    with path.open("wb") as stream, ipc.new_stream(stream, table.schema) as writer:
+        writer.write_table(table, max_chunksize=15)
 
 
 def _netcdf(path: Path, numbers: np.random.Generator) -> None:
@@ -645,6 +716,7 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _tunes,
     _loggers,
     _recordings,
+    _diadem,
     _bus_logs,
     _models,
     _classes,

@@ -207,6 +207,12 @@ def test_a_unit_of_time_alone_is_not_enough_for_several_or_unordered_vectors(hdf
     assert read(hdf5(unordered)).time is None
 
 
+def test_dimensions_of_netcdf_without_values_are_no_channels(hdf5):
+    name = np.bytes_("This is a netCDF dimension but not a netCDF variable.         3")
+    attributes = {"CLASS": np.bytes_("DIMENSION_SCALE"), "NAME": name}
+    assert list(read(hdf5({"rows": (np.zeros(3), attributes), "Speed": np.arange(3.0)}))) == ["Speed"]
+
+
 def test_time_may_be_in_days(hdf5):
     path = hdf5({"time": (np.array([0.0, 0.5]), {"units": "days since 2026-11-27"}), "Speed": np.arange(2.0)})
     assert read(path).time.tolist() == [0.0, 43200.0]

@@ -31,6 +31,7 @@ from kennfeld.measurement.table_conversion import TableDescription, describe_tab
 from kennfeld.measurement.unit_text import may_be_time, split_name
 from kennfeld.measurement.variable_attributes import (
     description_of,
+    is_placeholder,
     is_time_coordinate,
     texts_of,
     unit_of,
@@ -140,6 +141,8 @@ class _Content:
         """Add the channels of a dataset."""
         shape: tuple[int, ...] = item.shape or ()
         attributes = dict(item.attrs)
+        if is_placeholder(attributes):
+            return
         if item.dtype.names and len(shape) == 1:
             for each in item.dtype.names:
                 kind = item.dtype[each]

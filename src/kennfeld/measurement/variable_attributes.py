@@ -17,6 +17,7 @@ _DESCRIPTIONS = ("long_name", "description", "Description", "comment", "Comment"
 _MISSING = ("_FillValue", "missing_value")
 _NEVER_WRITTEN = 9.969209968386869e36  # what netCDF puts where no number was written
 _SINCE = " since "
+_PLACEHOLDER = "This is a netCDF dimension but not a netCDF variable"
 
 
 def unit_of(attributes: Mapping[str, Any]) -> str:
@@ -54,6 +55,11 @@ def is_time_coordinate(attributes: Mapping[str, Any]) -> bool:
         return True
     is_scale = _text(attributes, "CLASS") == "DIMENSION_SCALE"
     return timed and (is_scale or says_time(_text(attributes, "long_name")))
+
+
+def is_placeholder(attributes: Mapping[str, Any]) -> bool:
+    """Return whether a dataset only states the length of a dimension of netCDF 4, without values."""
+    return _text(attributes, "NAME").startswith(_PLACEHOLDER)
 
 
 def unpack_numbers(values: Any, attributes: Mapping[str, Any]) -> Float:
