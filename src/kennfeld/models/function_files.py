@@ -26,7 +26,9 @@ class FunctionKind(NamedTuple):
     runs: bool
 
 
-KINDS: tuple[FunctionKind, ...] = ()
+KINDS: tuple[FunctionKind, ...] = (
+    FunctionKind("an FMU", (".fmu",), "kennfeld.models.fmu.importing:read_fmu", named=False, runs=True),
+)
 
 
 def split_reference(reference: str) -> tuple[str, str]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from kennfeld.errors import Finding
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.model import Model
 from kennfeld.parameter_set import ParameterSet
@@ -60,8 +61,12 @@ class ModelFunction:
         return MappingProxyType(names | ({self.name: 0} if len(self.outputs) == 1 else {}))
 
 
-def as_model(function: ModelFunction) -> Model:
+def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
     """Return a function as a model of its own: its inputs are channels, its outputs nodes.
+
+    Args:
+        function: the function.
+        solver: solver of its continuous states, if it has any; a name in `graph.integration.SOLVERS`.
 
     >>> double = ModelFunction("double", (FunctionInput("x", "Nm"),), (FunctionOutput("y", "Nm"),), _twice)
     >>> model = as_model(double)
@@ -71,11 +76,15 @@ def as_model(function: ModelFunction) -> Model:
     builder = GraphBuilder()
     results = function.write(builder, [builder.input(each.name) for each in function.inputs])
     names = {output.name: node for output, node in zip(function.outputs, results, strict=True)}
-    graph = builder.finish(names, {}, tuple(names))
+    equations = builder.finish(names, {}, tuple(names))
+    continuous = is_continuous(equations)
+    graph = apply_solver(equations, solver) if continuous else equations
     stated = {x.name: x.unit for x in function.inputs} | {y.name: y.unit for y in function.outputs}
     units = {name: unit for name, unit in stated.items() if unit and name in {*graph.inputs, *graph.names}}
     return Model(
         graph=replace(graph, units=MappingProxyType(units)),
+        equations=replace(equations, units=MappingProxyType(units)) if continuous else None,
+        solver=solver if continuous else "",
         name=function.name,
         step=function.step,
         declared=graph.parameters,

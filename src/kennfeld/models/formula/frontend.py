@@ -10,7 +10,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.integration import apply_solver, is_continuous
+from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
 from kennfeld.models.formula.functions import FUNCTIONS, functions_of, functions_of_files
 from kennfeld.models.formula.lexer import Source, split
 from kennfeld.models.formula.lowering import build
@@ -120,7 +120,8 @@ def _model(
     source.raise_findings()
     equations = merge_equal_states(builder.finish(visible, {}, tuple(names.outputs)))
     equations = replace(equations, units=_units(names, equations))
-    graph = equations if solver is None else merge_equal_states(apply_solver(equations, solver.solver))
+    used = DEFAULT_SOLVER if solver is None and is_continuous(equations) else "" if solver is None else solver.solver
+    graph = merge_equal_states(apply_solver(equations, used)) if used else equations
     return Model(
         graph=graph,
         name=name,
@@ -130,7 +131,7 @@ def _model(
         locations=MappingProxyType(_locations(names, source)),
         surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
         equations=equations if is_continuous(equations) else None,
-        solver="" if solver is None else solver.solver,
+        solver=used,
         values=ParameterSet(p for f in functions for p in f.values.parameters if p.name in graph.parameters),
         remarks=tuple(remark for function in functions for remark in function.remarks),
     )

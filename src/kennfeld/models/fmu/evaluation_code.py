@@ -1,0 +1,328 @@
+"""Machine code that calls an FMU: its equations at one point with their slopes, and its states at the start.
+
+All memory belongs to the instance (`FmuInstance`), whose addresses the code knows by name. A lock lets one thread at a
+time use the instance.
+
+The equations take (t, states, inputs, parameters) and return (derivatives, outputs); the start takes (t, inputs,
+parameters) and returns the states. Parameters that differ from those of the last call are set first: `tunable` ones in
+event mode, `fixed` ones by a reset, because they take effect at initialization only.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from kennfeld.machine_code.external import c_pointer
+from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
+
+NONE, TUNED, RESET = 0, 1, 2  # what a change of parameters requires
+SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
+LOCK, STALE, CHANGED, TIMED = range(4)  # places in the memory `control`
+_MOST_UPDATES = 100  # of discrete states until they must be stable
+_WARNING, _DISCARD = 1, 2  # the last status of success, the last one that leaves the instance usable
+YIELD = "yield_processor"
+_NAN = literal(float("nan"))
+
+
+class CallLayout(NamedTuple):
+    """Numbers of values and of value references, and how the names of memory and functions begin."""
+
+    version: str
+    prefix: str
+    states: int
+    inputs: int
+    parameters: int
+    outputs: int
+    input_references: int
+    parameter_references: int
+    output_references: int
+    unknowns: int
+    events: bool
+
+    @property
+    def arguments(self) -> int:
+        """Number of arguments of the equations."""
+        return 1 + self.states + self.inputs + self.parameters
+
+    @property
+    def results(self) -> int:
+        """Number of results of the equations."""
+        return self.states + self.outputs
+
+
+def write_equations(layout: CallLayout) -> list[FunctionWriter]:
+    """Return the functions for the equations of an FMU; the last one is to be called."""
+    shape = _Shape("equations", layout.arguments, layout.results)
+    return [_iterate(layout), _reset(layout), _equations_point(layout), _evaluate(layout, shape)]
+
+
+def write_start(layout: CallLayout) -> list[FunctionWriter]:
+    """Return the functions for the states at the start; the last one is to be called."""
+    shape = _Shape("start", layout.arguments - layout.states, layout.states)
+    return [_iterate(layout), _reset(layout), _start_point(layout), _evaluate(layout, shape)]
+
+
+class _Shape(NamedTuple):
+    name: str
+    arguments: int
+    results: int
+
+
+class _Calls:
+    """Calls of the functions of an FMU; the worst status is kept in the memory at `worst`."""
+
+    def __init__(self, f: FunctionWriter, layout: CallLayout, worst: str) -> None:
+        self.f, self.layout, self.worst = f, layout, worst
+        self.second = layout.version == "2.0"
+        self.instance = self.memory("instance")
+
+    def memory(self, name: str) -> str:
+        return c_pointer(self.f, f"{self.layout.prefix}_{name}")
+
+    def __call__(self, name: str, *arguments: str) -> None:
+        f = self.f
+        function = self.memory(f"fmi{self.layout.version[0]}{name}")
+        status = f.new(f"call i32 {function}({', '.join((f'ptr {self.instance}', *arguments))})")
+        worst = f.load(self.worst, kind="i32")
+        worse = f.new(f"icmp sgt i32 {status}, {worst}")
+        f.store(f.new(f"select i1 {worse}, i32 {status}, i32 {worst}"), self.worst, kind="i32")
+
+    def numbers(self, access: str, group: str, references: int, values: str, count: int) -> None:
+        """Get or set the values of a group of variables."""
+        if count:
+            lengths = () if self.second else (f"i64 {count}",)
+            name = f"{access}{'Real' if self.second else 'Float64'}"
+            self(name, f"ptr {self.memory(group)}", f"i64 {references}", f"ptr {values}", *lengths)
+
+    def initialize(self, parameters: str, inputs: str | None) -> None:
+        """Initialize the instance anew with parameters and inputs, and enter continuous-time mode."""
+        layout, experiment = self.layout, (f"double {ZERO}", f"double {ZERO}", "{0}", f"double {ZERO}")
+        false = "i32 0" if self.second else "i1 zeroext false"
+        times = [false, *(text.format(false) for text in experiment)]
+        self("Reset")
+        if self.second:
+            self("SetupExperiment", *times)
+        self.numbers("Set", "parameters", layout.parameter_references, parameters, layout.parameters)
+        self("EnterInitializationMode", *(() if self.second else times))
+        if inputs is not None:
+            self.numbers("Set", "inputs", layout.input_references, inputs, layout.inputs)
+        self("ExitInitializationMode")
+        self.update()
+
+    def update(self) -> None:
+        """Update discrete states until they are stable, and enter continuous-time mode."""
+        self.f.call("iterate", [("ptr", self.worst)])
+        self("EnterContinuousTimeMode")
+
+
+def _iterate(layout: CallLayout) -> FunctionWriter:
+    f = FunctionWriter("iterate", [("ptr", "worst")], "noinline")
+    calls = _Calls(f, layout, "%worst")
+    kind = "i32" if calls.second else "i8"
+    flags, at = f.slot("i64", 6), f.slot("double")  # the structure of FMI 2.0: five integers, and a double at byte 24
+    control = calls.memory("control")
+    with f.walk(_MOST_UPDATES) as (index, position):
+        for number in range(6):
+            f.store("0", flags, number, "i64")
+        if calls.second:
+            calls("NewDiscreteStates", f"ptr {flags}")
+        else:
+            calls("UpdateDiscreteStates", *(f"ptr {f.at(flags, k, kind)}" for k in range(5)), f"ptr {at}")
+        needed, terminate, _, changed, timed = (_is_set(f, f.at(flags, k, kind), kind) for k in range(5))
+        _mark(f, control, CHANGED, terminate)
+        _mark(f, control, CHANGED, changed)
+        _mark(f, control, TIMED, timed)
+        position.set(f.new(f"select i1 {needed}, i64 {f.add(index, 1)}, i64 {_MOST_UPDATES}"))
+    return f
+
+
+def _is_set(f: FunctionWriter, pointer: str, kind: str) -> str:
+    return f.new(f"icmp ne {kind} {f.new(f'load {kind}, ptr {pointer}, align 1')}, 0")
+
+
+def _mark(f: FunctionWriter, control: str, place: int, condition: str) -> None:
+    with f.when(condition):
+        f.store("1", control, place, "i32")
+
+
+def _reset(layout: CallLayout) -> FunctionWriter:
+    f = FunctionWriter("reset", [("ptr", "parameters"), ("ptr", "worst")], "noinline")
+    _Calls(f, layout, "%worst").initialize("%parameters", None)
+    return f
+
+
+def _equations_point(layout: CallLayout) -> FunctionWriter:
+    f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y")], "noinline")
+    worst = f.slot("i32")
+    f.store("0", worst, kind="i32")
+    calls = _Calls(f, layout, worst)
+    control = calls.memory("control")
+    inputs = f.at("%x", 1 + layout.states)
+    _set_parameters(calls, control, f.at("%x", 1 + layout.states + layout.inputs))
+    calls("SetTime", f"double {f.load('%x')}")
+    if layout.states:
+        calls("SetContinuousStates", f"ptr {f.at('%x', 1)}", f"i64 {layout.states}")
+    f.store("0", control, CHANGED, "i32")
+    if layout.events:
+        calls("EnterEventMode")
+    calls.numbers("Set", "inputs", layout.input_references, inputs, layout.inputs)
+    if layout.events:
+        calls.update()
+    if layout.states:
+        derivatives = "GetDerivatives" if calls.second else "GetContinuousStateDerivatives"
+        calls(derivatives, "ptr %y", f"i64 {layout.states}")
+    calls.numbers("Get", "outputs", layout.output_references, f.at("%y", layout.states), layout.outputs)
+    _finish_point(f, control, worst, layout.results)
+    return f
+
+
+def _start_point(layout: CallLayout) -> FunctionWriter:
+    f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y")], "noinline")
+    worst = f.slot("i32")
+    f.store("0", worst, kind="i32")
+    calls = _Calls(f, layout, worst)
+    control = calls.memory("control")
+    parameters = f.at("%x", 1 + layout.inputs)
+    calls.initialize(parameters, f.at("%x", 1))
+    calls("GetContinuousStates", "ptr %y", f"i64 {layout.states}")
+    _keep_parameters(calls, control, parameters)
+    f.store("0", control, CHANGED, "i32")
+    _finish_point(f, control, worst, layout.states)
+    return f
+
+
+def _set_parameters(calls: _Calls, control: str, parameters: str) -> None:
+    """Set the parameters if they differ from those of the last call."""
+    f, layout = calls.f, calls.layout
+    needed = f.variable("i32", f.load(control, STALE, "i32"))
+    cache, levels = calls.memory("cache"), calls.memory("levels")
+    with f.loop(0, layout.parameters) as j:
+        differs = f.new(f"fcmp une double {f.load(parameters, j)}, {f.load(cache, j)}")
+        level = f.load(levels, j, "i32")
+        higher = f.new(f"icmp sgt i32 {level}, {needed.get()}")
+        with f.when(f.new(f"and i1 {differs}, {higher}")):
+            needed.set(level)
+    with f.when(f.new(f"icmp eq i32 {needed.get()}, {TUNED}")):
+        calls("EnterEventMode")
+        calls.numbers("Set", "parameters", layout.parameter_references, parameters, layout.parameters)
+        calls.update()
+    with f.when(f.new(f"icmp eq i32 {needed.get()}, {RESET}")):
+        f.call("reset", [("ptr", parameters), ("ptr", calls.worst)])
+    with f.when(f.new(f"icmp ne i32 {needed.get()}, {NONE}")):
+        _keep_parameters(calls, control, parameters)
+
+
+def _keep_parameters(calls: _Calls, control: str, parameters: str) -> None:
+    cache = calls.memory("cache")
+    with calls.f.loop(0, calls.layout.parameters) as j:
+        calls.f.store(calls.f.load(parameters, j), cache, j)
+    calls.f.store(str(NONE), control, STALE, "i32")
+
+
+def _finish_point(f: FunctionWriter, control: str, worst: str, results: int) -> None:
+    """Return NaN after an error, or after an event that changed states; after an error, start again by a reset."""
+    status = f.load(worst, kind="i32")
+    failed = f.new(f"icmp sgt i32 {status}, {_WARNING}")
+    changed = f.new(f"icmp ne i32 {f.load(control, CHANGED, 'i32')}, 0")
+    unusable = f.new(f"or i1 {failed}, {changed}")
+    with f.when(unusable), f.loop(0, results) as i:
+        f.store(_NAN, "%y", i)
+    damaged = f.new(f"icmp sgt i32 {status}, {_DISCARD}")
+    with f.when(f.new(f"or i1 {damaged}, {changed}")):
+        f.store(str(RESET), control, STALE, "i32")
+
+
+def _evaluate(layout: CallLayout, shape: _Shape) -> FunctionWriter:
+    f = FunctionWriter(shape.name, [("ptr", "x"), ("ptr", "y"), ("ptr", "slopes")])
+    worst = f.slot("i32")
+    f.store("0", worst, kind="i32")
+    calls = _Calls(f, layout, worst)
+    lock = calls.memory("control")
+    _acquire(f, lock)
+    f.call("point", [("ptr", "%x"), ("ptr", "%y")])
+    with f.when(f.new("icmp ne ptr %slopes, null")):
+        if shape.name == "equations":
+            _directional_slopes(calls, shape)
+        _difference_slopes(calls, shape)
+    f.do(f"store atomic i32 0, ptr {lock} release, align 4")
+    return f
+
+
+def _acquire(f: FunctionWriter, lock: str) -> None:
+    with f.walk(1) as (_, position):
+        busy = f.new(f"icmp ne i32 {f.new(f'atomicrmw xchg ptr {lock}, i32 1 acquire')}, 0")
+        with f.when(busy):
+            f.new(f"call i32 {c_pointer(f, YIELD)}()")
+        position.set(f.new(f"select i1 {busy}, i64 0, i64 1"))
+
+
+def _directional_slopes(calls: _Calls, shape: _Shape) -> None:
+    """Write the columns of slopes that the FMU computes itself, at the point that was evaluated last."""
+    f, second = calls.f, calls.second
+    column = f.slot("double", max(shape.results, 1))
+    seed, unknowns = calls.memory("seed"), calls.memory("unknowns")
+    known, positions, sizes = (calls.memory(name) for name in ("known", "positions", "sizes"))
+    with _columns(calls, shape, DIRECTIONAL) as j:
+        size, place = f.load(sizes, j, "i64"), f.load(positions, j, "i64")
+        f.store(literal(1.0), seed, place)
+        f.store("0", calls.worst, kind="i32")
+        lengths = ("", "") if second else (f", i64 {size}", f", i64 {shape.results}")
+        calls(
+            "GetDirectionalDerivative",
+            *(f"ptr {unknowns}", f"i64 {calls.layout.unknowns}", f"ptr {f.at(known, j, 'i32')}", "i64 1"),
+            *(f"ptr {seed}{lengths[0]}", f"ptr {column}{lengths[1]}"),
+        )
+        f.store(ZERO, seed, place)
+        failed = f.new(f"icmp sgt i32 {f.load(calls.worst, kind='i32')}, {_WARNING}")
+        with f.loop(0, shape.results) as i:
+            value = f.select(failed, _NAN, f.load(column, i))
+            f.store(value, "%slopes", f.add(f.mul(i, shape.arguments), j))
+
+
+def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
+    """Write the columns of slopes from central differences, within the limits of the argument."""
+    f = calls.f
+    near = f.slot("double", shape.arguments)
+    above, below = f.slot("double", max(shape.results, 1)), f.slot("double", max(shape.results, 1))
+    tables = [calls.memory(f"{shape.name}_{name}") for name in ("steps", "least", "lower", "upper")]
+    with f.loop(0, shape.arguments) as j:
+        f.store(f.load("%x", j), near, j)
+    with _columns(calls, shape, DIFFERENCES) as j:
+        step, least, lower, upper = (f.load(table, j) for table in tables)
+        x = f.load("%x", j)
+        size = f.new(f"call double @llvm.fabs.f64(double {x})")
+        size = f.select(f.new(f"fcmp ogt double {size}, {least}"), size, least)
+        distance = f.fmul(step, size)
+        ends = []
+        for sign, limit, beyond, results in (("fadd", upper, "ogt", above), ("fsub", lower, "olt", below)):
+            moved = f.new(f"{sign} double {x}, {distance}")
+            end = f.select(f.new(f"fcmp {beyond} double {moved}, {limit}"), limit, moved)
+            f.store(end, near, j)
+            f.call("point", [("ptr", near), ("ptr", results)])
+            ends.append(end)
+        f.store(x, near, j)
+        width = f.new(f"fsub double {ends[0]}, {ends[1]}")
+        with f.loop(0, shape.results) as i:
+            change = f.new(f"fsub double {f.load(above, i)}, {f.load(below, i)}")
+            f.store(f.new(f"fdiv double {change}, {width}"), "%slopes", f.add(f.mul(i, shape.arguments), j))
+    with _columns(calls, shape, SKIPPED) as j, f.loop(0, shape.results) as i:
+        f.store(ZERO, "%slopes", f.add(f.mul(i, shape.arguments), j))
+
+
+@contextmanager
+def _columns(calls: _Calls, shape: _Shape, kind: int) -> Iterator[str]:
+    """Run the body for each argument whose slopes are computed in one way."""
+    f = calls.f
+    kinds = calls.memory(f"{shape.name}_kinds")
+    with f.loop(0, shape.arguments) as j, f.when(f.new(f"icmp eq i32 {f.load(kinds, j, 'i32')}, {kind}")):
+        yield j
+
+
+def equation_functions(layout: CallLayout) -> Sequence[str]:
+    """Return the names of the functions of the library that the code calls."""
+    second, number = layout.version == "2.0", layout.version[0]
+    names = ["Reset", "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "EnterContinuousTimeMode"]
+    names += ["SetTime", "SetContinuousStates", "GetContinuousStates", "GetDirectionalDerivative"]
+    names += ["SetupExperiment", "NewDiscreteStates", "GetDerivatives", "SetReal", "GetReal"] if second else []
+    names += [] if second else ["UpdateDiscreteStates", "GetContinuousStateDerivatives", "SetFloat64", "GetFloat64"]
+    return [f"fmi{number}{name}" for name in names]
