@@ -7,7 +7,6 @@ from kennfeld.errors import Findings, InputError, Location
 from kennfeld.models.fmu.description import Dependency, FmuDescription, FmuInterface, FmuVariable
 from kennfeld.models.fmu.xml_elements import XmlElement, parse_elements
 
-MOST_VARIABLES = 200_000
 MOST_VALUES = 1_000_000  # of all arrays together
 _TYPES_2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _VERSIONS = {"2": "2.0", "3": "3.0"}
@@ -91,9 +90,6 @@ class _Reader:
 
     def _variables(self) -> tuple[FmuVariable, ...]:
         elements = [element for part in self.root.all("ModelVariables") for element in part.children]
-        if len(elements) > MOST_VARIABLES:
-            message = f"{len(elements)} variables, more than {MOST_VARIABLES}"
-            raise InputError.of(Location(self.file), message, "Export the FMU without its local variables.")
         if self.version == "2.0":
             return self._variables_2(elements)
         sizes = {e.attributes.get("valueReference"): e.attributes.get("start", "") for e in elements}

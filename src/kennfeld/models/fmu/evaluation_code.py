@@ -280,10 +280,15 @@ def _directional_slopes(calls: _Calls, shape: _Shape) -> None:
 
 
 def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
-    """Write the columns of slopes from central differences, within the limits of the argument."""
+    """Write the columns of slopes from differences over three points.
+
+    They are central, unless a point would be beyond a limit of the argument. With the results at x, x + a and x + b,
+
+        slope = (b (f(x + a) - f(x)) / a - a (f(x + b) - f(x)) / b) / (b - a)
+    """
     f = calls.f
     near = f.slot("double", shape.arguments)
-    above, below = f.slot("double", max(shape.results, 1)), f.slot("double", max(shape.results, 1))
+    results = [f.slot("double", max(shape.results, 1)) for _ in range(2)]
     tables = [calls.memory(f"{shape.name}_{name}") for name in ("steps", "least", "lower", "upper")]
     with f.loop(0, shape.arguments) as j:
         f.store(f.load("%x", j), near, j)
@@ -291,20 +296,24 @@ def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
         step, least, lower, upper = (f.load(table, j) for table in tables)
         x = f.load("%x", j)
         size = f.new(f"call double @llvm.fabs.f64(double {x})")
-        size = f.select(f.new(f"fcmp ogt double {size}, {least}"), size, least)
-        distance = f.fmul(step, size)
-        ends = []
-        for sign, limit, beyond, results in (("fadd", upper, "ogt", above), ("fsub", lower, "olt", below)):
-            moved = f.new(f"{sign} double {x}, {distance}")
-            end = f.select(f.new(f"fcmp {beyond} double {moved}, {limit}"), limit, moved)
+        distance = f.fmul(step, f.select(f.new(f"fcmp ogt double {size}, {least}"), size, least))
+        offsets = []
+        for side, limit, beyond, values in ((1.0, upper, "ogt", results[0]), (-1.0, lower, "olt", results[1])):
+            end = f.new(f"fadd double {x}, {f.fmul(literal(side), distance)}")
+            other = f.new(f"fadd double {x}, {f.fmul(literal(-2 * side), distance)}")
+            end = f.select(f.new(f"fcmp {beyond} double {end}, {limit}"), other, end)
             f.store(end, near, j)
-            f.call("point", [("ptr", near), ("ptr", results)])
-            ends.append(end)
+            f.call("point", [("ptr", near), ("ptr", values)])
+            offsets.append(f.new(f"fsub double {end}, {x}"))
         f.store(x, near, j)
-        width = f.new(f"fsub double {ends[0]}, {ends[1]}")
+        a, b = offsets
+        ratio, width = f.new(f"fdiv double {b}, {a}"), f.new(f"fsub double {b}, {a}")
         with f.loop(0, shape.results) as i:
-            change = f.new(f"fsub double {f.load(above, i)}, {f.load(below, i)}")
-            f.store(f.new(f"fdiv double {change}, {width}"), "%slopes", f.add(f.mul(i, shape.arguments), j))
+            start = f.load("%y", i)
+            first, second = (f.new(f"fsub double {f.load(values, i)}, {start}") for values in results)
+            first, second = f.new(f"fmul double {ratio}, {first}"), f.new(f"fdiv double {second}, {ratio}")
+            slope = f.new(f"fdiv double {f.new(f'fsub double {first}, {second}')}, {width}")
+            f.store(slope, "%slopes", f.add(f.mul(i, shape.arguments), j))
     with _columns(calls, shape, SKIPPED) as j, f.loop(0, shape.results) as i:
         f.store(ZERO, "%slopes", f.add(f.mul(i, shape.arguments), j))
 

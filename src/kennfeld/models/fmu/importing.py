@@ -46,7 +46,8 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
     """
     assert not function  # an FMU holds one model
     description = read_archive(path)
-    _check_usable(description, path)
+    findings = Findings(find_obstacles(description, path))
+    findings.finish()
     parameters = parameters_of(description.parameters, f"{name}." if name else "")
     calls = _FmuCalls(description, parameters, path, digest_of(path))
     return ModelFunction(
@@ -58,7 +59,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         values=parameters.parameters,
         source=str(path),
         step=step or (description.step if description.states else None),
-        remarks=tuple(_remarks(description, path)),
+        remarks=tuple(find_remarks(description, path)),
     )
 
 
@@ -107,26 +108,28 @@ class _FmuCalls:
         ]
 
 
-def _check_usable(description: FmuDescription, path: Path) -> None:
-    findings, location = Findings(), Location(str(path))
-    interface = description.model_exchange
+def find_obstacles(description: FmuDescription, path: Path) -> tuple[Finding, ...]:
+    """Return why an FMU cannot be used here; empty if it can."""
+    findings, location = Findings(), Location(path.name)
+    interface, folder = description.model_exchange, platform_folder(description.version)
     if interface is None:
-        message = "offers co-simulation only, which is not supported"
+        offered = "co-simulation" if description.co_simulation is not None else "scheduled execution"
+        message = f"offers {offered} only, which is not supported"
         findings.error(location, message, "Export the model as an FMU for model exchange.")
     elif interface.needs_tool:
         message = f"runs only within {description.tool or 'the tool that exported it'}"
         findings.error(location, message, "Export it so that it runs alone.")
-    elif platform_folder(description.version) not in description.platforms:
+    if interface is not None and folder not in description.platforms:
         offered = join_names(description.platforms, _MOST_NAMES, " and ") or "no platform"
-        message = f"has libraries for {offered}, not for {platform_folder(description.version)}"
-        findings.error(location, message, "Export the FMU for this platform.")
+        findings.error(location, f"has libraries for {offered}, not for {folder}", "Export the FMU for this platform.")
     if not description.real_outputs:
         findings.error(location, "has no output that is a real number", "Export the FMU with such an output.")
-    findings.finish()
+    return tuple(findings)
 
 
-def _remarks(description: FmuDescription, path: Path) -> list[Finding]:
-    location, interface = Location(str(path)), description.model_exchange
+def find_remarks(description: FmuDescription, path: Path) -> list[Finding]:
+    """Return what runs differently from the source, and that code will run."""
+    location, interface = Location(path.name), description.model_exchange
     sentences = [f"runs code of {path.name}"]
     if interface is not None and interface.directional:
         sentences.append(

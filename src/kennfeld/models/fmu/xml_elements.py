@@ -6,7 +6,8 @@ from xml.parsers import expat
 
 from kennfeld.errors import InputError, Location
 
-MOST_ELEMENTS = 1_000_000  # of a description; it refers to several for each variable
+MOST_ELEMENTS = 1_000_000  # of a description; it has several for each variable
+MOST_CHILDREN = 200_000  # of an element, such as variables
 _MOST_LEVELS = 50
 
 
@@ -66,6 +67,9 @@ class _Builder:
             self._refuse(f"elements nested more than {_MOST_LEVELS} levels deep", "Export the FMU again.")
         if self.open:
             self.open[-1].children.append(element)
+            if len(self.open[-1].children) > MOST_CHILDREN:
+                message = f"{self.open[-1].tag} has more than {MOST_CHILDREN} elements"
+                self._refuse(message, "Export the FMU without its local variables.")
         else:
             self.root = element
         self.open.append(element)
