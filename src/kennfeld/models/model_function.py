@@ -85,6 +85,7 @@ def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
         graph=replace(graph, units=MappingProxyType(units)),
         equations=replace(equations, units=MappingProxyType(units)) if continuous else None,
         solver=solver if continuous else "",
+        stepped=continuous,
         name=function.name,
         step=function.step,
         declared=graph.parameters,

@@ -18,7 +18,7 @@ def description_2(head='providesDirectionalDerivative="true"', indicators=0):
     def variable(reference, name, rest, real=""):
         return f'<ScalarVariable name="{name}" valueReference="{reference}" {rest}><Real {real}/></ScalarVariable>'
 
-    fixed, tunable = ('causality="parameter" variability="{}"'.format(word) for word in ("fixed", "tunable"))
+    fixed, tunable = (f'causality="parameter" variability="{word}"' for word in ("fixed", "tunable"))
     table = [
         variable(7 + k, f"table[{i},{j}]", tunable, f'start="{k}" min="-5" max="{5 + k}"')
         for k, (i, j) in reversed(list(enumerate(TABLE)))
@@ -45,7 +45,7 @@ def description_2(head='providesDirectionalDerivative="true"', indicators=0):
 
 
 def description_3(head='providesDirectionalDerivatives="true"', indicators=0):
-    fixed, tunable = ('causality="parameter" variability="{}"'.format(word) for word in ("fixed", "tunable"))
+    fixed, tunable = (f'causality="parameter" variability="{word}"' for word in ("fixed", "tunable"))
     return f"""<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="3.0" modelName="lag" instantiationToken="{{lag}}">
 <ModelExchange modelIdentifier="lag" {head}/>

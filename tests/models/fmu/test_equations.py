@@ -127,14 +127,16 @@ def test_several_threads_may_call_at_once(lag):
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(differences) == 4 and max(differences) < 1e-12
+    assert len(differences) == 4
+    assert max(differences) < 1e-12
 
 
 def test_formula_text_calls_an_fmu_with_its_own_solver(lag):
     function = read_fmu(lag, "", "plant", 0.1)
     text = "y = plant(3 * drive)\nz = plant(3 * drive) * gain"
     model = kf.formula(text, parameters=["gain"], functions=[function])
-    assert len(model.graph.states) == 1 and model.solver == "ode4"
+    assert len(model.graph.states) == 1
+    assert model.solver == "ode4"
     assert set(model.graph.parameters) == {"gain", "plant.tau", "plant.k", "plant.table"}
     data = {"time": np.arange(COUNT) * STEP, "drive": np.ones(COUNT)}
     nodes = kf.simulate(model, data, {"gain": 2.0})
@@ -155,7 +157,8 @@ def test_an_event_that_changes_states_is_nan_there_alone(tmp_path, version):
     path = build(tmp_path, version, "-DSTATE_EVENT", indicators=1)
     points = np.array([[0.0, x, 3.0, 0.8, 1.2, *range(6)] for x in (1.0, 2.5, 1.0)])
     results, _ = evaluate_points(equations_of(path), points)
-    assert np.isnan(results[1]).all() and np.isfinite(results[[0, 2]]).all()
+    assert np.isnan(results[1]).all()
+    assert np.isfinite(results[[0, 2]]).all()
 
 
 def test_a_changed_file_is_not_run(tmp_path):

@@ -132,6 +132,7 @@ def _model(
         surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
         equations=equations if is_continuous(equations) else None,
         solver=used,
+        stepped=solver is None and bool(used),
         values=ParameterSet(p for f in functions for p in f.values.parameters if p.name in graph.parameters),
         remarks=tuple(remark for function in functions for remark in function.remarks),
     )
