@@ -25,7 +25,7 @@ class LoadedFunction(Protocol):
         """Address of `void f(const double *x, double *y, double *slopes)`, which several threads may call at once.
 
         It writes the outputs to y, and dy[i]/dx[j] to slopes[i * inputs + j] unless slopes is a null pointer. What it
-        cannot compute is NaN.
+        cannot compute is NaN. Slopes along x[j] are needed only if slopes[j] is not 0 before the call.
         """
 
 
@@ -76,7 +76,7 @@ def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, F
     call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(_load(function).address)
     points = np.ascontiguousarray(points, dtype=np.float64)
     results = np.empty((len(points), function.outputs))
-    slopes = np.empty((len(points), function.outputs, function.inputs))
+    slopes = np.ones((len(points), function.outputs, function.inputs))
     for point, result, slope in zip(points, results, slopes, strict=True):
         call(point.ctypes.data, result.ctypes.data, slope.ctypes.data)
     return results, slopes

@@ -4,7 +4,7 @@ The code is a list of items, nodes first, in order. Long lists are split into se
 LLVM's passes grows faster than the length of a block; values used across functions are kept in a frame in memory.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field
 from typing import NamedTuple
 
@@ -141,7 +141,7 @@ class StepEmitter:
         self._windows: dict[tuple[int, AxisRef], Window] = {}
         self._expansions: dict[tuple[str, tuple[int, ...]], str] = {}
         self._externals: dict[ExternalCall, str] = {}
-        self.sloped: frozenset[ExternalCall] = frozenset()  # calls whose slopes are needed
+        self.sloped: Mapping[ExternalCall, Collection[int]] = {}  # arguments along which slopes are needed
 
     def value(self, node: int) -> str:
         """Return the double of a node computed before."""
@@ -328,6 +328,8 @@ class StepEmitter:
                 f.store(self.value(a), x, d)
             out = f.slot("double", function.outputs * (1 + function.inputs))
             slopes = f.at(out, function.outputs) if call in self.sloped else "null"
+            for axis in range(function.inputs if call in self.sloped else 0):
+                f.store(ONE if axis in self.sloped[call] else ZERO, slopes, axis)
             f.do(f"call void {c_pointer(f, function.symbol)}(ptr {x}, ptr {out}, ptr {slopes})")
             self._externals[call] = out
         return self._externals[call]
@@ -374,10 +376,12 @@ def emit_items(
 
 
 def _emit_segment(step: StepEmitter, items: Sequence[CodeItem]) -> None:
-    nodes = [step.nodes[item.node] for item in items if item.node is not None]
-    step.sloped = frozenset(
-        ExternalCall(node.payload[0].function, node.args) for node in nodes if node.op == "external_slope"
-    )
+    sloped: dict[ExternalCall, set[int]] = {}
+    for node in (step.nodes[item.node] for item in items if item.node is not None):
+        if node.op == "external_slope":
+            output, axis = node.payload
+            sloped.setdefault(ExternalCall(output.function, node.args), set()).add(axis)
+    step.sloped = sloped
     for item in items:
         for needed in item.needs:
             step.value(needed)

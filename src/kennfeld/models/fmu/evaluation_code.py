@@ -320,11 +320,14 @@ def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
 
 @contextmanager
 def _columns(calls: _Calls, shape: _Shape, kind: int) -> Iterator[str]:
-    """Run the body for each argument whose slopes are computed in one way."""
+    """Run the body for each argument along which slopes are needed, and computed in one way."""
     f = calls.f
     kinds = calls.memory(f"{shape.name}_kinds")
-    with f.loop(0, shape.arguments) as j, f.when(f.new(f"icmp eq i32 {f.load(kinds, j, 'i32')}, {kind}")):
-        yield j
+    with f.loop(0, shape.arguments) as j:
+        needed = f.new(f"fcmp one double {f.load('%slopes', j)}, {ZERO}")
+        same = f.new(f"icmp eq i32 {f.load(kinds, j, 'i32')}, {kind}")
+        with f.when(f.new(f"and i1 {needed}, {same}")):
+            yield j
 
 
 def equation_functions(layout: CallLayout) -> Sequence[str]:

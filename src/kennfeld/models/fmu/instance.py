@@ -167,7 +167,7 @@ class FmuInstance:
         return FmuFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
-        results, slopes = np.empty(self.layout.results), np.empty((self.layout.results, len(x)))
+        results, slopes = np.empty(self.layout.results), np.ones((self.layout.results, len(x)))
         self.equations.call(x.ctypes.data, results.ctypes.data, slopes.ctypes.data)
         return results, slopes
 
