@@ -3,7 +3,8 @@
  *   der(x) = (u - x) / tau,  x(0) = k,  y = k x + sum of (10 i + j) table[i,j],  2 rows, 3 columns
  *
  * tau is fixed: it takes effect at initialization only, and tau <= 0 is an error. Directional derivatives are right along
- * x and u, and 0 along parameters. With -DTIME_EVENT it announces an event, with -DSTATE_EVENT it sets x to 1 at x > 2.
+ * x and u, and 0 along parameters. With -DTIME_EVENT it announces an event, with -DSTATE_EVENT it sets x to 1 at x > 2,
+ * and with -DMEMORY y is higher once x was above 1.5.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -13,18 +14,20 @@
 enum { TIME, X, DER_X, U, Y, TAU, K, TABLE };
 typedef struct {
     double time, x, u, tau, k, table[6], used_tau;
-    int initialized;
+    int initialized, high;
 } Lag;
 
 static void start(Lag *m) {
+    int high = m->high;  /* kept over resets */
     memset(m, 0, sizeof *m);
+    m->high = high;
     m->tau = 2.0;
     m->k = 1.0;
     for (int i = 0; i < 6; i++) m->table[i] = i;
 }
 
 static int get(Lag *m, unsigned reference, double *value) {
-    double y = m->k * m->x;
+    double y = m->k * m->x + m->high;
     for (int i = 0; i < 6; i++) y += (10 * (i / 3 + 1) + i % 3 + 1) * m->table[i];
     if (m->used_tau <= 0.0) return 3;
     switch (reference) {
@@ -145,7 +148,13 @@ int F(ExitInitializationMode)(void *c) { return finish_initialization(c); }
 int F(EnterEventMode)(void *c) { return 0; }
 int F(EnterContinuousTimeMode)(void *c) { return 0; }
 int F(SetTime)(void *c, double t) { LAG(c)->time = t; return 0; }
-int F(SetContinuousStates)(void *c, const double *x, size_t n) { LAG(c)->x = x[0]; return 0; }
+int F(SetContinuousStates)(void *c, const double *x, size_t n) {
+    LAG(c)->x = x[0];
+#ifdef MEMORY
+    LAG(c)->high |= x[0] > 1.5;
+#endif
+    return 0;
+}
 int F(GetContinuousStates)(void *c, double *x, size_t n) { x[0] = LAG(c)->x; return 0; }
 int F(CompletedIntegratorStep)(void *c, BOOL n, BOOL *event, BOOL *end) { *event = *end = 0; return 0; }
 int F(Terminate)(void *c) { return 0; }

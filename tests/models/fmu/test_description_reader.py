@@ -109,6 +109,13 @@ def test_unusable_descriptions_are_refused(tmp_path, change, message):
         fmu(path)
 
 
+def test_clocks_and_discrete_states_are_refused(tmp_path):
+    clock = '<Clock name="tick" valueReference="40"/><Int32 name="count" valueReference="41" previous="42"/>'
+    text = description_3().replace("<ModelVariables>", f"<ModelVariables>{clock}")
+    with pytest.raises(InputError, match="clocks or discrete states, which are not supported: tick and count"):
+        fmu(pack(tmp_path / "lag.fmu", text, version=3))
+
+
 @pytest.mark.parametrize("member", ["../evil", "/etc/evil", "a/../../evil", "C:/evil", "..\\evil"])
 def test_members_outside_of_the_folder_are_refused(tmp_path, member):
     path = pack(tmp_path / "lag.fmu", description_2(), {member: "x"})

@@ -153,6 +153,23 @@ def test_events_at_times_are_refused(tmp_path, version):
 
 
 @pytest.mark.parametrize("version", [2, 3])
+def test_equations_with_memory_are_refused(tmp_path, version):
+    path = build(tmp_path, version, "-DMEMORY")
+    with pytest.raises(InputError, match="depend on earlier evaluations"):
+        load_instance(str(path), digest_of(path))
+
+
+def test_slopes_that_are_not_needed_are_not_computed(lag):
+    call = load_instance(str(lag.resolve()), digest_of(lag)).equations.call
+    point, results, slopes = np.array([0.0, 1.5, 3.0, 0.8, 1.2, *range(6)]), np.empty(2), np.full((2, 11), 7.0)
+    slopes[0] = 0.0
+    slopes[0, 3] = 1.0
+    call(point.ctypes.data, results.ctypes.data, slopes.ctypes.data)
+    np.testing.assert_allclose(slopes[0], [0, 0, 0, -1.5 / 0.64, *[0] * 7], rtol=1e-8)
+    np.testing.assert_allclose(slopes[1], [7, 7, 7, 0, *[7] * 7], atol=1e-8)
+
+
+@pytest.mark.parametrize("version", [2, 3])
 def test_an_event_that_changes_states_is_nan_there_alone(tmp_path, version):
     path = build(tmp_path, version, "-DSTATE_EVENT", indicators=1)
     points = np.array([[0.0, x, 3.0, 0.8, 1.2, *range(6)] for x in (1.0, 2.5, 1.0)])

@@ -101,6 +101,7 @@ class FmuDescription:
         derivatives: derivatives with their dependencies, in the order of the states.
         indicators: number of event indicators.
         step: step of the default experiment in s, or None.
+        discrete: names of variables that are clocks or hold discrete states, which FMI 3.0 declares.
         platforms: platforms for which there are libraries, such as `linux64` or `x86_64-linux`.
     """
 
@@ -115,13 +116,14 @@ class FmuDescription:
     derivatives: tuple[Dependency, ...]
     indicators: int
     step: float | None
+    discrete: tuple[str, ...]
     platforms: tuple[str, ...]
 
     @property
     def states(self) -> tuple[FmuVariable, ...]:
         """The continuous states, in the order of their derivatives."""
-        by_reference = {v.reference: v for v in self.variables if v.is_real and v.derivative is None}
-        by_reference = {v.reference: v for v in self.variables if v.is_real} | by_reference
+        real = sorted((v for v in reversed(self.variables) if v.is_real), key=lambda v: v.derivative is None)
+        by_reference = {variable.reference: variable for variable in real}  # the first one that is no derivative
         return tuple(by_reference[d.variable.derivative] for d in self.derivatives if d.variable.derivative is not None)
 
     @property

@@ -59,6 +59,7 @@ class _Reader:
             derivatives=self._dependencies(structure.all(*derivatives), variables),
             indicators=self._indicators(structure),
             step=step if step is not None and 0 < step < math.inf else None,
+            discrete=self._discrete() if self.version == "3.0" else (),
             platforms=platforms,
         )
         if not self.findings.has_errors:
@@ -70,6 +71,10 @@ class _Reader:
         if self.version == "2.0":
             return int(self._number(self.root, "numberOfEventIndicators", 0.0))
         return sum(1 for _ in structure.all("EventIndicator"))
+
+    def _discrete(self) -> tuple[str, ...]:
+        elements = (element for part in self.root.all("ModelVariables") for element in part.children)
+        return tuple(e.attributes.get("name", "") for e in elements if e.tag == "Clock" or "previous" in e.attributes)
 
     def _interface(self, tag: str) -> FmuInterface | None:
         element = self.root.first(tag)

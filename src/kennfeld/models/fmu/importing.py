@@ -122,6 +122,10 @@ def find_obstacles(description: FmuDescription, path: Path) -> tuple[Finding, ..
     if interface is not None and folder not in description.platforms:
         offered = join_names(description.platforms, _MOST_NAMES, " and ") or "no platform"
         findings.error(location, f"has libraries for {offered}, not for {folder}", "Export the FMU for this platform.")
+    if description.discrete:
+        names = join_names(description.discrete, _MOST_NAMES, " and ")
+        message = f"has clocks or discrete states, which are not supported: {names}"
+        findings.error(location, message, "Export the continuous part of the model.")
     if not description.real_outputs:
         findings.error(location, "has no output that is a real number", "Export the FMU with such an output.")
     return tuple(findings)
@@ -141,7 +145,7 @@ def find_remarks(description: FmuDescription, path: Path) -> list[Finding]:
     if description.indicators:
         sentences.append(
             f"{description.indicators} event indicators: conditions are updated at each evaluation; "
-            "an event that changes states gives NaN"
+            "an event that changes states gives NaN, and a condition must not depend on earlier ones"
         )
     if description.unused:
         names = join_names([v.name for v in description.unused], _MOST_NAMES, " and ")

@@ -31,8 +31,9 @@ from kennfeld.models.fmu.evaluation_code import (
 )
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
 from kennfeld.models.fmu.library import FmuLibrary, yield_address
-from kennfeld.models.fmu.slope_selection import agreeing_columns, difference_step
+from kennfeld.models.fmu.slope_selection import agreeing_columns, difference_step, relative_noise
 
+_REPEATED = 1e-4  # tolerance of repeated results, for FMUs that solve equations by iteration
 _SMALLEST = 0.1  # of the order of magnitude of an argument, below which steps no longer shrink with it
 
 
@@ -188,9 +189,9 @@ class FmuInstance:
             message = f"its code cannot be evaluated with its start values{said}"
             raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
         magnitudes = np.array([argument.magnitude for argument in self.arguments])
-        self._memory["equations_steps"][:] = self._memory["start_steps"][:] = difference_step(
-            self._noise(point, magnitudes)
-        )
+        noise = relative_noise(lambda x: self._evaluate(x)[0], point, magnitudes)
+        self._check_memory(point, magnitudes, results)
+        self._memory["equations_steps"][:] = self._memory["start_steps"][:] = difference_step(noise)
         interface = self.description.model_exchange
         if interface is not None and interface.directional and self._has_directional():
             kinds = self._memory["equations_kinds"]
@@ -199,10 +200,14 @@ class FmuInstance:
     def _has_directional(self) -> bool:
         return self.library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative") != 0
 
-    def _noise(self, point: Float, magnitudes: Float) -> float:
-        from kennfeld.models.fmu.slope_selection import relative_noise
-
-        return relative_noise(lambda x: self._evaluate(x)[0], point, magnitudes)
+    def _check_memory(self, point: Float, magnitudes: Float, results: Float) -> None:
+        """Check that results do not depend on earlier evaluations, which would make slopes and sums wrong."""
+        for side in (1.0, -1.0):
+            self._evaluate(point + side * magnitudes * (np.arange(len(point)) > 0))
+        again = self._evaluate(point)[0]
+        if not np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0)):
+            message = "its equations depend on earlier evaluations, such as a hysteresis does"
+            raise InputError.of(Location(str(self.source)), message, "Use an FMU whose memory is in its states.")
 
 
 def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
