@@ -152,6 +152,18 @@ def test_events_at_times_are_refused(tmp_path, version):
         load_instance(str(path), digest_of(path))
 
 
+@pytest.mark.parametrize(("capability", "count"), [("", 2), ('canBeInstantiatedOnlyOncePerProcess="true"', 0)])
+@pytest.mark.parametrize("version", [2, 3])
+def test_differences_along_fixed_parameters_have_instances_of_their_own(tmp_path, version, capability, count):
+    path = build(tmp_path, version, head=capability)
+    instance = load_instance(str(path), digest_of(path))
+    assert instance.further_instances == 0
+    points = np.array([[0.0, x, 3.0, 0.8, 1.2, *range(6)] for x in (1.0, 1.5, 2.0)])
+    _, slopes = evaluate_points(equations_of(path), points)
+    np.testing.assert_allclose(slopes[:, 0, 3], (points[:, 1] - 3.0) / 0.64, rtol=1e-8)
+    assert instance.further_instances == count
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_equations_with_memory_are_refused(tmp_path, version):
     path = build(tmp_path, version, "-DMEMORY")

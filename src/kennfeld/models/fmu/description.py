@@ -71,11 +71,13 @@ class FmuInterface(NamedTuple):
         identifier: name of the library without its extension.
         directional: True if it states that it provides directional derivatives.
         needs_tool: True if it runs only with the tool that exported it.
+        single: True if a process can hold one instance only.
     """
 
     identifier: str
     directional: bool
     needs_tool: bool
+    single: bool
 
 
 class Dependency(NamedTuple):

@@ -84,7 +84,8 @@ class _Reader:
         if not identifier.replace("_", "a").isalnum():
             self._error(element, f"invalid modelIdentifier {identifier[:60]!r}")
         directional = "providesDirectionalDerivative" + "s" * (self.version == "3.0")
-        stated = [element.attributes.get(name) in _TRUE for name in (directional, "needsExecutionTool")]
+        names = (directional, "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess")
+        stated = [element.attributes.get(name) in _TRUE for name in names]
         return FmuInterface(identifier, *stated)
 
     def _declared_types(self) -> Iterator[tuple[str, Mapping[str, str]]]:

@@ -1,11 +1,12 @@
 """Machine code that calls an FMU: its equations at one point with their slopes, and its states at the start.
 
-All memory belongs to the instance (`FmuInstance`), whose addresses the code knows by name. A lock lets one thread at a
-time use the instance.
+All memory belongs to `FmuInstance`, whose addresses the code knows by name. A lock lets one thread at a time use it.
 
 The equations take (t, states, inputs, parameters) and return (derivatives, outputs); the start takes (t, inputs,
 parameters) and returns the states. Parameters that differ from those of the last call are set first: `tunable` ones in
-event mode, `fixed` ones by a reset, because they take effect at initialization only.
+event mode, `fixed` ones by a reset, because they take effect at initialization only. So that differences along a fixed
+parameter need no reset at each sample, further instances keep its two other values; they are created when first
+needed, up to `MOST_INSTANCES`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +18,8 @@ from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
 
 NONE, TUNED, RESET = 0, 1, 2  # what a change of parameters requires
 SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
-LOCK, STALE, CHANGED, TIMED = range(4)  # places in the memory `control`
+LOCK, TIMED, USED = range(3)  # places in the memory `control`; USED counts further instances
+MOST_INSTANCES = 17  # the first one, and two for each of eight fixed parameters
 _MOST_UPDATES = 100  # of discrete states until they must be stable
 _WARNING, _DISCARD = 1, 2  # the last status of success, the last one that leaves the instance usable
 YIELD = "yield_processor"
@@ -38,6 +40,7 @@ class CallLayout(NamedTuple):
     output_references: int
     unknowns: int
     events: bool
+    single: bool
 
     @property
     def arguments(self) -> int:
@@ -53,7 +56,8 @@ class CallLayout(NamedTuple):
 def write_equations(layout: CallLayout) -> list[FunctionWriter]:
     """Return the functions for the equations of an FMU; the last one is to be called."""
     shape = _Shape("equations", layout.arguments, layout.results)
-    return [_iterate(layout), _reset(layout), _equations_point(layout), _evaluate(layout, shape)]
+    parts = [_iterate(layout), _reset(layout), _equations_point(layout), _choose_instance(layout)]
+    return [*parts, _evaluate(layout, shape)]
 
 
 def write_start(layout: CallLayout) -> list[FunctionWriter]:
@@ -69,12 +73,12 @@ class _Shape(NamedTuple):
 
 
 class _Calls:
-    """Calls of the functions of an FMU; the worst status is kept in the memory at `worst`."""
+    """Calls of the functions of an instance; the worst status is kept in the memory at `worst`."""
 
-    def __init__(self, f: FunctionWriter, layout: CallLayout, worst: str) -> None:
-        self.f, self.layout, self.worst = f, layout, worst
+    def __init__(self, f: FunctionWriter, layout: CallLayout, worst: str, number: str) -> None:
+        self.f, self.layout, self.worst, self.number = f, layout, worst, number
         self.second = layout.version == "2.0"
-        self.instance = self.memory("instance")
+        self.instance = f.load(self.memory("instances"), number, "ptr")
 
     def memory(self, name: str) -> str:
         return c_pointer(self.f, f"{self.layout.prefix}_{name}")
@@ -111,16 +115,16 @@ class _Calls:
 
     def update(self) -> None:
         """Update discrete states until they are stable, and enter continuous-time mode."""
-        self.f.call("iterate", [("ptr", self.worst)])
+        self.f.call("iterate", [("ptr", self.worst), ("i64", self.number)])
         self("EnterContinuousTimeMode")
 
 
 def _iterate(layout: CallLayout) -> FunctionWriter:
-    f = FunctionWriter("iterate", [("ptr", "worst")], "noinline")
-    calls = _Calls(f, layout, "%worst")
+    f = FunctionWriter("iterate", [("ptr", "worst"), ("i64", "number")], "noinline")
+    calls = _Calls(f, layout, "%worst", "%number")
     kind = "i32" if calls.second else "i8"
     flags, at = f.slot("i64", 6), f.slot("double")  # the structure of FMI 2.0: five integers, and a double at byte 24
-    control = calls.memory("control")
+    control, change = calls.memory("control"), calls.memory("changed")
     with f.walk(_MOST_UPDATES) as (index, position):
         for number in range(6):
             f.store("0", flags, number, "i64")
@@ -129,8 +133,7 @@ def _iterate(layout: CallLayout) -> FunctionWriter:
         else:
             calls("UpdateDiscreteStates", *(f"ptr {f.at(flags, k, kind)}" for k in range(5)), f"ptr {at}")
         needed, terminate, _, changed, timed = (_is_set(f, f.at(flags, k, kind), kind) for k in range(5))
-        _mark(f, control, CHANGED, terminate)
-        _mark(f, control, CHANGED, changed)
+        _mark(f, change, "%number", f.new(f"or i1 {terminate}, {changed}"))
         _mark(f, control, TIMED, timed)
         position.set(f.new(f"select i1 {needed}, i64 {f.add(index, 1)}, i64 {_MOST_UPDATES}"))
     return f
@@ -140,29 +143,28 @@ def _is_set(f: FunctionWriter, pointer: str, kind: str) -> str:
     return f.new(f"icmp ne {kind} {f.new(f'load {kind}, ptr {pointer}, align 1')}, 0")
 
 
-def _mark(f: FunctionWriter, control: str, place: int, condition: str) -> None:
+def _mark(f: FunctionWriter, flags: str, place: int | str, condition: str) -> None:
     with f.when(condition):
-        f.store("1", control, place, "i32")
+        f.store("1", flags, place, "i32")
 
 
 def _reset(layout: CallLayout) -> FunctionWriter:
-    f = FunctionWriter("reset", [("ptr", "parameters"), ("ptr", "worst")], "noinline")
-    _Calls(f, layout, "%worst").initialize("%parameters", None)
+    f = FunctionWriter("reset", [("ptr", "parameters"), ("ptr", "worst"), ("i64", "number")], "noinline")
+    _Calls(f, layout, "%worst", "%number").initialize("%parameters", None)
     return f
 
 
 def _equations_point(layout: CallLayout) -> FunctionWriter:
-    f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y")], "noinline")
+    f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y"), ("i64", "number")], "noinline")
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
-    calls = _Calls(f, layout, worst)
-    control = calls.memory("control")
+    calls = _Calls(f, layout, worst, "%number")
     inputs = f.at("%x", 1 + layout.states)
-    _set_parameters(calls, control, f.at("%x", 1 + layout.states + layout.inputs))
+    _set_parameters(calls, f.at("%x", 1 + layout.states + layout.inputs))
     calls("SetTime", f"double {f.load('%x')}")
     if layout.states:
         calls("SetContinuousStates", f"ptr {f.at('%x', 1)}", f"i64 {layout.states}")
-    f.store("0", control, CHANGED, "i32")
+    f.store("0", calls.memory("changed"), "%number", "i32")
     if layout.events:
         calls("EnterEventMode")
     calls.numbers("Set", "inputs", layout.input_references, inputs, layout.inputs)
@@ -172,30 +174,29 @@ def _equations_point(layout: CallLayout) -> FunctionWriter:
         derivatives = "GetDerivatives" if calls.second else "GetContinuousStateDerivatives"
         calls(derivatives, "ptr %y", f"i64 {layout.states}")
     calls.numbers("Get", "outputs", layout.output_references, f.at("%y", layout.states), layout.outputs)
-    _finish_point(f, control, worst, layout.results)
+    _finish_point(calls, layout.results)
     return f
 
 
 def _start_point(layout: CallLayout) -> FunctionWriter:
-    f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y")], "noinline")
+    f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y"), ("i64", "number")], "noinline")
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
-    calls = _Calls(f, layout, worst)
-    control = calls.memory("control")
+    calls = _Calls(f, layout, worst, "%number")
     parameters = f.at("%x", 1 + layout.inputs)
     calls.initialize(parameters, f.at("%x", 1))
     calls("GetContinuousStates", "ptr %y", f"i64 {layout.states}")
-    _keep_parameters(calls, control, parameters)
-    f.store("0", control, CHANGED, "i32")
-    _finish_point(f, control, worst, layout.states)
+    _keep_parameters(calls, parameters)
+    f.store("0", calls.memory("changed"), "%number", "i32")
+    _finish_point(calls, layout.states)
     return f
 
 
-def _set_parameters(calls: _Calls, control: str, parameters: str) -> None:
+def _set_parameters(calls: _Calls, parameters: str) -> None:
     """Set the parameters if they differ from those of the last call."""
     f, layout = calls.f, calls.layout
-    needed = f.variable("i32", f.load(control, STALE, "i32"))
-    cache, levels = calls.memory("cache"), calls.memory("levels")
+    needed = f.variable("i32", f.load(calls.memory("stale"), calls.number, "i32"))
+    cache, levels = _cache(calls), calls.memory("levels")
     with f.loop(0, layout.parameters) as j:
         differs = f.new(f"fcmp une double {f.load(parameters, j)}, {f.load(cache, j)}")
         level = f.load(levels, j, "i32")
@@ -207,39 +208,45 @@ def _set_parameters(calls: _Calls, control: str, parameters: str) -> None:
         calls.numbers("Set", "parameters", layout.parameter_references, parameters, layout.parameters)
         calls.update()
     with f.when(f.new(f"icmp eq i32 {needed.get()}, {RESET}")):
-        f.call("reset", [("ptr", parameters), ("ptr", calls.worst)])
+        f.call("reset", [("ptr", parameters), ("ptr", calls.worst), ("i64", calls.number)])
     with f.when(f.new(f"icmp ne i32 {needed.get()}, {NONE}")):
-        _keep_parameters(calls, control, parameters)
+        _keep_parameters(calls, parameters)
 
 
-def _keep_parameters(calls: _Calls, control: str, parameters: str) -> None:
-    cache = calls.memory("cache")
+def _keep_parameters(calls: _Calls, parameters: str) -> None:
+    cache = _cache(calls)
     with calls.f.loop(0, calls.layout.parameters) as j:
         calls.f.store(calls.f.load(parameters, j), cache, j)
-    calls.f.store(str(NONE), control, STALE, "i32")
+    calls.f.store(str(NONE), calls.memory("stale"), calls.number, "i32")
 
 
-def _finish_point(f: FunctionWriter, control: str, worst: str, results: int) -> None:
-    """Return NaN after an error, or after an event that changed states; after an error, start again by a reset."""
-    status = f.load(worst, kind="i32")
+def _cache(calls: _Calls) -> str:
+    """Return the address of the parameters that an instance has."""
+    return calls.f.at(calls.memory("cache"), calls.f.mul(calls.number, calls.layout.parameters))
+
+
+def _finish_point(calls: _Calls, results: int) -> None:
+    """Return NaN after an error, or after an event that changed states, and start again by a reset."""
+    f = calls.f
+    status = f.load(calls.worst, kind="i32")
     failed = f.new(f"icmp sgt i32 {status}, {_WARNING}")
-    changed = f.new(f"icmp ne i32 {f.load(control, CHANGED, 'i32')}, 0")
+    changed = f.new(f"icmp ne i32 {f.load(calls.memory('changed'), calls.number, 'i32')}, 0")
     unusable = f.new(f"or i1 {failed}, {changed}")
     with f.when(unusable), f.loop(0, results) as i:
         f.store(_NAN, "%y", i)
     damaged = f.new(f"icmp sgt i32 {status}, {_DISCARD}")
     with f.when(f.new(f"or i1 {damaged}, {changed}")):
-        f.store(str(RESET), control, STALE, "i32")
+        f.store(str(RESET), calls.memory("stale"), calls.number, "i32")
 
 
 def _evaluate(layout: CallLayout, shape: _Shape) -> FunctionWriter:
     f = FunctionWriter(shape.name, [("ptr", "x"), ("ptr", "y"), ("ptr", "slopes")])
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
-    calls = _Calls(f, layout, worst)
+    calls = _Calls(f, layout, worst, "0")
     lock = calls.memory("control")
     _acquire(f, lock)
-    f.call("point", [("ptr", "%x"), ("ptr", "%y")])
+    f.call("point", [("ptr", "%x"), ("ptr", "%y"), ("i64", "0")])
     with f.when(f.new("icmp ne ptr %slopes, null")):
         if shape.name == "equations":
             _directional_slopes(calls, shape)
@@ -298,12 +305,13 @@ def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
         size = f.new(f"call double @llvm.fabs.f64(double {x})")
         distance = f.fmul(step, f.select(f.new(f"fcmp ogt double {size}, {least}"), size, least))
         offsets = []
-        for side, limit, beyond, values in ((1.0, upper, "ogt", results[0]), (-1.0, lower, "olt", results[1])):
+        sides = ((1.0, upper, "ogt", results[0]), (-1.0, lower, "olt", results[1]))
+        for number, (side, limit, beyond, values) in enumerate(sides):
             end = f.new(f"fadd double {x}, {f.fmul(literal(side), distance)}")
             other = f.new(f"fadd double {x}, {f.fmul(literal(-2 * side), distance)}")
             end = f.select(f.new(f"fcmp {beyond} double {end}, {limit}"), other, end)
             f.store(end, near, j)
-            f.call("point", [("ptr", near), ("ptr", values)])
+            f.call("point", [("ptr", near), ("ptr", values), ("i64", _instance_for(calls, shape, j, number))])
             offsets.append(f.new(f"fsub double {end}, {x}"))
         f.store(x, near, j)
         a, b = offsets
@@ -316,6 +324,58 @@ def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
             f.store(slope, "%slopes", f.add(f.mul(i, shape.arguments), j))
     with _columns(calls, shape, SKIPPED) as j, f.loop(0, shape.results) as i:
         f.store(ZERO, "%slopes", f.add(f.mul(i, shape.arguments), j))
+
+
+def _instance_for(calls: _Calls, shape: _Shape, argument: str, side: int) -> str:
+    """Return the number of the instance that evaluates one side of a difference."""
+    f = calls.f
+    if shape.name == "start":
+        return "0"
+    number = f.variable("i64", "0")
+    index = f.add(argument, calls.layout.parameters - shape.arguments)
+    with f.when(f.new(f"icmp sge i64 {index}, 0")):
+        f.call("choose", [("i64", f.add(f.mul(index, 2), side)), ("ptr", number.pointer)])
+    return number.get()
+
+
+def _choose_instance(layout: CallLayout) -> FunctionWriter:
+    """Write the instance for one side of a difference along a parameter: one of its own if the parameter is fixed."""
+    f = FunctionWriter("choose", [("i64", "index"), ("ptr", "number")], "noinline")
+    calls = _Calls(f, layout, f.slot("i32"), "0")
+    slots, control, instances = (calls.memory(name) for name in ("slots", "control", "instances"))
+    known = f.load(slots, "%index", "i64")
+    f.store(known, "%number", kind="i64")
+    level = f.load(calls.memory("levels"), f.new("lshr i64 %index, 1"), "i32")
+    used = f.load_index(control, USED)
+    new = [f.new(f"icmp eq i64 {known}, 0"), f.new(f"icmp eq i32 {level}, {RESET}")]
+    with f.when(f.new(f"and i1 {f.new(f'and i1 {new[0]}, {new[1]}')}, {_has_room(f, layout, used)}")):
+        instance = _instantiate(calls)
+        following = f.add(used, 1)
+        usable = f.new(f"icmp ne ptr {instance}, null")
+        with f.when(usable):
+            f.store(instance, instances, following, "ptr")
+            f.store(following, slots, "%index", "i64")
+            f.store(following, "%number", kind="i64")
+        last = f.new(f"select i1 {usable}, i64 {following}, i64 {MOST_INSTANCES - 1}")
+        f.store(f.new(f"trunc i64 {last} to i32"), control, USED, "i32")
+    return f
+
+
+def _has_room(f: FunctionWriter, layout: CallLayout, used: str) -> str:
+    return f.new(f"icmp slt i64 {used}, {0 if layout.single else MOST_INSTANCES - 1}")
+
+
+def _instantiate(calls: _Calls) -> str:
+    """Return the address of a new instance, or null."""
+    f = calls.f
+    name, token, resources, callbacks = (f"ptr {calls.memory(part)}" for part in ("name", "token", "resources", "log"))
+    false = "i1 zeroext false"
+    if calls.second:
+        function, arguments = "fmi2Instantiate", (name, "i32 0", token, resources, callbacks, "i32 0", "i32 0")
+    else:
+        function = "fmi3InstantiateModelExchange"
+        arguments = (name, token, resources, false, false, "ptr null", callbacks)
+    return f.new(f"call ptr {calls.memory(function)}({', '.join(arguments)})")
 
 
 @contextmanager
@@ -335,6 +395,7 @@ def equation_functions(layout: CallLayout) -> Sequence[str]:
     second, number = layout.version == "2.0", layout.version[0]
     names = ["Reset", "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "EnterContinuousTimeMode"]
     names += ["SetTime", "SetContinuousStates", "GetContinuousStates", "GetDirectionalDerivative"]
+    names += ["Instantiate" if second else "InstantiateModelExchange"]
     names += ["SetupExperiment", "NewDiscreteStates", "GetDerivatives", "SetReal", "GetReal"] if second else []
     names += [] if second else ["UpdateDiscreteStates", "GetContinuousStateDerivatives", "SetFloat64", "GetFloat64"]
     return [f"fmi{number}{name}" for name in names]

@@ -18,11 +18,12 @@ from kennfeld.models.fmu.description import FmuDescription, FmuVariable
 from kennfeld.models.fmu.evaluation_code import (
     DIFFERENCES,
     DIRECTIONAL,
+    MOST_INSTANCES,
     RESET,
     SKIPPED,
-    STALE,
     TIMED,
     TUNED,
+    USED,
     YIELD,
     CallLayout,
     equation_functions,
@@ -87,7 +88,7 @@ def load_instance(path: str, digest: str) -> "FmuInstance":
 
 
 class FmuInstance:
-    """An instance in continuous-time mode. `slopes` gives how the slopes along each argument are computed."""
+    """An FMU in this process: its instances in continuous-time mode, and the functions that call them."""
 
     def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
         self.source, self.description = source, description
@@ -101,7 +102,9 @@ class FmuInstance:
         self._provide_tables("start", start)
         self.equations = self._compile(write_equations(self.layout), "equations")
         self.start = self._compile(write_start(self.layout), "start") if self.layout.states else self.equations
+        self._memory["control"][USED] = MOST_INSTANCES  # further instances are for the parameters that are fitted
         self._choose_slopes(np.array([argument.start for argument in start]))
+        self._memory["control"][USED] = 0
 
     @property
     def slopes(self) -> dict[str, str]:
@@ -109,6 +112,12 @@ class FmuInstance:
         words = {DIRECTIONAL: "directional derivatives", DIFFERENCES: "differences"}
         kinds = self._memory["equations_kinds"]
         return {a.name: words[int(kind)] for a, kind in zip(self.arguments[1:], kinds[1:], strict=True)}
+
+    @property
+    def further_instances(self) -> int:
+        """Number of instances that differences along fixed parameters use, in addition to the first one."""
+        slots: NDArray[Any] = self._memory["slots"]
+        return int(np.count_nonzero(slots))
 
     def _load(self) -> FmuLibrary:
         interface = self.description.model_exchange
@@ -125,7 +134,9 @@ class FmuInstance:
             if not address and "Directional" not in name:
                 raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
             provide(f"{prefix}_{name}", address)
-        provide(f"{prefix}_instance", library.instantiate(folder / "resources"))
+        self._provide("instances", [library.instantiate(folder / "resources")] + [0] * (MOST_INSTANCES - 1), np.uint64)
+        for name, address in library.creation.items():
+            provide(f"{prefix}_{name}", address)
         provide(YIELD, yield_address())
         return library
 
@@ -139,9 +150,11 @@ class FmuInstance:
         parameters = description.parameters
         levels = [TUNED if v.variability == "tunable" else RESET for v in parameters for _ in range(v.size)]
         unknowns = [d.variable for d in description.derivatives] + list(description.computed_outputs)
-        self._provide("control", [0, 0, 0, 0], np.int32)
-        self._memory["control"][STALE] = RESET
-        self._provide("cache", [np.nan] * len(levels), np.float64)
+        self._provide("control", [0, 0, 0], np.int32)
+        self._provide("stale", [RESET] * MOST_INSTANCES, np.int32)
+        self._provide("changed", [0] * MOST_INSTANCES, np.int32)
+        self._provide("slots", [0] * (2 * len(levels)), np.int64)
+        self._provide("cache", [np.nan] * (len(levels) * MOST_INSTANCES), np.float64)
         self._provide("levels", levels, np.int32)
         self._provide("inputs", [v.reference for v in description.inputs], np.uint32)
         self._provide("parameters", [v.reference for v in parameters], np.uint32)
@@ -168,6 +181,7 @@ class FmuInstance:
         return FmuFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
 
     def _evaluate(self, x: Float) -> tuple[Float, Float]:
+        x = np.clip(x, self._memory["equations_lower"], self._memory["equations_upper"])
         results, slopes = np.empty(self.layout.results), np.ones((self.layout.results, len(x)))
         self.equations.call(x.ctypes.data, results.ctypes.data, slopes.ctypes.data)
         return results, slopes
@@ -224,6 +238,7 @@ def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
         parameter_references=len(parameters),
         output_references=len(outputs),
         unknowns=len(description.derivatives) + len(outputs),
+        single=description.model_exchange is not None and description.model_exchange.single,
         events=description.indicators > 0 or any(v.variability == "discrete" for v in inputs),
     )
 

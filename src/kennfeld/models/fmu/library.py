@@ -28,11 +28,15 @@ class _Callbacks2(ctypes.Structure):
 
 
 class FmuLibrary:
-    """A library in this process, and what it logged; both stay until the process ends."""
+    """A library in this process, and what it logged; both stay until the process ends.
+
+    `creation` holds the addresses of what it needs to create instances, by name.
+    """
 
     def __init__(self, path: Path, description: FmuDescription, source: Path) -> None:
         self.description, self.source = description, source
         self.messages: list[str] = []
+        self.creation: dict[str, int] = {}
         self._kept: list[Any] = []  # objects whose memory the library refers to
         folder = Path.cwd()
         try:
@@ -56,15 +60,35 @@ class FmuLibrary:
         Raises:
             InputError: the library refuses.
         """
-        create = self._create_2 if self.description.version == "2.0" else self._create_3
-        instance = create(resources)
+        pointer, text, second = ctypes.c_void_p, ctypes.c_char_p, self.description.version == "2.0"
+        name, token, where, log = self._prepare(resources)
+        if second:
+            create = self._function("fmi2Instantiate", text, ctypes.c_int, text, text, pointer, *[ctypes.c_int] * 2)
+            instance = create(name, _MODEL_EXCHANGE, token, where, log, 0, 0)
+        else:
+            kinds = (text, text, text, ctypes.c_bool, ctypes.c_bool, pointer, pointer)
+            create = self._function("fmi3InstantiateModelExchange", *kinds)
+            instance = create(name, token, where, False, False, None, log)
         if not instance:
             said = f": {'; '.join(self.messages)}" if self.messages else ""
             message = f"its code does not create an instance{said}"
             raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
         return instance
 
-    def _create_2(self, resources: Path) -> int:
+    def _prepare(self, resources: Path) -> tuple[bytes, bytes, bytes, int]:
+        """Return name, token, place of resources, and the address of the callbacks or of the logger."""
+        second = self.description.version == "2.0"
+        where = resources.as_uri() if second else f"{resources}{os.sep}"
+        texts = [text.encode() for text in (self.source.stem, self.description.token, where)]
+        log = self._callbacks_2() if second else self._logger_3()
+        for part, content in zip(("name", "token", "resources"), texts, strict=True):
+            buffer = ctypes.create_string_buffer(content)
+            self._kept.append(buffer)
+            self.creation[part] = ctypes.addressof(buffer)
+        self.creation["log"] = log
+        return texts[0], texts[1], texts[2], log
+
+    def _callbacks_2(self) -> int:
         pointer, text = ctypes.c_void_p, ctypes.c_char_p
         logger = ctypes.CFUNCTYPE(None, pointer, text, ctypes.c_int, text, text)(
             lambda _env, _name, _status, _category, message: self._log(message)
@@ -72,25 +96,15 @@ class FmuLibrary:
         allocate, free = c_function("calloc"), c_function("free")
         callbacks = _Callbacks2(ctypes.cast(logger, pointer), allocate, free, None, None)
         self._kept += [logger, callbacks]
-        create = self._function("fmi2Instantiate", text, ctypes.c_int, text, text, pointer, ctypes.c_int, ctypes.c_int)
-        name, token = self._texts()
-        where = resources.as_uri().encode()
-        return create(name, _MODEL_EXCHANGE, token, where, ctypes.addressof(callbacks), 0, 0) or 0
+        return ctypes.addressof(callbacks)
 
-    def _create_3(self, resources: Path) -> int:
-        pointer, text = ctypes.c_void_p, ctypes.c_char_p
-        logger = ctypes.CFUNCTYPE(None, pointer, ctypes.c_int, text, text)(
+    def _logger_3(self) -> int:
+        text = ctypes.c_char_p
+        logger = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, text, text)(
             lambda _env, _status, _category, message: self._log(message)
         )
         self._kept.append(logger)
-        kinds = (text, text, text, ctypes.c_bool, ctypes.c_bool, pointer, pointer)
-        create = self._function("fmi3InstantiateModelExchange", *kinds)
-        name, token = self._texts()
-        where = f"{resources}{os.sep}".encode()
-        return create(name, token, where, False, False, None, ctypes.cast(logger, pointer)) or 0
-
-    def _texts(self) -> tuple[bytes, bytes]:
-        return self.source.stem.encode(), self.description.token.encode()
+        return ctypes.cast(logger, ctypes.c_void_p).value or 0
 
     def _function(self, name: str, *kinds: Any) -> Callable[..., int | None]:
         address = self.address(name)
