@@ -4,8 +4,8 @@ All memory belongs to `FmuInstance`, whose addresses the code knows by name. A l
 
 The equations take (t, states, inputs, parameters) and return (derivatives, outputs); the start takes (t, inputs,
 parameters) and returns the states. Parameters that differ from those of the last call are set first: `tunable` ones in
-event mode, `fixed` ones by a reset, because they take effect at initialization only. So that differences along a fixed
-parameter need no reset at each sample, further instances keep its two other values; they are created when first
+event mode, `fixed` ones by a reset, because they take effect at initialization only. So that differences along a
+parameter do not set it at each sample, further instances keep its two other values; they are created when first
 needed, up to `MOST_INSTANCES`.
 """
 
@@ -19,7 +19,7 @@ from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
 NONE, TUNED, RESET = 0, 1, 2  # what a change of parameters requires
 SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
 LOCK, TIMED, USED = range(3)  # places in the memory `control`; USED counts further instances
-MOST_INSTANCES = 17  # the first one, and two for each of eight fixed parameters
+MOST_INSTANCES = 17  # the first one, and two for each of eight parameters
 _MOST_UPDATES = 100  # of discrete states until they must be stable
 _WARNING, _DISCARD = 1, 2  # the last status of success, the last one that leaves the instance usable
 YIELD = "yield_processor"
@@ -339,16 +339,15 @@ def _instance_for(calls: _Calls, shape: _Shape, argument: str, side: int) -> str
 
 
 def _choose_instance(layout: CallLayout) -> FunctionWriter:
-    """Write the instance for one side of a difference along a parameter: one of its own if the parameter is fixed."""
+    """Write the number of the instance for one side of a difference along a parameter, created if there is room."""
     f = FunctionWriter("choose", [("i64", "index"), ("ptr", "number")], "noinline")
     calls = _Calls(f, layout, f.slot("i32"), "0")
     slots, control, instances = (calls.memory(name) for name in ("slots", "control", "instances"))
     known = f.load(slots, "%index", "i64")
     f.store(known, "%number", kind="i64")
-    level = f.load(calls.memory("levels"), f.new("lshr i64 %index, 1"), "i32")
     used = f.load_index(control, USED)
-    new = [f.new(f"icmp eq i64 {known}, 0"), f.new(f"icmp eq i32 {level}, {RESET}")]
-    with f.when(f.new(f"and i1 {f.new(f'and i1 {new[0]}, {new[1]}')}, {_has_room(f, layout, used)}")):
+    new = f.new(f"icmp eq i64 {known}, 0")
+    with f.when(f.new(f"and i1 {new}, {_has_room(f, layout, used)}")):
         instance = _instantiate(calls)
         following = f.add(used, 1)
         usable = f.new(f"icmp ne ptr {instance}, null")

@@ -115,7 +115,7 @@ class FmuInstance:
 
     @property
     def further_instances(self) -> int:
-        """Number of instances that differences along fixed parameters use, in addition to the first one."""
+        """Number of instances that differences along parameters use, in addition to the first one."""
         slots: NDArray[Any] = self._memory["slots"]
         return int(np.count_nonzero(slots))
 
