@@ -14,7 +14,6 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.graph.node import Node
-from kennfeld.machine_code.external import provide
 
 
 class LoadedFunction(Protocol):
@@ -84,6 +83,8 @@ def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, F
 
 @cache
 def _load(function: ExternalFunction) -> LoadedFunction:
+    from kennfeld.machine_code.external import provide  # here, because graphs are read without machine code
+
     module, _, name = function.loader.partition(":")
     loaded: LoadedFunction = getattr(import_module(module), name)(*function.arguments)
     provide(function.symbol, loaded.address)

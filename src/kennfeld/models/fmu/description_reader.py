@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.models.fmu.description import Dependency, FmuDescription, FmuInterface, FmuVariable
-from kennfeld.models.fmu.xml_elements import XmlElement, parse_elements
+from kennfeld.models.fmu.xml_elements import DescriptionElement, parse_elements
 
 MOST_VALUES = 1_000_000  # of all arrays together
 _TYPES_2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
@@ -29,7 +29,7 @@ def read_description(raw: bytes, file: str, platforms: Sequence[str]) -> FmuDesc
 
 
 class _Reader:
-    def __init__(self, root: XmlElement, file: str) -> None:
+    def __init__(self, root: DescriptionElement, file: str) -> None:
         self.root, self.file = root, file
         self.findings = Findings()
         version = root.attributes.get("fmiVersion", "")
@@ -42,7 +42,7 @@ class _Reader:
     def description(self, platforms: tuple[str, ...]) -> FmuDescription:
         root, second = self.root.attributes, self.version == "2.0"
         variables = self._variables()
-        structure = self.root.first("ModelStructure") or XmlElement("ModelStructure", 0, {}, [])
+        structure = self.root.first("ModelStructure") or DescriptionElement("ModelStructure", 0, {}, [])
         outputs = ("Outputs", "Unknown") if second else ("Output",)
         derivatives = ("Derivatives", "Unknown") if second else ("ContinuousStateDerivative",)
         experiment = self.root.first("DefaultExperiment")
@@ -67,7 +67,7 @@ class _Reader:
         self.findings.finish()
         return description
 
-    def _indicators(self, structure: XmlElement) -> int:
+    def _indicators(self, structure: DescriptionElement) -> int:
         if self.version == "2.0":
             return int(self._number(self.root, "numberOfEventIndicators", 0.0))
         return sum(1 for _ in structure.all("EventIndicator"))
@@ -101,7 +101,7 @@ class _Reader:
         sizes = {e.attributes.get("valueReference"): e.attributes.get("start", "") for e in elements}
         return tuple(self._variable(e, e.tag, e.attributes, sizes) for e in elements)
 
-    def _variables_2(self, elements: Sequence[XmlElement]) -> tuple[FmuVariable, ...]:
+    def _variables_2(self, elements: Sequence[DescriptionElement]) -> tuple[FmuVariable, ...]:
         variables = []
         for element in elements:
             typed = next((child for child in element.children if child.tag in _TYPES_2), None)
@@ -121,7 +121,7 @@ class _Reader:
         return -1
 
     def _variable(
-        self, element: XmlElement, tag: str, attributes: Mapping[str, str], sizes: Mapping[str | None, str]
+        self, element: DescriptionElement, tag: str, attributes: Mapping[str, str], sizes: Mapping[str | None, str]
     ) -> FmuVariable:
         whole = {**self.types.get(attributes.get("declaredType", ""), {}), **attributes}
         named = element._replace(attributes=whole)
@@ -147,7 +147,7 @@ class _Reader:
             line=element.line,
         )
 
-    def _shape(self, element: XmlElement, sizes: Mapping[str | None, str]) -> tuple[int, ...]:
+    def _shape(self, element: DescriptionElement, sizes: Mapping[str | None, str]) -> tuple[int, ...]:
         shape = []
         for dimension in element.all("Dimension"):
             reference = dimension.attributes.get("valueReference")
@@ -159,7 +159,7 @@ class _Reader:
             return ()
         return tuple(shape)
 
-    def _start(self, element: XmlElement, size: int) -> tuple[float, ...]:
+    def _start(self, element: DescriptionElement, size: int) -> tuple[float, ...]:
         texts = element.attributes.get("start", "").split()
         try:
             values = tuple(float(text) for text in texts)
@@ -168,7 +168,9 @@ class _Reader:
             return ()
         return values * size if len(values) == 1 else values[:size] if len(values) >= size else ()
 
-    def _dependencies(self, unknowns: Iterator[XmlElement], variables: Sequence[FmuVariable]) -> tuple[Dependency, ...]:
+    def _dependencies(
+        self, unknowns: Iterator[DescriptionElement], variables: Sequence[FmuVariable]
+    ) -> tuple[Dependency, ...]:
         key = "index" if self.version == "2.0" else "valueReference"
         if self.version == "2.0":
             numbered = dict(enumerate(variables, start=1))
@@ -193,7 +195,7 @@ class _Reader:
                 message = f"{variable.name} is listed as a derivative, but of no state"
                 self.findings.error(Location(self.file, variable.line), message, "Export the FMU again.")
 
-    def _number(self, element: XmlElement, key: str, default: float) -> float:
+    def _number(self, element: DescriptionElement, key: str, default: float) -> float:
         text = element.attributes.get(key)
         try:
             number = default if text is None else float(text)
@@ -204,5 +206,5 @@ class _Reader:
             return 0.0
         return number
 
-    def _error(self, element: XmlElement, message: str) -> None:
+    def _error(self, element: DescriptionElement, message: str) -> None:
         self.findings.error(Location(self.file, element.line), message, "Export the FMU again.")

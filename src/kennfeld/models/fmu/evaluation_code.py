@@ -55,24 +55,24 @@ class CallLayout(NamedTuple):
 
 def write_equations(layout: CallLayout) -> list[FunctionWriter]:
     """Return the functions for the equations of an FMU; the last one is to be called."""
-    shape = _Shape("equations", layout.arguments, layout.results)
+    shape = _FunctionShape("equations", layout.arguments, layout.results)
     parts = [_iterate(layout), _reset(layout), _equations_point(layout), _choose_instance(layout)]
     return [*parts, _evaluate(layout, shape)]
 
 
 def write_start(layout: CallLayout) -> list[FunctionWriter]:
     """Return the functions for the states at the start; the last one is to be called."""
-    shape = _Shape("start", layout.arguments - layout.states, layout.states)
+    shape = _FunctionShape("start", layout.arguments - layout.states, layout.states)
     return [_iterate(layout), _reset(layout), _start_point(layout), _evaluate(layout, shape)]
 
 
-class _Shape(NamedTuple):
+class _FunctionShape(NamedTuple):
     name: str
     arguments: int
     results: int
 
 
-class _Calls:
+class _InstanceCalls:
     """Calls of the functions of an instance; the worst status is kept in the memory at `worst`."""
 
     def __init__(self, f: FunctionWriter, layout: CallLayout, worst: str, number: str) -> None:
@@ -121,7 +121,7 @@ class _Calls:
 
 def _iterate(layout: CallLayout) -> FunctionWriter:
     f = FunctionWriter("iterate", [("ptr", "worst"), ("i64", "number")], "noinline")
-    calls = _Calls(f, layout, "%worst", "%number")
+    calls = _InstanceCalls(f, layout, "%worst", "%number")
     kind = "i32" if calls.second else "i8"
     flags, at = f.slot("i64", 6), f.slot("double")  # the structure of FMI 2.0: five integers, and a double at byte 24
     control, change = calls.memory("control"), calls.memory("changed")
@@ -150,7 +150,7 @@ def _mark(f: FunctionWriter, flags: str, place: int | str, condition: str) -> No
 
 def _reset(layout: CallLayout) -> FunctionWriter:
     f = FunctionWriter("reset", [("ptr", "parameters"), ("ptr", "worst"), ("i64", "number")], "noinline")
-    _Calls(f, layout, "%worst", "%number").initialize("%parameters", None)
+    _InstanceCalls(f, layout, "%worst", "%number").initialize("%parameters", None)
     return f
 
 
@@ -158,7 +158,7 @@ def _equations_point(layout: CallLayout) -> FunctionWriter:
     f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y"), ("i64", "number")], "noinline")
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
-    calls = _Calls(f, layout, worst, "%number")
+    calls = _InstanceCalls(f, layout, worst, "%number")
     inputs = f.at("%x", 1 + layout.states)
     _set_parameters(calls, f.at("%x", 1 + layout.states + layout.inputs))
     calls("SetTime", f"double {f.load('%x')}")
@@ -182,7 +182,7 @@ def _start_point(layout: CallLayout) -> FunctionWriter:
     f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y"), ("i64", "number")], "noinline")
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
-    calls = _Calls(f, layout, worst, "%number")
+    calls = _InstanceCalls(f, layout, worst, "%number")
     parameters = f.at("%x", 1 + layout.inputs)
     calls.initialize(parameters, f.at("%x", 1))
     calls("GetContinuousStates", "ptr %y", f"i64 {layout.states}")
@@ -192,7 +192,7 @@ def _start_point(layout: CallLayout) -> FunctionWriter:
     return f
 
 
-def _set_parameters(calls: _Calls, parameters: str) -> None:
+def _set_parameters(calls: _InstanceCalls, parameters: str) -> None:
     """Set the parameters if they differ from those of the last call."""
     f, layout = calls.f, calls.layout
     needed = f.variable("i32", f.load(calls.memory("stale"), calls.number, "i32"))
@@ -213,19 +213,19 @@ def _set_parameters(calls: _Calls, parameters: str) -> None:
         _keep_parameters(calls, parameters)
 
 
-def _keep_parameters(calls: _Calls, parameters: str) -> None:
+def _keep_parameters(calls: _InstanceCalls, parameters: str) -> None:
     cache = _cache(calls)
     with calls.f.loop(0, calls.layout.parameters) as j:
         calls.f.store(calls.f.load(parameters, j), cache, j)
     calls.f.store(str(NONE), calls.memory("stale"), calls.number, "i32")
 
 
-def _cache(calls: _Calls) -> str:
+def _cache(calls: _InstanceCalls) -> str:
     """Return the address of the parameters that an instance has."""
     return calls.f.at(calls.memory("cache"), calls.f.mul(calls.number, calls.layout.parameters))
 
 
-def _finish_point(calls: _Calls, results: int) -> None:
+def _finish_point(calls: _InstanceCalls, results: int) -> None:
     """Return NaN after an error, or after an event that changed states, and start again by a reset."""
     f = calls.f
     status = f.load(calls.worst, kind="i32")
@@ -239,11 +239,11 @@ def _finish_point(calls: _Calls, results: int) -> None:
         f.store(str(RESET), calls.memory("stale"), calls.number, "i32")
 
 
-def _evaluate(layout: CallLayout, shape: _Shape) -> FunctionWriter:
+def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
     f = FunctionWriter(shape.name, [("ptr", "x"), ("ptr", "y"), ("ptr", "slopes")])
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
-    calls = _Calls(f, layout, worst, "0")
+    calls = _InstanceCalls(f, layout, worst, "0")
     lock = calls.memory("control")
     _acquire(f, lock)
     f.call("point", [("ptr", "%x"), ("ptr", "%y"), ("i64", "0")])
@@ -263,7 +263,7 @@ def _acquire(f: FunctionWriter, lock: str) -> None:
         position.set(f.new(f"select i1 {busy}, i64 0, i64 1"))
 
 
-def _directional_slopes(calls: _Calls, shape: _Shape) -> None:
+def _directional_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
     """Write the columns of slopes that the FMU computes itself, at the point that was evaluated last."""
     f, second = calls.f, calls.second
     column = f.slot("double", max(shape.results, 1))
@@ -286,7 +286,7 @@ def _directional_slopes(calls: _Calls, shape: _Shape) -> None:
             f.store(value, "%slopes", f.add(f.mul(i, shape.arguments), j))
 
 
-def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
+def _difference_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
     """Write the columns of slopes from differences over three points.
 
     They are central, unless a point would be beyond a limit of the argument. With the results at x, x + a and x + b,
@@ -326,7 +326,7 @@ def _difference_slopes(calls: _Calls, shape: _Shape) -> None:
         f.store(ZERO, "%slopes", f.add(f.mul(i, shape.arguments), j))
 
 
-def _instance_for(calls: _Calls, shape: _Shape, argument: str, side: int) -> str:
+def _instance_for(calls: _InstanceCalls, shape: _FunctionShape, argument: str, side: int) -> str:
     """Return the number of the instance that evaluates one side of a difference."""
     f = calls.f
     if shape.name == "start":
@@ -341,7 +341,7 @@ def _instance_for(calls: _Calls, shape: _Shape, argument: str, side: int) -> str
 def _choose_instance(layout: CallLayout) -> FunctionWriter:
     """Write the number of the instance for one side of a difference along a parameter, created if there is room."""
     f = FunctionWriter("choose", [("i64", "index"), ("ptr", "number")], "noinline")
-    calls = _Calls(f, layout, f.slot("i32"), "0")
+    calls = _InstanceCalls(f, layout, f.slot("i32"), "0")
     slots, control, instances = (calls.memory(name) for name in ("slots", "control", "instances"))
     known = f.load(slots, "%index", "i64")
     f.store(known, "%number", kind="i64")
@@ -364,7 +364,7 @@ def _has_room(f: FunctionWriter, layout: CallLayout, used: str) -> str:
     return f.new(f"icmp slt i64 {used}, {0 if layout.single else MOST_INSTANCES - 1}")
 
 
-def _instantiate(calls: _Calls) -> str:
+def _instantiate(calls: _InstanceCalls) -> str:
     """Return the address of a new instance, or null."""
     f = calls.f
     name, token, resources, callbacks = (f"ptr {calls.memory(part)}" for part in ("name", "token", "resources", "log"))
@@ -378,7 +378,7 @@ def _instantiate(calls: _Calls) -> str:
 
 
 @contextmanager
-def _columns(calls: _Calls, shape: _Shape, kind: int) -> Iterator[str]:
+def _columns(calls: _InstanceCalls, shape: _FunctionShape, kind: int) -> Iterator[str]:
     """Run the body for each argument along which slopes are needed, and computed in one way."""
     f = calls.f
     kinds = calls.memory(f"{shape.name}_kinds")

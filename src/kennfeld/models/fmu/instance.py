@@ -108,7 +108,7 @@ class FmuInstance:
 
     @property
     def slopes(self) -> dict[str, str]:
-        """How the slopes along each argument but the time are computed, by its name."""
+        """Kind of the slopes along each argument but the time, by its name."""
         words = {DIRECTIONAL: "directional derivatives", DIFFERENCES: "differences"}
         kinds = self._memory["equations_kinds"]
         return {a.name: words[int(kind)] for a, kind in zip(self.arguments[1:], kinds[1:], strict=True)}

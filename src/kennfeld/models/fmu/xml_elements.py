@@ -11,26 +11,26 @@ MOST_CHILDREN = 200_000  # of an element, such as variables
 _MOST_LEVELS = 50
 
 
-class XmlElement(NamedTuple):
+class DescriptionElement(NamedTuple):
     """An element: its tag without namespace, its attributes and its children."""
 
     tag: str
     line: int
     attributes: Mapping[str, str]
-    children: list["XmlElement"]
+    children: list["DescriptionElement"]
 
-    def all(self, *path: str) -> Iterator["XmlElement"]:
+    def all(self, *path: str) -> Iterator["DescriptionElement"]:
         """Yield the elements at a path of tags."""
         for child in self.children:
             if child.tag == path[0]:
                 yield from child.all(*path[1:]) if path[1:] else (child,)
 
-    def first(self, *path: str) -> "XmlElement | None":
+    def first(self, *path: str) -> "DescriptionElement | None":
         """Return the first element at a path of tags."""
         return next(self.all(*path), None)
 
 
-def parse_elements(raw: bytes, file: str) -> XmlElement:
+def parse_elements(raw: bytes, file: str) -> DescriptionElement:
     """Return the root of an XML document.
 
     Raises:
@@ -50,8 +50,8 @@ def parse_elements(raw: bytes, file: str) -> XmlElement:
 class _Builder:
     def __init__(self, file: str) -> None:
         self.file = file
-        self.root: XmlElement | None = None
-        self.open: list[XmlElement] = []
+        self.root: DescriptionElement | None = None
+        self.open: list[DescriptionElement] = []
         self.count = 0
         self.parser = expat.ParserCreate()
         self.parser.StartElementHandler = self._start
@@ -59,7 +59,7 @@ class _Builder:
         self.parser.EntityDeclHandler = self._refuse_entity
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
-        element = XmlElement(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes, [])
+        element = DescriptionElement(name.rpartition(":")[2], self.parser.CurrentLineNumber, attributes, [])
         self.count += 1
         if self.count > MOST_ELEMENTS:
             self._refuse(f"more than {MOST_ELEMENTS} elements", "Export the FMU with fewer variables.")
