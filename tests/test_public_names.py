@@ -41,6 +41,7 @@ IN_THE_DOCUMENTS = {
         "SurrogateSettings",
         "StaticSurrogate",
     ),
+    "fmu",
     *("DynamicSurrogate", "read_surrogate", "write_surrogate", "compress_map"),
 }
 NAMES = PROMISED | NEEDED_WITH_THEM | IN_THE_DOCUMENTS

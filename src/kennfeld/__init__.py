@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from kennfeld.measurement import read
     from kennfeld.models import Model
     from kennfeld.models.ascet.importing import esdl, import_esdl
+    from kennfeld.models.fmu.importing import fmu
     from kennfeld.models.formula import formula
     from kennfeld.models.simulink.importable_subsystems import inspect_simulink
     from kennfeld.models.simulink.importing import import_simulink, simulink
@@ -96,6 +97,7 @@ __all__ = [
     "cross_validate",
     "esdl",
     "find_extrapolation",
+    "fmu",
     "formula",
     "import_esdl",
     "import_simulink",
@@ -126,6 +128,7 @@ _NAMES = {
     "measurement": "read",
     "models": "Model",
     "models.ascet.importing": "esdl import_esdl",
+    "models.fmu.importing": "fmu",
     "models.formula": "formula",
     "models.simulink.importable_subsystems": "inspect_simulink",
     "models.simulink.importing": "import_simulink simulink",

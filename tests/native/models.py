@@ -1,6 +1,7 @@
 """Small models with data, written out: what the other tests of this folder calibrate."""
 
 import numpy as np
+from external_functions import PRODUCT_AND_SQUARE
 from random_graphs import Case, Criterion
 
 from kennfeld.graph import GraphBuilder
@@ -45,6 +46,16 @@ def static():
     inner = b.lookup("C", u)
     y = b.call("mul", b.lookup("M", u, v), b.lookup("C", inner))
     return b.finish({"y": b.call("add", y, b.call("mul", b.lookup("K"), b.lookup("M", v, u)))})
+
+
+def external():
+    """A state whose next value and output come from one function outside of the graph, and one call of it beside."""
+    b = GraphBuilder()
+    state = b.state()
+    product, square = b.external(PRODUCT_AND_SQUARE, b.lookup("C", b.input("u")), state)
+    b.close(state, b.lookup("K"), b.call("mul", b.const(0.4), product))
+    other, _ = b.external(PRODUCT_AND_SQUARE, b.input("v"), b.lookup("L"))
+    return b.finish({"y": b.call("add", square, other), "z": product})
 
 
 def lag():
@@ -92,4 +103,5 @@ MODELS = {
     "coupled2": lambda: coupled(2),
     "coupled3": lambda: coupled(3),
     "delayed": delayed,
+    "external": external,
 }

@@ -17,7 +17,7 @@ from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors
 from kennfeld.lazy_dataclass import dataclass
 
-SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope"}
+SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope", "external": "external_slope"}
 
 
 class Partial(NamedTuple):

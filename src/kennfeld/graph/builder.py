@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
+from kennfeld.graph.external_function import ExternalFunction, ExternalOutput
 from kennfeld.graph.node import Graph, Node, State, extract
 from kennfeld.graph.operations import OPERATIONS
 
@@ -70,6 +71,10 @@ class GraphBuilder:
     def lookup(self, parameter: str, *coordinates: int) -> int:
         """Return the node of a scalar parameter, or of a table lookup at these coordinates."""
         return self.node("lookup", coordinates, parameter)
+
+    def external(self, function: ExternalFunction, *args: int) -> tuple[int, ...]:
+        """Return the nodes of the outputs of an external function."""
+        return tuple(self.node("external", args, ExternalOutput(function, i)) for i in range(function.outputs))
 
     def call(self, op: str, *args: int) -> int:
         """Return the node of an elementwise operation; constants are folded, neutral elements dropped."""

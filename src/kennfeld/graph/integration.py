@@ -79,6 +79,9 @@ SOLVERS: Final = {
 }
 
 
+DEFAULT_SOLVER: Final = "ode4"  # of functions with continuous states that name none
+
+
 class Advance(NamedTuple):
     """The arguments of a node `advance`: start of the step, derivative, lower and upper limit, all nodes."""
 

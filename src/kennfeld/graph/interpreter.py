@@ -7,6 +7,7 @@ import numpy as np
 from kennfeld.arrays import ArrayLike, Float
 from kennfeld.free_axes import AxisKey, free_axes
 from kennfeld.graph.derivative import Linearization, Slopes, Written
+from kennfeld.graph.external_function import evaluate_points
 from kennfeld.graph.interpolation import (
     cell_weights,
     density,
@@ -154,6 +155,11 @@ class Interpreter:
                 ref, axis = payload
                 along: Float = self._rbf(ref).expansion.gradient(_points(args))[:, axis]
                 return along
+            case "external":
+                return evaluate_points(payload.function, _points(args))[0][:, payload.number]
+            case "external_slope":
+                output, axis = payload
+                return evaluate_points(output.function, _points(args))[1][:, output.number, axis]
             case _:
                 result: Float = OPERATIONS[op].evaluate(*args)
                 return result

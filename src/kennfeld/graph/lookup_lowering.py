@@ -85,7 +85,7 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
         op, old, payload = graph.nodes[at]
         if op != "lookup":
-            return b.call(op, *args) if args else b.node(op, args, payload)
+            return b.rebuild(graph.nodes[at], args)
         parameter = parameters[payload]
         if isinstance(parameter, RBF):
             return b.node("expansion", args, ExpansionRef(payload, parameter.coordinates, parameter.centres))

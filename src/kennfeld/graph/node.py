@@ -25,6 +25,8 @@ class Node(NamedTuple):
     | input | | channel name; `dt` and `t` are the step and the time since the piece began, in s |
     | state | | index into `Graph.states` |
     | lookup | coordinates, none for a scalar | parameter name |
+    | external | as the function has them | `ExternalOutput`; an output of a function outside of the graph |
+    | external_slope | as external | (`ExternalOutput`, axis); the slope of external along its argument `axis` |
 
     Until a solver has been applied (`integration.py`), there are two more:
 

@@ -16,7 +16,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from kennfeld.machine_code.code_cache import keep_code, key_of, read_code
-from kennfeld.machine_code.external import External, c_function, externals_of, load_pointer
+from kennfeld.machine_code.external import External, address_of, c_function, externals_of, load_pointer
 from kennfeld.machine_code.fingerprint import fingerprint
 from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.machine_code.object_module import ObjectModule
@@ -134,7 +134,7 @@ def shared_function(write: Callable[..., FunctionWriter], *arguments: int) -> Sh
 
 def _address_of(external: External) -> int:
     if not external.module:
-        return c_function(external.name)
+        return address_of(external.name)
     return shared_function(getattr(import_module(external.module), external.name), *external.arguments).address()
 
 

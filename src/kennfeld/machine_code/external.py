@@ -10,13 +10,14 @@ from kennfeld.machine_code.ir import FunctionWriter
 
 _POINTER = re.compile(r"@(kf\.[\w.]+)")
 _WRITTEN: dict[str, "External"] = {}  # by the names of their pointers
+_PROVIDED: dict[str, int] = {}  # addresses of functions of other libraries, by name
 
 
 class External(NamedTuple):
     """A function that code calls, found again by its name in another process.
 
-    It is a function of the C library if there is no `module`. Otherwise the function `name` of that module writes it,
-    called with `arguments`.
+    Without `module`, it is one that was provided, or a function of the C library. Otherwise the function `name` of that
+    module writes it, called with `arguments`.
     """
 
     module: str
@@ -43,6 +44,16 @@ def externals_of(text: str) -> tuple[External, ...]:
 def c_pointer(f: FunctionWriter, name: str) -> str:
     """Return a register that holds the address of a function of the C library."""
     return load_pointer(f, External("", name))
+
+
+def provide(name: str, address: int) -> None:
+    """Let code call the function at an address by a name that the C library does not have."""
+    _PROVIDED[name] = address
+
+
+def address_of(name: str) -> int:
+    """Return the address of a function that was provided, or else of a function of the C library."""
+    return _PROVIDED.get(name) or c_function(name)
 
 
 @cache

@@ -4,7 +4,7 @@ The code is a list of items, nodes first, in order. Long lists are split into se
 LLVM's passes grows faster than the length of a block; values used across functions are kept in a frame in memory.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field
 from typing import NamedTuple
 
@@ -13,10 +13,12 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Node
+from kennfeld.graph.external_function import ExternalFunction, ExternalOutput
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.engine import SharedFunction, shared_function
+from kennfeld.machine_code.external import c_pointer
 from kennfeld.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, load_sample
 from kennfeld.native.elementwise import CONDITIONS, VALUES, guarded_product, power
@@ -116,6 +118,13 @@ class Condition(NamedTuple):
     negated: bool = False
 
 
+class ExternalCall(NamedTuple):
+    """A call of an external function, which computes all its outputs."""
+
+    function: ExternalFunction
+    args: tuple[int, ...]
+
+
 class StepEmitter:
     """Code under construction within one function, for the sample at index `%k` of its block."""
 
@@ -131,6 +140,8 @@ class StepEmitter:
         self._cells: dict[tuple[int, int], Cell] = {}
         self._windows: dict[tuple[int, AxisRef], Window] = {}
         self._expansions: dict[tuple[str, tuple[int, ...]], str] = {}
+        self._externals: dict[ExternalCall, str] = {}
+        self.sloped: Mapping[ExternalCall, Collection[int]] = {}  # arguments along which slopes are needed
 
     def value(self, node: int) -> str:
         """Return the double of a node computed before."""
@@ -193,6 +204,10 @@ class StepEmitter:
                 return f.load(self._expansion(payload, args))
             case "expansion_slope", (ExpansionRef() as ref, int() as axis):
                 return f.load(self._expansion(ref, args), 1 + axis)
+            case "external", ExternalOutput(function, number):
+                return f.load(self._external(function, args), number)
+            case "external_slope", (ExternalOutput(function, number), int() as axis):
+                return f.load(self._external(function, args), function.outputs + number * function.inputs + axis)
             case "select", _:
                 return self.choose(args[0], self.value(args[1]), self.value(args[2]))
             case "pow", _ if self._is_short_power(args[1]):
@@ -304,6 +319,21 @@ class StepEmitter:
         values = f.at("%values", self.layout.offsets[ref.name])
         f.do(f"call void {function.pointer(f)}(ptr {values}, i64 {ref.centres}, ptr {x}, ptr {out})")
 
+    def _external(self, function: ExternalFunction, args: tuple[int, ...]) -> str:
+        """Return the address of the outputs of an external function, followed by their slopes if these are needed."""
+        call = ExternalCall(function, args)
+        if call not in self._externals:
+            f, x = self.f, self.f.slot("double", max(function.inputs, 1))
+            for d, a in enumerate(args):
+                f.store(self.value(a), x, d)
+            out = f.slot("double", function.outputs * (1 + function.inputs))
+            slopes = f.at(out, function.outputs) if call in self.sloped else "null"
+            for axis in range(function.inputs if call in self.sloped else 0):
+                f.store(ONE if axis in self.sloped[call] else ZERO, slopes, axis)
+            f.do(f"call void {c_pointer(f, function.symbol)}(ptr {x}, ptr {out}, ptr {slopes})")
+            self._externals[call] = out
+        return self._externals[call]
+
     def _table(self, table: TableRef, args: Sequence[int], slope: int | None) -> str:
         f = self.f
         base = f.at("%values", self.layout.offsets[table.name])
@@ -346,6 +376,12 @@ def emit_items(
 
 
 def _emit_segment(step: StepEmitter, items: Sequence[CodeItem]) -> None:
+    sloped: dict[ExternalCall, set[int]] = {}
+    for node in (step.nodes[item.node] for item in items if item.node is not None):
+        if node.op == "external_slope":
+            output, axis = node.payload
+            sloped.setdefault(ExternalCall(output.function, node.args), set()).add(axis)
+    step.sloped = sloped
     for item in items:
         for needed in item.needs:
             step.value(needed)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from kennfeld.graph.derivative import Linearization, differentiate
+from kennfeld.graph.external_function import load_functions
 from kennfeld.graph.lookup_lowering import Free, LoweredGraph
 from kennfeld.graph.value_layout import order_values
 from kennfeld.machine_code.engine import compile_written
@@ -33,6 +34,7 @@ class Kernel:
         self.entries = entries_of(self.line, self.layout, self.line.atoms)
         self.start_entries = entries_of(self.line, self.layout, self.line.start_atoms)
         self.sweeps = sweeps(self.pattern)
+        load_functions(self.line.nodes)
         functions = compile_written(_kernel_code, self.line, self.layout, self.outputs)
         self.cost, self.tape, self.start = functions["cost"], functions["tape"], functions.get("start")
 

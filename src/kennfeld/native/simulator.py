@@ -7,6 +7,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
 from kennfeld.graph.derivative import Linearization, differentiate
+from kennfeld.graph.external_function import load_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph
 from kennfeld.graph.value_layout import order_values
 from kennfeld.machine_code.engine import compile_written
@@ -31,6 +32,7 @@ class Simulator:
         self._layout = MemoryLayout.of(lowered, self._line.nodes, self._values)
         self._axes = self._layout.breakpoints
         self._roots = tuple(roots)
+        load_functions(self._line.nodes)
         functions = compile_written(_simulator_code, self._line, self._layout, self._roots)
         self._run, self._start = functions["values"], functions.get("start")
 

@@ -14,9 +14,11 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.formula import extend, read
 from kennfeld.models.formula.functions import FUNCTIONS
-from kennfeld.models.formula.lexer import Source
+from kennfeld.models.formula.lexer import Source, is_plain
 from kennfeld.models.formula.name_resolution import NameScope, NameTable
 from kennfeld.models.formula.parser import parse
+from kennfeld.models.function_files import kind_of, read_function_file, split_reference
+from kennfeld.models.model_function import ModelFunction, as_model
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import ESDL, PROTECTED, SIMULINK, ProjectFile, is_esdl_file, is_simulink_file
 from kennfeld.project.value_forms import DIRECTIONS
@@ -25,11 +27,6 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 
-_LATER_KINDS = {
-    ".fmu": "an FMU",
-    ".onnx": "an ONNX network",
-    ".py": "a Python function",
-}
 _KINDS_REMEDY = "Use formula text (.kf), a Simulink model (.slx, .mdl) or an ASCET class (.esdl, .axl)."
 _PROTECTED_REMEDY = "Obtain the unprotected model, .slx or .mdl."
 _NAME = re.compile(r"[^\W\d][\w.]*|%(?:[^%]|%%)*%")
@@ -39,17 +36,11 @@ def read_surrogates(file: ProjectFile, findings: Findings) -> "tuple[Surrogate, 
     """Return the surrogates under their names in the project; add findings about those that cannot be read."""
     if not file.surrogates:
         return ()
-    from kennfeld.models.formula.functions import FUNCTIONS
-    from kennfeld.models.formula.lexer import is_plain
     from kennfeld.surrogate.surrogate_file import read_surrogate
 
     surrogates = []
     for name, path in file.surrogates.items():
-        if name in FUNCTIONS or not is_plain(name):
-            message = (
-                f"{name} is a built-in function" if name in FUNCTIONS else f"invalid name {name!r} in formula text"
-            )
-            findings.error(file.location("surrogates", name), message, "Use another name.")
+        if not _can_be_called(name, file.location("surrogates", name), findings):
             continue
         target = file.folder / path
         if not target.is_file():
@@ -61,6 +52,41 @@ def read_surrogates(file: ProjectFile, findings: Findings) -> "tuple[Surrogate, 
         except InputError as error:
             findings.add(*error.findings)
     return tuple(surrogates)
+
+
+def _read_called_functions(file: ProjectFile, findings: Findings) -> tuple[ModelFunction, ...]:
+    """Return the functions from files that formula text may call; add findings about those that cannot be read."""
+    functions = []
+    for name, reference in file.functions.items():
+        location = file.location("functions", name)
+        if name in file.surrogates:
+            findings.error(location, f"{name} is also the name of a surrogate", "Use another name.")
+        elif _can_be_called(name, location, findings) and _exists(file, reference, location, findings):
+            try:
+                functions.append(read_function_file(reference, file.folder, name, file.model.step))
+            except InputError as error:
+                findings.add(*error.findings)
+    return tuple(functions)
+
+
+def _can_be_called(name: str, location: Location, findings: Findings) -> bool:
+    """Return if formula text can call a function by this name; otherwise add an error."""
+    if name in FUNCTIONS:
+        findings.error(location, f"{name} is a built-in function", "Use another name.")
+    elif not is_plain(name):
+        findings.error(location, f"invalid name {name!r} in formula text", "Use another name.")
+    else:
+        return True
+    return False
+
+
+def _exists(file: ProjectFile, reference: str, location: Location, findings: Findings) -> bool:
+    path = file.folder / split_reference(reference)[0]
+    if path.is_file():
+        return True
+    message = f"{path.name} is a folder" if path.is_dir() else f"file {reference} does not exist"
+    findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.")
+    return False
 
 
 @dataclass(frozen=True)
@@ -98,13 +124,18 @@ def read_function(
     """
     if not file.model.file or not _is_readable(file, findings):
         return None
+    functions = _read_called_functions(file, findings)
+    if len(functions) < len(file.functions):
+        return None  # calls of missing ones would be false errors
     try:
         if is_simulink_file(file.model.file):
             model = _read_simulink(file, initial)
         elif is_esdl_file(file.model.file):
             model = _read_esdl(file, initial)
+        elif kind_of(file.model.file) is not None:
+            model = as_model(read_function_file(file.model.file, file.folder, step=file.model.step))
         else:
-            model = _read_formula(file, known, surrogates)
+            model = _read_formula(file, known, surrogates, functions)
     except InputError as error:
         findings.add(*error.findings)
         return None
@@ -112,8 +143,9 @@ def read_function(
 
 
 def defines_values(file: ProjectFile) -> bool:
-    """Return if the function is of a kind that defines parameters with values: Simulink, or ESDL."""
-    return is_simulink_file(file.model.file) or is_esdl_file(file.model.file)
+    """Return if the function is of a kind that may define parameters with values."""
+    name = file.model.file
+    return is_simulink_file(name) or is_esdl_file(name) or kind_of(name) is not None
 
 
 def _folders(file: ProjectFile) -> list[Path]:
@@ -157,16 +189,23 @@ def _read_simulink(file: ProjectFile, initial: ParameterSet | None) -> Model:
     return simulink(path, subsystem, values, dict(entry.bind), promoted, folders, entry.step)
 
 
-def _read_formula(file: ProjectFile, known: Collection[str], surrogates: "Collection[Surrogate]") -> Model:
+def _read_formula(
+    file: ProjectFile,
+    known: Collection[str],
+    surrogates: "Collection[Surrogate]",
+    functions: Collection[ModelFunction],
+) -> Model:
     """Read formula text; undefined parameters become lookups, so that `find_undefined` can report them."""
     path, text = file.folder / file.model.file, file.unsaved.get(file.model.file)
     try:
-        return read(path, known, surrogates, text)
+        return read(path, known, surrogates, text, functions)
     except InputError as error:
-        assumed = _find_assumed(path, text, [*known, *(surrogate.name for surrogate in surrogates)])
+        assumed = _find_assumed(
+            path, text, [*known, *(s.name for s in surrogates), *(call for f in functions for call in f.calls)]
+        )
         if not assumed:
             raise error from None
-    return read(path, [*known, *assumed], surrogates, text)
+    return read(path, [*known, *assumed], surrogates, text, functions)
 
 
 def _find_assumed(path: Path, text: str | None, known: Collection[str]) -> list[str]:
@@ -183,17 +222,14 @@ def _find_assumed(path: Path, text: str | None, known: Collection[str]) -> list[
 
 def _is_readable(file: ProjectFile, findings: Findings) -> bool:
     name, location = file.model.file, file.location("model", "file")
-    path = file.folder / name.partition(":")[0]  # the name of a Python function follows a colon
+    path = file.folder / split_reference(name)[0]
     kind = path.suffix.casefold()
-    if kind in _LATER_KINDS:
-        message = f"{name} is {_LATER_KINDS[kind]}, which is not available in this version"
-        findings.error(location, message, _KINDS_REMEDY)
-    elif not path.is_file() and name not in file.unsaved:
+    if not path.is_file() and name not in file.unsaved:
         message = f"{name} is a folder" if path.is_dir() else f"file {name} does not exist"
         findings.error(location, message, nearest(path.name, file.siblings(path)) or "Check the path.")
     elif kind == PROTECTED:
         findings.error(location, f"{name} is a protected model; its blocks cannot be read", _PROTECTED_REMEDY)
-    elif kind not in (".kf", *SIMULINK, *ESDL):
+    elif kind not in (".kf", *SIMULINK, *ESDL) and kind_of(name) is None:
         findings.error(location, f"unknown model format {path.suffix or name}", _KINDS_REMEDY)
     else:
         return True

@@ -474,6 +474,12 @@ class ProjectFile(SectionsFile):
     surrogates: Mapping[str, str] = key(
         "the file of each data-driven model of the formula text", factory=dict, holds="surrogate file", by="surrogate"
     )
+    functions: Mapping[str, str] = key(
+        "the [file of each function](functions.md) that the formula text calls and that is not formula text itself",
+        factory=dict,
+        holds="function file",
+        by="function",
+    )
     axes: Mapping[str, GroupAxisEntry] = key(
         "group axes, which several tables share", factory=dict, form=NamedEntriesForm(GroupAxisEntry)
     )

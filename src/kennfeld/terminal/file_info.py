@@ -17,6 +17,7 @@ from kennfeld.models.simulink.reader.recognition import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
 from kennfeld.terminal import describers
 from kennfeld.terminal.describers import FileInfo
+from kennfeld.terminal.fmu_info import describe_fmu
 from kennfeld.terminal.model_selection import WHOLE, ModelSelection
 
 _SECTION = re.compile(
@@ -187,6 +188,7 @@ _DESCRIBERS: Sequence[tuple[Callable[[_InputFile], bool], Callable[[_InputFile],
         lambda file: file.suffix in (".axl", ".amd"),
         lambda file: describers.describe_components(file.path, file.selection.esdl),
     ),
+    (lambda file: file.suffix == ".fmu", lambda file: describe_fmu(file.path)),
     (_is_simulink, lambda file: describers.describe_simulink(file.path, file.selection.simulink)),
     (_is_toml, _describe_toml),
     (_is_surrogate, lambda file: describers.describe_surrogate_file(file.path)),

@@ -10,8 +10,8 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.integration import apply_solver, is_continuous
-from kennfeld.models.formula.functions import FUNCTIONS, functions_of
+from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
+from kennfeld.models.formula.functions import FUNCTIONS, functions_of, functions_of_files
 from kennfeld.models.formula.lexer import Source, split
 from kennfeld.models.formula.lowering import build
 from kennfeld.models.formula.name_resolution import NameScope, NameTable, walk
@@ -28,8 +28,10 @@ from kennfeld.models.formula.syntax import (
     Token,
 )
 from kennfeld.models.model import Model
+from kennfeld.parameter_set import ParameterSet
 
 if TYPE_CHECKING:
+    from kennfeld.models.model_function import ModelFunction
     from kennfeld.surrogate.surrogate_file import Surrogate
 
 _Setting = TypeVar("_Setting", StepDeclaration, SolverDeclaration)
@@ -41,6 +43,7 @@ def formula(
     name: str = "formula",
     parameters: Collection[str] | None = None,
     surrogates: Collection["Surrogate"] = (),
+    functions: Collection["ModelFunction"] = (),
 ) -> Model:
     """Compile formula text to a model.
 
@@ -50,6 +53,7 @@ def formula(
         parameters: names of the known parameters. If None, a name that is called is a table, and a bare name is an
             input unless the text declares it as `scalar`.
         surrogates: data-driven models, called by their names.
+        functions: functions from files, called by their names.
 
     Raises:
         InputError: the text is wrong; carries all findings.
@@ -58,7 +62,7 @@ def formula(
     >>> model.graph.inputs, dict(model.graph.parameters), len(model.graph.states)
     (('n',), {'Gain': 1}, 1)
     """
-    return _model(Source.of_text(name, text), name, "formula", parameters, surrogates)
+    return _model(Source.of_text(name, text), name, "formula", parameters, surrogates, functions)
 
 
 def read(
@@ -66,6 +70,7 @@ def read(
     parameters: Collection[str] | None = None,
     surrogates: Collection["Surrogate"] = (),
     text: str | None = None,
+    functions: Collection["ModelFunction"] = (),
 ) -> Model:
     """Compile a `.kf` file (UTF-8) to a model; see `formula`. `text` replaces the contents of the file.
 
@@ -77,7 +82,7 @@ def read(
         remedy = "Formula text files have the extension .kf."
         raise InputError.of(Location(str(path)), "not a formula text file", remedy)
     source = Source.of_text(path.name, text_of(path) if text is None else text)
-    return _model(source, path.stem, str(path), parameters, surrogates)
+    return _model(source, path.stem, str(path), parameters, surrogates, functions)
 
 
 def text_of(path: Path) -> str:
@@ -95,10 +100,16 @@ def text_of(path: Path) -> str:
 
 
 def _model(
-    source: Source, name: str, origin: str, parameters: Collection[str] | None, surrogates: Collection["Surrogate"]
+    source: Source,
+    name: str,
+    origin: str,
+    parameters: Collection[str] | None,
+    surrogates: Collection["Surrogate"],
+    functions: Collection["ModelFunction"],
 ) -> Model:
     statements = parse(source)
-    names = NameTable(statements, NameScope(parameters=parameters, functions=functions_of(surrogates)), source)
+    calls = {**functions_of(surrogates), **functions_of_files(functions)}
+    names = NameTable(statements, NameScope(parameters=parameters, functions=calls), source)
     step = _single(StepDeclaration, "step", statements, source)
     solver = _single(SolverDeclaration, "solver", statements, source)
     builder = GraphBuilder()
@@ -109,7 +120,8 @@ def _model(
     source.raise_findings()
     equations = merge_equal_states(builder.finish(visible, {}, tuple(names.outputs)))
     equations = replace(equations, units=_units(names, equations))
-    graph = equations if solver is None else merge_equal_states(apply_solver(equations, solver.solver))
+    used = DEFAULT_SOLVER if solver is None and is_continuous(equations) else "" if solver is None else solver.solver
+    graph = merge_equal_states(apply_solver(equations, used)) if used else equations
     return Model(
         graph=graph,
         name=name,
@@ -119,7 +131,10 @@ def _model(
         locations=MappingProxyType(_locations(names, source)),
         surrogates=tuple(surrogate for surrogate in surrogates if surrogate.name in graph.parameters),
         equations=equations if is_continuous(equations) else None,
-        solver="" if solver is None else solver.solver,
+        solver=used,
+        stepped=solver is None and bool(used),
+        values=ParameterSet(p for f in functions for p in f.values.parameters if p.name in graph.parameters),
+        remarks=tuple(remark for function in functions for remark in function.remarks),
     )
 
 

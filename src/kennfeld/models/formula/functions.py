@@ -4,7 +4,7 @@ A function with memory creates states by `GraphBuilder.remember`: the value read
 node of the next value. Arguments that only the next value needs are passed as callables, evaluated when all nodes
 exist; this permits feedback.
 
-Surrogates are functions of formula text as well: `n = engine(throttle, load)`.
+Surrogates and functions from files are functions of formula text as well: `n = engine(throttle, load)`.
 """
 
 import math
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from kennfeld.graph.builder import GraphBuilder
 
 if TYPE_CHECKING:
+    from kennfeld.models.model_function import ModelFunction
     from kennfeld.surrogate.surrogate_file import Surrogate
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
 
@@ -233,6 +234,22 @@ def functions_of(surrogates: Iterable["Surrogate"]) -> Mapping[str, BuiltinFunct
     return {surrogate.name: _function_of(surrogate) for surrogate in surrogates}
 
 
+def functions_of_files(functions: Iterable["ModelFunction"]) -> Mapping[str, BuiltinFunction]:
+    """Return the functions that call the outputs of functions from files, by name."""
+    return {
+        call: _output_of(function, call, number) for function in functions for call, number in function.calls.items()
+    }
+
+
+def _output_of(function: "ModelFunction", call: str, number: int) -> BuiltinFunction:
+    arguments = [Argument(x.name, "" if x.default is None else repr(x.default), False) for x in function.inputs]
+
+    def rule(builder: GraphBuilder, *inputs: int) -> int:
+        return function.write(builder, inputs)[number]
+
+    return _called(call, arguments, rule, memory=function.memory)
+
+
 def _function_of(surrogate: "Surrogate") -> BuiltinFunction:
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
@@ -241,7 +258,7 @@ def _function_of(surrogate: "Surrogate") -> BuiltinFunction:
 
 def _static(surrogate: "StaticSurrogate") -> BuiltinFunction:
     arguments = [Argument(name, "", False) for name in surrogate.inputs]
-    return _surrogate_function(surrogate.name, arguments, partial(_look_up, surrogate.name), memory=False)
+    return _called(surrogate.name, arguments, partial(_look_up, surrogate.name), memory=False)
 
 
 def _look_up(name: str, builder: GraphBuilder, *inputs: int) -> int:
@@ -251,12 +268,10 @@ def _look_up(name: str, builder: GraphBuilder, *inputs: int) -> int:
 def _dynamic(surrogate: "DynamicSurrogate") -> BuiltinFunction:
     arguments = [Argument(name, "", 0 not in lags) for name, lags in zip(surrogate.inputs, surrogate.lags, strict=True)]
     arguments.append(Argument("init", repr(surrogate.start), False))
-    return _surrogate_function(surrogate.name, arguments, partial(_recursion, surrogate), memory=True)
+    return _called(surrogate.name, arguments, partial(_recursion, surrogate), memory=True)
 
 
-def _surrogate_function(
-    name: str, arguments: list[Argument], rule: Callable[..., int], *, memory: bool
-) -> BuiltinFunction:
+def _called(name: str, arguments: list[Argument], rule: Callable[..., int], *, memory: bool) -> BuiltinFunction:
     shown = [argument.name + f"={argument.default}" * bool(argument.default) for argument in arguments]
     return BuiltinFunction(name, f"{name}({', '.join(shown)})", tuple(arguments), rule, memory)
 

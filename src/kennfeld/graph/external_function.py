@@ -1,0 +1,91 @@
+"""Functions outside of the graph that a time step calls, such as functions in C and the equations of FMUs.
+
+The graph holds how a function is found again, not its address, so that it can be pickled and run in another process.
+"""
+
+import ctypes
+from collections.abc import Iterable
+from functools import cache
+from hashlib import blake2b
+from importlib import import_module
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.graph.node import Node
+
+
+class LoadedFunction(Protocol):
+    """A function in the memory of this process, which it keeps there."""
+
+    @property
+    def address(self) -> int:
+        """Address of `void f(const double *x, double *y, double *slopes)`, which several threads may call at once.
+
+        It writes the outputs to y, and dy[i]/dx[j] to slopes[i * inputs + j] unless slopes is a null pointer. What it
+        cannot compute is NaN. Slopes along x[j] are needed only if slopes[j] is not 0 before the call.
+        """
+
+
+class ExternalFunction(NamedTuple):
+    """A function outside of the graph, without memory: equal arguments give equal results.
+
+    Attributes:
+        name: name for messages and formula text.
+        inputs: number of arguments.
+        outputs: number of results.
+        loader: `module:function`, which returns the `LoadedFunction`.
+        arguments: arguments of the loader; they determine the function, for example by the digest of a file.
+    """
+
+    name: str
+    inputs: int
+    outputs: int
+    loader: str
+    arguments: tuple[str | int, ...] = ()
+
+    @property
+    def symbol(self) -> str:
+        """The name by which machine code knows the function, different for different functions."""
+        content = repr((self.inputs, self.outputs, self.loader, self.arguments)).encode()
+        return f"external_{blake2b(content, digest_size=16).hexdigest()}"
+
+
+class ExternalOutput(NamedTuple):
+    """An output of an external function: the payload of its nodes."""
+
+    function: ExternalFunction
+    number: int
+
+
+def load_functions(nodes: Iterable[Node]) -> None:
+    """Load the external functions that nodes call, so that their machine code can run."""
+    for node in nodes:
+        if node.op == "external":
+            _load(node.payload.function)
+
+
+def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, Float]:
+    """Call a function at points, Float[points, inputs].
+
+    Returns:
+        The outputs, Float[points, outputs], and their slopes, Float[points, outputs, inputs].
+    """
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(_load(function).address)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    results = np.empty((len(points), function.outputs))
+    slopes = np.ones((len(points), function.outputs, function.inputs))
+    for point, result, slope in zip(points, results, slopes, strict=True):
+        call(point.ctypes.data, result.ctypes.data, slope.ctypes.data)
+    return results, slopes
+
+
+@cache
+def _load(function: ExternalFunction) -> LoadedFunction:
+    from kennfeld.machine_code.external import provide  # here, because graphs are read without machine code
+
+    module, _, name = function.loader.partition(":")
+    loaded: LoadedFunction = getattr(import_module(module), name)(*function.arguments)
+    provide(function.symbol, loaded.address)
+    return loaded

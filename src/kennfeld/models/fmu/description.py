@@ -1,0 +1,155 @@
+"""`FmuDescription`: what the model description of an FMU states, in the terms of the standard."""
+
+import math
+from typing import NamedTuple
+
+from kennfeld.lazy_dataclass import dataclass
+
+REAL_TYPES = ("Real", "Float64")
+
+
+class FmuVariable(NamedTuple):
+    """A variable.
+
+    Attributes:
+        name: name, such as `body.m` or `table[1,2]`.
+        reference: value reference, by which the code knows it.
+        type: its type as FMI 2.0 or 3.0 calls it: `Real`, `Float64`, `Int32`, ...
+        causality: `input`, `output`, `parameter`, `local`, ...
+        variability: `fixed`, `tunable`, `discrete`, `continuous`, ...
+        start: start values in the order of rows; empty if there are none.
+        shape: numbers of elements by dimension of an array of FMI 3.0; empty for a number.
+        unit: unit, perhaps of its declared type.
+        minimum: least value.
+        maximum: largest value.
+        nominal: its order of magnitude; 0 if it is not stated.
+        derivative: value reference of the state of which it is the derivative, or None.
+        line: line in the model description.
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    start: tuple[float, ...] = ()
+    shape: tuple[int, ...] = ()
+    unit: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    nominal: float = 0.0
+    derivative: int | None = None
+    line: int = 0
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return math.prod(self.shape)
+
+    @property
+    def is_real(self) -> bool:
+        """True if its values are doubles."""
+        return self.type in REAL_TYPES
+
+    @property
+    def elements(self) -> tuple[str, ...]:
+        """Names of its values in the order of rows, counted from 1.
+
+        >>> FmuVariable("A", 4, "Float64", "parameter", "tunable", shape=(2, 2)).elements
+        ('A[1,1]', 'A[1,2]', 'A[2,1]', 'A[2,2]')
+        """
+        names = [""]
+        for count in self.shape:
+            names = [f"{name},{number}" for name in names for number in range(1, count + 1)]
+        return tuple(f"{self.name}[{name[1:]}]" if name else self.name for name in names)
+
+
+class FmuInterface(NamedTuple):
+    """Model exchange or co-simulation, as an FMU offers it.
+
+    Attributes:
+        identifier: name of the library without its extension.
+        directional: True if it states that it provides directional derivatives.
+        needs_tool: True if it runs only with the tool that exported it.
+        single: True if a process can hold one instance only.
+    """
+
+    identifier: str
+    directional: bool
+    needs_tool: bool
+    single: bool
+
+
+class Dependency(NamedTuple):
+    """An output or derivative, and the value references on which it depends; None if it does not say."""
+
+    variable: FmuVariable
+    references: frozenset[int] | None
+
+
+@dataclass(frozen=True)
+class FmuDescription:
+    """The model description of an FMU.
+
+    Attributes:
+        version: `2.0` or `3.0`.
+        name: name of the model.
+        token: text by which the library knows that the description is its own.
+        tool: the exporting tool.
+        model_exchange: the interface for equations without solver, or None.
+        co_simulation: the interface with a solver inside, or None.
+        variables: all variables.
+        outputs: outputs with their dependencies.
+        derivatives: derivatives with their dependencies, in the order of the states.
+        indicators: number of event indicators.
+        step: step of the default experiment in s, or None.
+        discrete: names of variables that are clocks or hold discrete states, which FMI 3.0 declares.
+        platforms: platforms for which there are libraries, such as `linux64` or `x86_64-linux`.
+    """
+
+    version: str
+    name: str
+    token: str
+    tool: str
+    model_exchange: FmuInterface | None
+    co_simulation: FmuInterface | None
+    variables: tuple[FmuVariable, ...]
+    outputs: tuple[Dependency, ...]
+    derivatives: tuple[Dependency, ...]
+    indicators: int
+    step: float | None
+    discrete: tuple[str, ...]
+    platforms: tuple[str, ...]
+
+    @property
+    def states(self) -> tuple[FmuVariable, ...]:
+        """The continuous states, in the order of their derivatives."""
+        real = sorted((v for v in reversed(self.variables) if v.is_real), key=lambda v: v.derivative is None)
+        by_reference = {variable.reference: variable for variable in real}  # the first one that is no derivative
+        return tuple(by_reference[d.variable.derivative] for d in self.derivatives if d.variable.derivative is not None)
+
+    @property
+    def inputs(self) -> tuple[FmuVariable, ...]:
+        """The inputs that are doubles."""
+        return tuple(v for v in self.variables if v.causality == "input" and v.is_real)
+
+    @property
+    def parameters(self) -> tuple[FmuVariable, ...]:
+        """The parameters that are doubles and may be set."""
+        return tuple(v for v in self.variables if v.causality == "parameter" and v.is_real and v.start)
+
+    @property
+    def real_outputs(self) -> tuple[FmuVariable, ...]:
+        """The outputs that are doubles."""
+        return tuple(output.variable for output in self.outputs if output.variable.is_real)
+
+    @property
+    def computed_outputs(self) -> tuple[FmuVariable, ...]:
+        """The outputs that are doubles and no states."""
+        states = {state.reference for state in self.states}
+        return tuple(output for output in self.real_outputs if output.reference not in states)
+
+    @property
+    def unused(self) -> tuple[FmuVariable, ...]:
+        """Inputs and outputs that are not doubles."""
+        return tuple(v for v in self.variables if v.causality in ("input", "output") and not v.is_real)

@@ -1,0 +1,210 @@
+"""Reader of `modelDescription.xml` of FMI 2.0 and 3.0."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from kennfeld.errors import Findings, InputError, Location
+from kennfeld.models.fmu.description import Dependency, FmuDescription, FmuInterface, FmuVariable
+from kennfeld.models.fmu.xml_elements import DescriptionElement, parse_elements
+
+MOST_VALUES = 1_000_000  # of all arrays together
+_TYPES_2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
+_VERSIONS = {"2": "2.0", "3": "3.0"}
+_TRUE = ("true", "1")
+
+
+def read_description(raw: bytes, file: str, platforms: Sequence[str]) -> FmuDescription:
+    """Return what a model description states.
+
+    Args:
+        raw: the contents of `modelDescription.xml`.
+        file: name of the FMU, for messages.
+        platforms: platforms for which the FMU has libraries.
+
+    Raises:
+        InputError: the description is of another version, is damaged, or exceeds the limits.
+    """
+    root = parse_elements(raw, f"{file}/modelDescription.xml")
+    return _Reader(root, f"{file}/modelDescription.xml").description(tuple(platforms))
+
+
+class _Reader:
+    def __init__(self, root: DescriptionElement, file: str) -> None:
+        self.root, self.file = root, file
+        self.findings = Findings()
+        version = root.attributes.get("fmiVersion", "")
+        if root.tag != "fmiModelDescription" or version.partition(".")[0] not in _VERSIONS:
+            message = f"FMI {version or 'of no version'} is not supported"
+            raise InputError.of(Location(file, root.line), message, "Export the FMU as FMI 2.0 or 3.0.")
+        self.version = _VERSIONS[version.partition(".")[0]]
+        self.types = dict(self._declared_types())
+
+    def description(self, platforms: tuple[str, ...]) -> FmuDescription:
+        root, second = self.root.attributes, self.version == "2.0"
+        variables = self._variables()
+        structure = self.root.first("ModelStructure") or DescriptionElement("ModelStructure", 0, {}, [])
+        outputs = ("Outputs", "Unknown") if second else ("Output",)
+        derivatives = ("Derivatives", "Unknown") if second else ("ContinuousStateDerivative",)
+        experiment = self.root.first("DefaultExperiment")
+        step = None if experiment is None else self._number(experiment, "stepSize", math.nan)
+        description = FmuDescription(
+            version=self.version,
+            name=root.get("modelName", ""),
+            token=root.get("guid" if second else "instantiationToken", ""),
+            tool=root.get("generationTool", ""),
+            model_exchange=self._interface("ModelExchange"),
+            co_simulation=self._interface("CoSimulation"),
+            variables=variables,
+            outputs=self._dependencies(structure.all(*outputs), variables),
+            derivatives=self._dependencies(structure.all(*derivatives), variables),
+            indicators=self._indicators(structure),
+            step=step if step is not None and 0 < step < math.inf else None,
+            discrete=self._discrete() if self.version == "3.0" else (),
+            platforms=platforms,
+        )
+        if not self.findings.has_errors:
+            self._check_derivatives(description)
+        self.findings.finish()
+        return description
+
+    def _indicators(self, structure: DescriptionElement) -> int:
+        if self.version == "2.0":
+            return int(self._number(self.root, "numberOfEventIndicators", 0.0))
+        return sum(1 for _ in structure.all("EventIndicator"))
+
+    def _discrete(self) -> tuple[str, ...]:
+        elements = (element for part in self.root.all("ModelVariables") for element in part.children)
+        return tuple(e.attributes.get("name", "") for e in elements if e.tag == "Clock" or "previous" in e.attributes)
+
+    def _interface(self, tag: str) -> FmuInterface | None:
+        element = self.root.first(tag)
+        if element is None:
+            return None
+        identifier = element.attributes.get("modelIdentifier", "")
+        if not identifier.replace("_", "a").isalnum():
+            self._error(element, f"invalid modelIdentifier {identifier[:60]!r}")
+        directional = "providesDirectionalDerivative" + "s" * (self.version == "3.0")
+        names = (directional, "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess")
+        stated = [element.attributes.get(name) in _TRUE for name in names]
+        return FmuInterface(identifier, *stated)
+
+    def _declared_types(self) -> Iterator[tuple[str, Mapping[str, str]]]:
+        for element in (child for types in self.root.all("TypeDefinitions") for child in types.children):
+            parts = element.children if self.version == "2.0" else [element]
+            for part in parts[:1]:
+                yield element.attributes.get("name", ""), part.attributes
+
+    def _variables(self) -> tuple[FmuVariable, ...]:
+        elements = [element for part in self.root.all("ModelVariables") for element in part.children]
+        if self.version == "2.0":
+            return self._variables_2(elements)
+        sizes = {e.attributes.get("valueReference"): e.attributes.get("start", "") for e in elements}
+        return tuple(self._variable(e, e.tag, e.attributes, sizes) for e in elements)
+
+    def _variables_2(self, elements: Sequence[DescriptionElement]) -> tuple[FmuVariable, ...]:
+        variables = []
+        for element in elements:
+            typed = next((child for child in element.children if child.tag in _TYPES_2), None)
+            tag, attributes = ("", {}) if typed is None else (typed.tag, typed.attributes)
+            variables.append(self._variable(element, tag, {**attributes, **element.attributes}, {}))
+        references = [variable.reference for variable in variables]
+        return tuple(
+            v if v.derivative is None else v._replace(derivative=self._referenced(v, references)) for v in variables
+        )
+
+    def _referenced(self, variable: FmuVariable, references: Sequence[int]) -> int:
+        """Return the value reference of the variable that `derivative` of FMI 2.0 names by its index from 1 on."""
+        index = variable.derivative or 0
+        if 1 <= index <= len(references):
+            return references[index - 1]
+        self.findings.error(Location(self.file, variable.line), f"{variable.name} is the derivative of no variable")
+        return -1
+
+    def _variable(
+        self, element: DescriptionElement, tag: str, attributes: Mapping[str, str], sizes: Mapping[str | None, str]
+    ) -> FmuVariable:
+        whole = {**self.types.get(attributes.get("declaredType", ""), {}), **attributes}
+        named = element._replace(attributes=whole)
+        real = tag in ("Real", "Float64")
+        name, derivative = attributes.get("name", ""), attributes.get("derivative")
+        if not name:
+            self._error(element, "a variable has no name")
+        shape = self._shape(element, sizes)
+        start = self._start(named, math.prod(shape)) if real else ()
+        return FmuVariable(
+            name=name,
+            reference=int(self._number(named, "valueReference", -1.0)),
+            type=tag,
+            causality=attributes.get("causality", "local"),
+            variability=attributes.get("variability", "continuous" if real else "discrete"),
+            start=start,
+            shape=shape,
+            unit=whole.get("unit", ""),
+            minimum=self._number(named, "min", -math.inf) if real else -math.inf,
+            maximum=self._number(named, "max", math.inf) if real else math.inf,
+            nominal=abs(self._number(named, "nominal", 0.0)) if real else 0.0,
+            derivative=int(self._number(named, "derivative", 0.0)) if derivative is not None and real else None,
+            line=element.line,
+        )
+
+    def _shape(self, element: DescriptionElement, sizes: Mapping[str | None, str]) -> tuple[int, ...]:
+        shape = []
+        for dimension in element.all("Dimension"):
+            reference = dimension.attributes.get("valueReference")
+            text = dimension.attributes.get("start") or sizes.get(reference, "")
+            shape.append(int(text) if text.isascii() and text.isdigit() and len(text) < 9 else 0)
+        if math.prod(shape) > MOST_VALUES or (shape and min(shape) == 0):
+            text = " x ".join(map(str, shape))
+            self._error(element, f"{element.attributes.get('name', '')[:60]} has {text} values")
+            return ()
+        return tuple(shape)
+
+    def _start(self, element: DescriptionElement, size: int) -> tuple[float, ...]:
+        texts = element.attributes.get("start", "").split()
+        try:
+            values = tuple(float(text) for text in texts)
+        except ValueError:
+            self._error(element, f"start={element.attributes['start'][:60]!r} must be a number")
+            return ()
+        return values * size if len(values) == 1 else values[:size] if len(values) >= size else ()
+
+    def _dependencies(
+        self, unknowns: Iterator[DescriptionElement], variables: Sequence[FmuVariable]
+    ) -> tuple[Dependency, ...]:
+        key = "index" if self.version == "2.0" else "valueReference"
+        if self.version == "2.0":
+            numbered = dict(enumerate(variables, start=1))
+        else:
+            numbered = {variable.reference: variable for variable in variables}
+        result = []
+        for unknown in unknowns:
+            variable = numbered.get(int(self._number(unknown, key, -1.0)))
+            if variable is None:
+                self._error(unknown, f"{key}={unknown.attributes.get(key, '')[:20]} is that of no variable")
+                continue
+            stated = unknown.attributes.get("dependencies")
+            words = [] if stated is None else [word for word in stated.split() if word.isdigit()]
+            used = frozenset(numbered[int(word)].reference for word in words if int(word) in numbered)
+            result.append(Dependency(variable, None if stated is None else used))
+        return tuple(result)
+
+    def _check_derivatives(self, description: FmuDescription) -> None:
+        known = {variable.reference for variable in description.variables if variable.is_real}
+        for variable, _ in description.derivatives:
+            if variable.derivative not in known:
+                message = f"{variable.name} is listed as a derivative, but of no state"
+                self.findings.error(Location(self.file, variable.line), message, "Export the FMU again.")
+
+    def _number(self, element: DescriptionElement, key: str, default: float) -> float:
+        text = element.attributes.get(key)
+        try:
+            number = default if text is None else float(text)
+        except ValueError:
+            number = math.nan
+        if text is not None and (math.isnan(number) or (math.isinf(number) and key not in ("min", "max"))):
+            self._error(element, f"{key}={text[:60]!r} must be a number")
+            return 0.0
+        return number
+
+    def _error(self, element: DescriptionElement, message: str) -> None:
+        self.findings.error(Location(self.file, element.line), message, "Export the FMU again.")

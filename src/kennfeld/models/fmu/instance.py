@@ -1,0 +1,251 @@
+"""Instances of FMUs in this process, one for each file, and the functions that machine code calls."""
+
+import ctypes
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Float
+from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.machine_code.external import provide
+from kennfeld.models.fmu.description import FmuDescription, FmuVariable
+from kennfeld.models.fmu.evaluation_code import (
+    DIFFERENCES,
+    DIRECTIONAL,
+    MOST_INSTANCES,
+    RESET,
+    SKIPPED,
+    TIMED,
+    TUNED,
+    USED,
+    YIELD,
+    CallLayout,
+    equation_functions,
+    write_equations,
+    write_start,
+)
+from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
+from kennfeld.models.fmu.library import FmuLibrary, yield_address
+from kennfeld.models.fmu.slope_selection import agreeing_columns, difference_step, relative_noise
+
+_REPEATED = 1e-4  # tolerance of repeated results, for FMUs that solve equations by iteration
+_SMALLEST = 0.1  # of the order of magnitude of an argument, below which steps no longer shrink with it
+
+
+@dataclass(frozen=True)
+class FmuFunction:
+    """A compiled function in this process, which it keeps there."""
+
+    call: NativeFunction
+    address: int
+    instance: "FmuInstance"
+
+
+class _Argument(NamedTuple):
+    """An argument of the equations: an element of a variable, `position` within it."""
+
+    name: str
+    variable: FmuVariable | None
+    position: int
+
+    @property
+    def start(self) -> float:
+        return self.variable.start[self.position] if self.variable is not None and self.variable.start else 0.0
+
+    @property
+    def magnitude(self) -> float:
+        nominal = self.variable.nominal if self.variable is not None else 0.0
+        return nominal or abs(self.start) or 1.0
+
+
+def load_equations(path: str, digest: str) -> FmuFunction:
+    """Return (t, states, inputs, parameters) -> (derivatives, outputs) of an FMU; its code runs from now on.
+
+    Raises:
+        InputError: the file has changed, or its code cannot be used.
+    """
+    return load_instance(path, digest).equations
+
+
+def load_start(path: str, digest: str) -> FmuFunction:
+    """Return (t, inputs, parameters) -> states at the start of an FMU; its code runs from now on."""
+    return load_instance(path, digest).start
+
+
+@cache
+def load_instance(path: str, digest: str) -> "FmuInstance":
+    """Return the instance of an FMU in this process."""
+    source = Path(path)
+    if digest_of(source) != digest:
+        raise InputError.of(Location(path), "has changed since it was read", "Read it again.")
+    return FmuInstance(source, read_archive(source), digest)
+
+
+class FmuInstance:
+    """An FMU in this process: its instances in continuous-time mode, and the functions that call them."""
+
+    def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
+        self.source, self.description = source, description
+        self.layout = layout_of(description, f"fmu_{digest}")
+        self._memory: dict[str, Any] = {}
+        self.arguments = _arguments(description)
+        start = [a for a in self.arguments if a.variable is None or a.variable not in description.states]
+        self.library = self._load()
+        self._provide_variables()
+        self._provide_tables("equations", self.arguments)
+        self._provide_tables("start", start)
+        self.equations = self._compile(write_equations(self.layout), "equations")
+        self.start = self._compile(write_start(self.layout), "start") if self.layout.states else self.equations
+        self._memory["control"][USED] = MOST_INSTANCES  # further instances are for the parameters that are fitted
+        self._choose_slopes(np.array([argument.start for argument in start]))
+        self._memory["control"][USED] = 0
+
+    @property
+    def slopes(self) -> dict[str, str]:
+        """Kind of the slopes along each argument but the time, by its name."""
+        words = {DIRECTIONAL: "directional derivatives", DIFFERENCES: "differences"}
+        kinds = self._memory["equations_kinds"]
+        return {a.name: words[int(kind)] for a, kind in zip(self.arguments[1:], kinds[1:], strict=True)}
+
+    @property
+    def further_instances(self) -> int:
+        """Number of instances that differences along parameters use, in addition to the first one."""
+        slots: NDArray[Any] = self._memory["slots"]
+        return int(np.count_nonzero(slots))
+
+    def _load(self) -> FmuLibrary:
+        interface = self.description.model_exchange
+        assert interface is not None  # checked by whoever reads the FMU
+        folder = unpack(self.source)
+        path = library_of(folder, self.description.version, interface.identifier)
+        if not path.is_file():
+            message = f"has no library {path.name} for {platform_folder(self.description.version)}"
+            raise InputError.of(Location(str(self.source)), message)
+        library = FmuLibrary(path, self.description, self.source)
+        prefix = self.layout.prefix
+        for name in equation_functions(self.layout):
+            address = library.address(name)
+            if not address and "Directional" not in name:
+                raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
+            provide(f"{prefix}_{name}", address)
+        self._provide("instances", [library.instantiate(folder / "resources")] + [0] * (MOST_INSTANCES - 1), np.uint64)
+        for name, address in library.creation.items():
+            provide(f"{prefix}_{name}", address)
+        provide(YIELD, yield_address())
+        return library
+
+    def _provide(self, name: str, values: Any, kind: type) -> None:
+        array: NDArray[Any] = np.array(values, dtype=kind) if len(values) else np.zeros(1, dtype=kind)
+        self._memory[name] = array
+        provide(f"{self.layout.prefix}_{name}", array.ctypes.data)
+
+    def _provide_variables(self) -> None:
+        description = self.description
+        parameters = description.parameters
+        levels = [TUNED if v.variability == "tunable" else RESET for v in parameters for _ in range(v.size)]
+        unknowns = [d.variable for d in description.derivatives] + list(description.computed_outputs)
+        self._provide("control", [0, 0, 0], np.int32)
+        self._provide("stale", [RESET] * MOST_INSTANCES, np.int32)
+        self._provide("changed", [0] * MOST_INSTANCES, np.int32)
+        self._provide("slots", [0] * (2 * len(levels)), np.int64)
+        self._provide("cache", [np.nan] * (len(levels) * MOST_INSTANCES), np.float64)
+        self._provide("levels", levels, np.int32)
+        self._provide("inputs", [v.reference for v in description.inputs], np.uint32)
+        self._provide("parameters", [v.reference for v in parameters], np.uint32)
+        self._provide("outputs", [v.reference for v in description.computed_outputs], np.uint32)
+        self._provide("unknowns", [v.reference for v in unknowns], np.uint32)
+        variables = [argument.variable for argument in self.arguments]
+        self._provide("known", [0 if v is None else v.reference for v in variables], np.uint32)
+        self._provide("positions", [argument.position for argument in self.arguments], np.int64)
+        sizes = [1 if v is None else v.size for v in variables]
+        self._provide("sizes", sizes, np.int64)
+        self._provide("seed", np.zeros(max(sizes)), np.float64)
+
+    def _provide_tables(self, name: str, arguments: Sequence[_Argument]) -> None:
+        limited = [a.variable if a.variable is not None else None for a in arguments]
+        kinds = [SKIPPED, *[DIFFERENCES] * (len(arguments) - 1)]
+        self._provide(f"{name}_kinds", kinds, np.int32)
+        self._provide(f"{name}_steps", [difference_step(0.0)] * len(arguments), np.float64)
+        self._provide(f"{name}_least", [_SMALLEST * a.magnitude for a in arguments], np.float64)
+        self._provide(f"{name}_lower", [-np.inf if v is None else v.minimum for v in limited], np.float64)
+        self._provide(f"{name}_upper", [np.inf if v is None else v.maximum for v in limited], np.float64)
+
+    def _compile(self, functions: Sequence[Any], name: str) -> FmuFunction:
+        call = compile_functions(*functions)[name]
+        return FmuFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
+
+    def _evaluate(self, x: Float) -> tuple[Float, Float]:
+        x = np.clip(x, self._memory["equations_lower"], self._memory["equations_upper"])
+        results, slopes = np.empty(self.layout.results), np.ones((self.layout.results, len(x)))
+        self.equations.call(x.ctypes.data, results.ctypes.data, slopes.ctypes.data)
+        return results, slopes
+
+    def _choose_slopes(self, start: Float) -> None:
+        """Check that the code works at the start, and choose how slopes are computed."""
+        point = np.array([argument.start for argument in self.arguments])
+        states = slice(1, 1 + self.layout.states)
+        if self.layout.states:
+            values = np.empty(self.layout.states)
+            self.start.call(start.ctypes.data, values.ctypes.data, None)
+            point[states] = values
+        results = self._evaluate(point)[0]
+        if self._memory["control"][TIMED]:
+            message = "has events at times that its code sets, which a fixed step does not hit"
+            raise InputError.of(Location(str(self.source)), message, "Use an FMU without time events.")
+        if not np.all(np.isfinite(results)):
+            said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
+            message = f"its code cannot be evaluated with its start values{said}"
+            raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
+        magnitudes = np.array([argument.magnitude for argument in self.arguments])
+        noise = relative_noise(lambda x: self._evaluate(x)[0], point, magnitudes)
+        self._check_memory(point, magnitudes, results)
+        self._memory["equations_steps"][:] = self._memory["start_steps"][:] = difference_step(noise)
+        interface = self.description.model_exchange
+        if interface is not None and interface.directional and self._has_directional():
+            kinds = self._memory["equations_kinds"]
+            kinds[agreeing_columns(self._evaluate, kinds, point, magnitudes)] = DIRECTIONAL
+
+    def _has_directional(self) -> bool:
+        return self.library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative") != 0
+
+    def _check_memory(self, point: Float, magnitudes: Float, results: Float) -> None:
+        """Check that results do not depend on earlier evaluations, which would make slopes and sums wrong."""
+        for side in (1.0, -1.0):
+            self._evaluate(point + side * magnitudes * (np.arange(len(point)) > 0))
+        again = self._evaluate(point)[0]
+        if not np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0)):
+            message = "its equations depend on earlier evaluations, such as a hysteresis does"
+            raise InputError.of(Location(str(self.source)), message, "Use an FMU whose memory is in its states.")
+
+
+def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
+    """Return the numbers of values that the code of an FMU takes and returns."""
+    inputs, outputs, parameters = description.inputs, description.computed_outputs, description.parameters
+    return CallLayout(
+        version=description.version,
+        prefix=prefix,
+        states=sum(v.size for v in description.states),
+        inputs=sum(v.size for v in inputs),
+        parameters=sum(v.size for v in parameters),
+        outputs=sum(v.size for v in outputs),
+        input_references=len(inputs),
+        parameter_references=len(parameters),
+        output_references=len(outputs),
+        unknowns=len(description.derivatives) + len(outputs),
+        single=description.model_exchange is not None and description.model_exchange.single,
+        events=description.indicators > 0 or any(v.variability == "discrete" for v in inputs),
+    )
+
+
+def _arguments(description: FmuDescription) -> tuple[_Argument, ...]:
+    variables = (*description.states, *description.inputs, *description.parameters)
+    named = (
+        _Argument(name, variable, position) for variable in variables for position, name in enumerate(variable.elements)
+    )
+    return (_Argument("time", None, 0), *named)

@@ -1,0 +1,125 @@
+"""The library of an FMU in this process: loaded, and its functions called to create an instance."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from kennfeld.errors import InputError, Location
+from kennfeld.machine_code.external import c_function
+from kennfeld.models.fmu.description import FmuDescription
+
+_MODEL_EXCHANGE = 0
+_MOST_MESSAGES = 20
+
+
+class _Callbacks2(ctypes.Structure):
+    """`fmi2CallbackFunctions`."""
+
+    _fields_ = [
+        ("logger", ctypes.c_void_p),
+        ("allocateMemory", ctypes.c_void_p),
+        ("freeMemory", ctypes.c_void_p),
+        ("stepFinished", ctypes.c_void_p),
+        ("componentEnvironment", ctypes.c_void_p),
+    ]
+
+
+class FmuLibrary:
+    """A library in this process, and what it logged; both stay until the process ends.
+
+    `creation` holds the addresses of what it needs to create instances, by name.
+    """
+
+    def __init__(self, path: Path, description: FmuDescription, source: Path) -> None:
+        self.description, self.source = description, source
+        self.messages: list[str] = []
+        self.creation: dict[str, int] = {}
+        self._kept: list[Any] = []  # objects whose memory the library refers to
+        folder = Path.cwd()
+        try:
+            os.chdir(path.parent)  # where some libraries look for others
+            self._library = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise InputError.of(Location(str(source)), f"its library cannot be loaded: {error}") from None
+        finally:
+            os.chdir(folder)
+
+    def address(self, name: str) -> int:
+        """Return the address of a function; 0 if the library has none of this name."""
+        try:
+            return ctypes.cast(getattr(self._library, name), ctypes.c_void_p).value or 0
+        except AttributeError:
+            return 0
+
+    def instantiate(self, resources: Path) -> int:
+        """Return the address of a new instance for model exchange.
+
+        Raises:
+            InputError: the library refuses.
+        """
+        pointer, text, second = ctypes.c_void_p, ctypes.c_char_p, self.description.version == "2.0"
+        name, token, where, log = self._prepare(resources)
+        if second:
+            create = self._function("fmi2Instantiate", text, ctypes.c_int, text, text, pointer, *[ctypes.c_int] * 2)
+            instance = create(name, _MODEL_EXCHANGE, token, where, log, 0, 0)
+        else:
+            kinds = (text, text, text, ctypes.c_bool, ctypes.c_bool, pointer, pointer)
+            create = self._function("fmi3InstantiateModelExchange", *kinds)
+            instance = create(name, token, where, False, False, None, log)
+        if not instance:
+            said = f": {'; '.join(self.messages)}" if self.messages else ""
+            message = f"its code does not create an instance{said}"
+            raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
+        return instance
+
+    def _prepare(self, resources: Path) -> tuple[bytes, bytes, bytes, int]:
+        """Return name, token, place of resources, and the address of the callbacks or of the logger."""
+        second = self.description.version == "2.0"
+        where = resources.as_uri() if second else f"{resources}{os.sep}"
+        texts = [text.encode() for text in (self.source.stem, self.description.token, where)]
+        log = self._callbacks_2() if second else self._logger_3()
+        for part, content in zip(("name", "token", "resources"), texts, strict=True):
+            buffer = ctypes.create_string_buffer(content)
+            self._kept.append(buffer)
+            self.creation[part] = ctypes.addressof(buffer)
+        self.creation["log"] = log
+        return texts[0], texts[1], texts[2], log
+
+    def _callbacks_2(self) -> int:
+        pointer, text = ctypes.c_void_p, ctypes.c_char_p
+        logger = ctypes.CFUNCTYPE(None, pointer, text, ctypes.c_int, text, text)(
+            lambda _env, _name, _status, _category, message: self._log(message)
+        )
+        allocate, free = c_function("calloc"), c_function("free")
+        callbacks = _Callbacks2(ctypes.cast(logger, pointer), allocate, free, None, None)
+        self._kept += [logger, callbacks]
+        return ctypes.addressof(callbacks)
+
+    def _logger_3(self) -> int:
+        text = ctypes.c_char_p
+        logger = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, text, text)(
+            lambda _env, _status, _category, message: self._log(message)
+        )
+        self._kept.append(logger)
+        return ctypes.cast(logger, ctypes.c_void_p).value or 0
+
+    def _function(self, name: str, *kinds: Any) -> Callable[..., int | None]:
+        address = self.address(name)
+        if not address:
+            raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
+        result: Callable[..., int | None] = ctypes.CFUNCTYPE(ctypes.c_void_p, *kinds)(address)
+        return result
+
+    def _log(self, message: bytes | None) -> None:
+        if message and len(self.messages) < _MOST_MESSAGES:
+            self.messages.append(message.decode("utf-8", errors="replace")[:300])
+
+
+def yield_address() -> int:
+    """Return the address of the function by which a thread lets others run."""
+    if sys.platform == "win32":
+        return ctypes.cast(ctypes.WinDLL("kernel32").SwitchToThread, ctypes.c_void_p).value or 0
+    return c_function("sched_yield")

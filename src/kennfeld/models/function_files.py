@@ -1,0 +1,75 @@
+"""Functions in files of other tools, by the kinds of their files."""
+
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from kennfeld.errors import InputError, Location
+from kennfeld.models.model_function import ModelFunction
+
+
+class FunctionKind(NamedTuple):
+    """A kind of file that holds functions.
+
+    Attributes:
+        label: the kind in messages.
+        suffixes: endings of its files.
+        reader: `module:function` that reads a file, called as `read_function_file` calls it.
+        named: True if the name of the function follows a colon, as in `engine.py:torque`.
+        runs: True if the file holds code that the user's machine runs.
+    """
+
+    label: str
+    suffixes: tuple[str, ...]
+    reader: str
+    named: bool
+    runs: bool
+
+
+KINDS: tuple[FunctionKind, ...] = (
+    FunctionKind("an FMU", (".fmu",), "kennfeld.models.fmu.importing:read_fmu", named=False, runs=True),
+)
+
+
+def split_reference(reference: str) -> tuple[str, str]:
+    """Return file and function of a reference.
+
+    >>> split_reference("engine.py:torque"), split_reference("C:/nets/knock.onnx")
+    (('engine.py', 'torque'), ('C:/nets/knock.onnx', ''))
+    """
+    file, _, function = reference.rpartition(":")
+    return (file, function) if function.isidentifier() and "." in Path(file).name else (reference, "")
+
+
+def kind_of(reference: str) -> FunctionKind | None:
+    """Return the kind of the file of a reference; None if it is of no kind that holds functions."""
+    suffix = Path(split_reference(reference)[0]).suffix.casefold()
+    return next((kind for kind in KINDS if suffix in kind.suffixes), None)
+
+
+def read_function_file(reference: str, folder: Path, name: str = "", step: float | None = None) -> ModelFunction:
+    """Read the function of a file, without running any of its code.
+
+    Args:
+        reference: path of the file, relative to `folder`, and for some kinds a colon and the name of the function.
+        folder: folder of the path.
+        name: name for calls in formula text, which precedes the names of its parameters; empty for a model of its own.
+        step: the step in s at which a function with continuous states is solved.
+
+    Raises:
+        InputError: the file is of no known kind, or cannot be read.
+    """
+    kind = kind_of(reference)
+    path, function = split_reference(reference)
+    location = Location(reference)
+    if kind is None:
+        known = ", ".join(suffix for kind in KINDS for suffix in kind.suffixes)
+        raise InputError.of(location, "not a file of functions", f"Known are {known}.")
+    if kind.named and not function:
+        message = f"{kind.label} may hold several functions"
+        raise InputError.of(location, message, f'Name the function: "{reference}:NAME".')
+    if function and not kind.named:
+        raise InputError.of(location, f"{kind.label} holds one function", f'Write "{path}".')
+    module, _, reader = kind.reader.partition(":")
+    read: ModelFunction = getattr(import_module(module), reader)(folder / path, function, name, step)
+    return read

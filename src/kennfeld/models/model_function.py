@@ -1,0 +1,99 @@
+"""`ModelFunction`: a function read from a file, as a model of its own or as a function that formula text calls."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+from kennfeld.errors import Finding
+from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.models.model import Model
+from kennfeld.parameter_set import ParameterSet
+
+
+class FunctionInput(NamedTuple):
+    """An input; an argument without `default` is required."""
+
+    name: str
+    unit: str = ""
+    default: float | None = None
+
+
+class FunctionOutput(NamedTuple):
+    """An output."""
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class ModelFunction:
+    """A function with named inputs and outputs, and perhaps parameters and states.
+
+    Attributes:
+        name: name by which formula text calls it.
+        inputs: the arguments, in order; those with a default last.
+        outputs: at least one. Formula text calls output `y` of function `f` as `f.y(...)`, a single one as `f(...)`.
+        write: `write(builder, arguments)` adds the nodes of one step to a graph, and returns those of the outputs.
+        memory: True if these nodes have states.
+        values: parameters that the nodes look up, with the values of the source.
+        source: path of the source.
+        step: the function's own step in s, if it has one.
+        remarks: what runs differently from the source, such as inexact derivatives.
+    """
+
+    name: str
+    inputs: tuple[FunctionInput, ...]
+    outputs: tuple[FunctionOutput, ...]
+    write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]]
+    memory: bool = False
+    values: ParameterSet = field(default_factory=ParameterSet)
+    source: str = ""
+    step: float | None = None
+    remarks: tuple[Finding, ...] = ()
+
+    @property
+    def calls(self) -> Mapping[str, int]:
+        """The names by which formula text calls the outputs, with their numbers."""
+        names = {f"{self.name}.{output.name}": number for number, output in enumerate(self.outputs)}
+        return MappingProxyType(names | ({self.name: 0} if len(self.outputs) == 1 else {}))
+
+
+def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
+    """Return a function as a model of its own: its inputs are channels, its outputs nodes.
+
+    Args:
+        function: the function.
+        solver: solver of its continuous states, if it has any; a name in `graph.integration.SOLVERS`.
+
+    >>> double = ModelFunction("double", (FunctionInput("x", "Nm"),), (FunctionOutput("y", "Nm"),), _twice)
+    >>> model = as_model(double)
+    >>> model.graph.inputs, model.graph.outputs, dict(model.graph.units)
+    (('x',), ('y',), {'x': 'Nm', 'y': 'Nm'})
+    """
+    builder = GraphBuilder()
+    results = function.write(builder, [builder.input(each.name) for each in function.inputs])
+    names = {output.name: node for output, node in zip(function.outputs, results, strict=True)}
+    equations = builder.finish(names, {}, tuple(names))
+    continuous = is_continuous(equations)
+    graph = apply_solver(equations, solver) if continuous else equations
+    stated = {x.name: x.unit for x in function.inputs} | {y.name: y.unit for y in function.outputs}
+    units = {name: unit for name, unit in stated.items() if unit and name in {*graph.inputs, *graph.names}}
+    return Model(
+        graph=replace(graph, units=MappingProxyType(units)),
+        equations=replace(equations, units=MappingProxyType(units)) if continuous else None,
+        solver=solver if continuous else "",
+        stepped=continuous,
+        name=function.name,
+        step=function.step,
+        declared=graph.parameters,
+        source=function.source,
+        values=function.values,
+        remarks=function.remarks,
+    )
+
+
+def _twice(builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
+    return [builder.call("mul", builder.const(2.0), arguments[0])]

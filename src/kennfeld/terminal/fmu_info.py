@@ -1,0 +1,83 @@
+"""Description of an FMU, from its model description alone."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kennfeld.formatting import join_names, number_text
+from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
+
+if TYPE_CHECKING:
+    from kennfeld.models.fmu.description import FmuDescription
+    from kennfeld.parameters import Parameter
+
+_MOST_PLATFORMS = 8
+
+
+def describe_fmu(path: Path) -> FileInfo:
+    """Describe an FMU: its interfaces, inputs, outputs, states and parameters. None of its code runs.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    from kennfeld.models.fmu.fmu_archive import read_archive
+    from kennfeld.models.fmu.fmu_parameters import parameters_of
+    from kennfeld.models.fmu.importing import find_obstacles, find_remarks
+
+    description = read_archive(path)
+    interfaces = _interfaces(description)
+    inputs = [(name, v.unit) for v in description.inputs for name in v.elements]
+    outputs = [(name, v.unit) for v in description.real_outputs for name in v.elements]
+    states = [(name, v.unit, _start(v.start, k)) for v in description.states for k, name in enumerate(v.elements)]
+    variability = {v.name: v.variability for v in description.parameters}
+    parameters = parameters_of(description.parameters).parameters.parameters
+    obstacles = find_obstacles(description, path)
+    notes = [finding.message for finding in obstacles or find_remarks(description, path)]
+    platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
+    tables: list[Table] = [
+        [("input", "unit"), *inputs],
+        [("parameter", "kind", "unit", "start", "minimum", "maximum", ""), *_parameter_rows(parameters, variability)],
+        [("state", "unit", "start"), *states],
+        [("output", "unit"), *outputs],
+    ]
+    summary = f"{path.name}: FMI {description.version} for {' and '.join(interfaces) or 'no interface'}, {platforms}"
+    step = "" if description.step is None else f", step {description.step:g} s"
+    as_json = {
+        "content": "fmu",
+        "file": path.name,
+        "version": description.version,
+        "name": description.name,
+        "tool": description.tool,
+        "interfaces": interfaces,
+        "platforms": list(description.platforms),
+        "step": description.step,
+        "event_indicators": description.indicators,
+        "inputs": [{"name": name, "unit": unit} for name, unit in inputs],
+        "parameters": [
+            {"name": p.name, "kind": p.kind, "unit": p.unit, "values": p.values.tolist()} for p in parameters
+        ],
+        "states": [{"name": name, "unit": unit} for name, unit, _ in states],
+        "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
+        "usable": not obstacles,
+    }
+    return FileInfo(summary + step, tables, notes, as_json)
+
+
+def _interfaces(description: "FmuDescription") -> list[str]:
+    offered = {"model exchange": description.model_exchange, "co-simulation": description.co_simulation}
+    return [name for name, interface in offered.items() if interface is not None]
+
+
+def _start(values: tuple[float, ...], number: int) -> str:
+    return number_text(values[number]) if number < len(values) else ""
+
+
+def _parameter_rows(parameters: "tuple[Parameter, ...]", variability: dict[str, str]) -> list[tuple[str, ...]]:
+    rows = []
+    for each in parameters:
+        start = number_text(float(each.values)) if not each.axes else " x ".join(map(str, each.values.shape))
+        limits = (float(each.lower.min()), float(each.upper.max()))
+        shown = [number_text(limit) if math.isfinite(limit) else "" for limit in limits]
+        kind = PARAMETER_KINDS[len(each.axes)]
+        rows.append((each.name, kind, each.unit, start, *shown, variability.get(each.name, "")))
+    return rows

@@ -1,0 +1,74 @@
+"""Projects whose function is an FMU, or whose formula text calls one."""
+
+import numpy as np
+import pytest
+from lag_fmu import build
+
+import kennfeld as kf
+from kennfeld import cli
+from kennfeld.calfiles import read
+from kennfeld.models.fmu import instance
+
+PLANT = """[model]
+file = "lag.fmu"
+[[dataset]]
+files = ["bench.csv"]
+[[criterion]]
+node = "y"
+target = "wanted"
+[calibration]
+free = ["tau", "k"]
+"""
+TEXT = """[model]
+file = "torque.kf"
+[functions]
+plant = "lag.fmu"
+[[dataset]]
+files = ["bench.csv"]
+[[criterion]]
+node = "torque"
+target = "wanted"
+[calibration]
+free = ["plant.tau", "plant.k"]
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    return build(tmp_path_factory.mktemp("lag"), 2)
+
+
+def written(folder, path, text):
+    """Write a project on data of the FMU with tau = 0.7, k = 1.3."""
+    (folder / "lag.fmu").write_bytes(path.read_bytes())
+    time = 0.1 * np.arange(200)
+    u = 2 + np.sin(time)
+    values = kf.simulate(kf.fmu(path), {"time": time, "u": u}, {"tau": 0.7, "k": 1.3})["y"].values
+    rows = [f"{a!r},{b!r},{c!r}" for a, b, c in zip(time.tolist(), u.tolist(), values.tolist(), strict=True)]
+    (folder / "bench.csv").write_text("\n".join(["time,u,wanted", *rows, ""]))
+    (folder / "torque.kf").write_text("torque = plant(u)\n")
+    (folder / "kennfeld.toml").write_text(text)
+    return str(folder / "kennfeld.toml")
+
+
+@pytest.mark.parametrize(("text", "prefix"), [(PLANT, ""), (TEXT, "plant.")])
+def test_parameters_of_an_fmu_are_calibrated(tmp_path, built, capsys, text, prefix):
+    project = written(tmp_path, built, text)
+    assert cli.run(["calibrate", project]) == 0
+    result = read(tmp_path / "results/parameters.json")
+    assert result[f"{prefix}tau"].value == pytest.approx(0.7, rel=1e-6)
+    assert result[f"{prefix}k"].value == pytest.approx(1.3, rel=1e-6)
+    assert "runs code of lag.fmu" in capsys.readouterr().err
+
+
+def test_an_fmu_that_cannot_run_is_a_finding(tmp_path, built, capsys):
+    project = written(tmp_path, built, PLANT)
+    (tmp_path / "lag.fmu").write_bytes(build(tmp_path, 2, "-DTIME_EVENT").read_bytes())
+    assert cli.run(["calibrate", project]) == 2
+    assert "has events at times that its code sets" in capsys.readouterr().err
+
+
+def test_info_runs_no_code(built, capsys, monkeypatch):
+    monkeypatch.setattr(instance, "FmuInstance", None)
+    assert cli.run(["info", str(built)]) == 0
+    assert "lag.fmu: FMI 2.0 for model exchange" in capsys.readouterr().out

@@ -1,0 +1,27 @@
+import pytest
+from lag_fmu import DESCRIPTIONS, pack
+
+from kennfeld.terminal.file_info import describe_file
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_is_described_without_its_code(tmp_path, version):
+    broken = tmp_path / "lag.so"
+    broken.write_bytes(b"no library")
+    info = describe_file(pack(tmp_path / "lag.fmu", DESCRIPTIONS[version](), library=broken, version=version))
+    assert info.summary.startswith(f"lag.fmu: FMI {version}.0 for model exchange, ")
+    assert [table[0][0] for table in info.tables] == ["input", "parameter", "state", "output"]
+    rows = {row[0]: row for row in info.tables[1][1:]}
+    assert rows["tau"] == ("tau", "scalar", "s", "2", "0.01", "10", "fixed")
+    assert rows["table"][:4] == ("table", "map", "", "2 x 3")
+    assert info.notes[0] == "runs code of lag.fmu"
+    assert info.as_json["usable"]
+    assert info.as_json["outputs"] == [{"name": "y", "unit": "Nm"}]
+
+
+def test_an_fmu_that_cannot_be_used_is_described_with_the_reason(tmp_path):
+    text = DESCRIPTIONS[2]().replace("<ModelExchange", "<CoSimulation")
+    info = describe_file(pack(tmp_path / "lag.fmu", text))
+    assert "FMI 2.0 for co-simulation, no platform" in info.summary
+    assert info.notes == ["offers co-simulation only, which is not supported"]
+    assert not info.as_json["usable"]
