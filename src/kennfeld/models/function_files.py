@@ -26,7 +26,9 @@ class FunctionKind(NamedTuple):
     runs: bool
 
 
-KINDS: tuple[FunctionKind, ...] = ()
+KINDS: tuple[FunctionKind, ...] = (
+    FunctionKind("a C file", (".c",), "kennfeld.models.c_code.importing:read_function", named=True, runs=False),
+)
 
 
 def split_reference(reference: str) -> tuple[str, str]:
