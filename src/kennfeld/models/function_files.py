@@ -28,6 +28,9 @@ class FunctionKind(NamedTuple):
 
 KINDS: tuple[FunctionKind, ...] = (
     FunctionKind("a C file", (".c",), "kennfeld.models.c_code.importing:read_function", named=True, runs=False),
+    FunctionKind(
+        "a Python file", (".py",), "kennfeld.models.python_code.importing:read_function", named=True, runs=True
+    ),
 )
 
 

@@ -60,15 +60,25 @@ def _check_nesting(text: str, file: str) -> None:
 
 
 def _parsed(text: str, file: str) -> CFile:
+    parser = CParser()
     try:
-        return read_declarations(CParser().parse(text, file))
+        return read_declarations(parser.parse(text, file))
     except ParseError as error:
         match = _PLACE.match(str(error))
-        line, column, message = (int(match[1]), int(match[2]), match[3]) if match else (0, 0, str(error))
+        line, column, message = (
+            (int(match[1]), int(match[2]), match[3])
+            if match
+            else (_line_of(parser), 0, str(error).removeprefix(f"{file}: "))
+        )
         remedy = "Macros and types of included files are not known; define them in this file."
         raise InputError.of(Location(file, line, column=column), f"not valid C: {message[:120]}", remedy) from None
     except RecursionError:
         raise InputError.of(Location(file), "it is nested too deeply", "Split its expressions.") from None
+
+
+def _line_of(parser: CParser) -> int:
+    """Return the line that a parser has reached, for errors without a place; 0 if it does not say."""
+    return int(getattr(parser.clex, "_lineno", 0) or 0)
 
 
 def unknown_function(file: ParsedFile, name: str) -> InputError:
