@@ -341,3 +341,13 @@ def test_a_bus_log_is_described_by_its_databases(tmp_path):
     description = describe_file(path, dbc=[str(database)])
     assert description.summary.startswith("drive.mf4: measurement (MDF), 4 channels over 20 samples and 3 channels")
     assert "Engine.Speed" in "\n".join(description.lines())
+
+
+def test_a_function_of_a_file_is_described_without_running_it(tmp_path):
+    (tmp_path / "f.py").write_text(
+        'raise RuntimeError("it ran")\ndef eta(a, b=2.0):\n    values = [a, b]\n    return values[0]\n'
+    )
+    contents = describe_file(f"{tmp_path}/f.py:eta")
+    assert contents.as_json["inputs"][1] == {"name": "b", "unit": "", "default": 2.0}
+    assert contents.as_json["outputs"] == [{"name": "eta", "unit": ""}]
+    assert "line 3 cannot be translated" in contents.notes[0]

@@ -28,6 +28,10 @@ class FunctionKind(NamedTuple):
 
 KINDS: tuple[FunctionKind, ...] = (
     FunctionKind("an FMU", (".fmu",), "kennfeld.models.fmu.importing:read_fmu", named=False, runs=True),
+    FunctionKind("a C file", (".c",), "kennfeld.models.c_code.importing:read_function", named=True, runs=False),
+    FunctionKind(
+        "a Python file", (".py",), "kennfeld.models.python_code.importing:read_function", named=True, runs=True
+    ),
 )
 
 

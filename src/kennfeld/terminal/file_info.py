@@ -13,11 +13,13 @@ from kennfeld.errors import InputError
 from kennfeld.file_errors import convert_errors
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.file_kind import FileKind, detect_kind
+from kennfeld.models.function_files import kind_of
 from kennfeld.models.simulink.reader.recognition import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
 from kennfeld.terminal import describers
 from kennfeld.terminal.describers import FileInfo
 from kennfeld.terminal.fmu_info import describe_fmu
+from kennfeld.terminal.function_info import describe_function
 from kennfeld.terminal.model_selection import WHOLE, ModelSelection
 
 _SECTION = re.compile(
@@ -45,6 +47,8 @@ def describe_file(
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
     """
+    if kind_of(str(path)) is not None:
+        return describe_function(str(path))
     file = _InputFile(Path(path), a2l, selection)
     if file.path.is_file():
         for recognises, describe in _DESCRIBERS:

@@ -1,0 +1,195 @@
+"""Functions that translated C code calls: arithmetic of integers, mathematics of `math.h`, bits."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from kennfeld.graph import GraphBuilder
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.models.imperative import symbolic_values as s
+from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
+from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, TWO, TWO_IN_C, operation
+from kennfeld.models.imperative.integer_types import EXACT, IntegerType, wrap_to_type
+from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS
+from kennfeld.models.imperative.node_arrays import Elementwise, Nodes, truncate
+from kennfeld.models.imperative.path_facts import bound_of
+
+Rule: TypeAlias = Callable[..., Nodes]  # of the evaluator and the arguments
+_MAX_ELEMENTS: Final = 100_000
+
+
+@dataclass(frozen=True)
+class CFunction:
+    """A function of the library: its name, its number of arguments, and its rule."""
+
+    name: str
+    count: int
+    rule: Rule
+
+    def results(
+        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
+        """Call the function."""
+        return (self.rule(evaluator, *(np.asarray(s.as_array(s.force(value))) for value in values)),)
+
+
+def _number(evaluator: SymbolicEvaluator, nodes: Nodes) -> int:
+    return int(evaluator.builder.value(int(nodes.item())) or 0)
+
+
+def _word(evaluator: SymbolicEvaluator, bits: Nodes, signed: Nodes) -> IntegerType:
+    return IntegerType(_number(evaluator, bits), bool(_number(evaluator, signed)), "Round", True)
+
+
+def _wrap(evaluator: SymbolicEvaluator, x: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
+    """Return the numbers of the lowest bits; numbers that are known to fit stay as they are."""
+    word, builder = _word(evaluator, bits, signed), evaluator.builder
+    nodes = [int(node) for node in x.ravel()]
+    fits = all(bound_of(builder, n, True) <= word.most and bound_of(builder, n, False) >= word.least for n in nodes)
+    return x if fits or word.bits > EXACT else wrap_to_type(builder, x, word)
+
+
+def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
+    """Compute the lowest bits of a product of integers, by halves if doubles do not know it exactly."""
+    builder, apply = evaluator.builder, Elementwise(evaluator.builder)
+    largest = [max(bound_of(builder, int(x.item()), True), -bound_of(builder, int(x.item()), False)) for x in (a, b)]
+    if largest[0] * largest[1] <= 2.0**53 or _number(evaluator, bits) > EXACT:
+        return _wrap(evaluator, apply("mul", a, b), bits, signed)
+    half = 2.0**16
+    high = apply("mod", apply("mul", apply("floor", apply("div", a, half)), b), half)
+    low = apply("mul", apply("mod", a, half), b)
+    return _wrap(evaluator, apply("add", apply("mul", high, half), low), bits, signed)
+
+
+def _quotient(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    return truncate(evaluator.builder, Elementwise(evaluator.builder)("div", a, b))
+
+
+def _remainder(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes) -> Nodes:
+    apply = Elementwise(evaluator.builder)
+    return apply("sub", a, apply("mul", _quotient(evaluator, a, b), b))
+
+
+def _bits(name: str) -> Rule:
+    def rule(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
+        word = _word(evaluator, bits, signed)
+        arguments: list[s.SymbolicValue] = [s.integers(a, word), s.integers(b, word)]
+        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
+        return np.asarray(s.as_array(result))
+
+    return rule
+
+
+def _shift(direction: float) -> Rule:
+    def rule(evaluator: SymbolicEvaluator, x: Nodes, count: Nodes) -> Nodes:
+        apply = Elementwise(evaluator.builder)
+        return apply("floor", apply("mul", x, apply("pow", 2.0, apply("mul", count, direction))))
+
+    return rule
+
+
+def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
+    shape = [_number(evaluator, size) for size in sizes]
+    if math.prod(shape) > _MAX_ELEMENTS:
+        raise ProgramError(f"an array of more than {_MAX_ELEMENTS} elements")
+    zero = evaluator.builder.const(0.0)
+    return np.full(shape if len(shape) > 1 else (*shape, 1), zero, dtype=np.int64)
+
+
+def _elementwise(rule: Callable[..., Nodes]) -> Rule:
+    return lambda evaluator, *arguments: rule(evaluator.builder, *arguments)
+
+
+def _round_to_even(builder: GraphBuilder, x: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    near = apply("floor", apply("add", x, 0.5))
+    is_tie = apply("eq", apply("sub", near, x), 0.5)
+    is_odd = apply("ne", apply("mod", near, 2.0), 0.0)
+    return apply("sub", near, apply("and", is_tie, is_odd))
+
+
+def _log1p(builder: GraphBuilder, x: Nodes) -> Nodes:
+    """Compute log(1 + x) with the rounding of 1 + x taken out, so that small x keep their digits."""
+    apply = Elementwise(builder)
+    return apply("mul", 2.0, INVERSE_HYPERBOLIC["atanh"](builder, apply("div", x, apply("add", x, 2.0))))
+
+
+def _scaled(op: str, factor: float) -> Callable[..., Nodes]:
+    return lambda builder, x: Elementwise(builder)("mul", Elementwise(builder)(op, x), factor)
+
+
+def _cube_root(builder: GraphBuilder, x: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    return apply("mul", apply("sign", x), apply("pow", apply("abs", x), 1.0 / 3.0))
+
+
+def _copy_sign(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
+    apply = Elementwise(builder)
+    size = apply("abs", x)
+    return apply("select", apply("lt", y, 0.0), apply("neg", size), size)
+
+
+def _library_of_c(name: str) -> Callable[..., Nodes]:
+    """Return the rule of a function of MATLAB's library that C has as well."""
+
+    def rule(evaluator: SymbolicEvaluator, *arguments: Nodes) -> Nodes:
+        (result,) = SYMBOLIC_FUNCTIONS[name].results(evaluator, arguments, 1)
+        return np.asarray(s.as_array(result))
+
+    return rule
+
+
+_ONE_ARGUMENT: Final = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "floor", "ceil",
+    "round",
+)  # fmt: skip
+_MATHEMATICS: Final = (
+    *(CFunction(name, 1, _elementwise(ONE[name])) for name in _ONE_ARGUMENT),
+    *(CFunction(name, 1, _elementwise(rule)) for name, rule in INVERSE_HYPERBOLIC.items()),
+    CFunction("fabs", 1, _elementwise(ONE["abs"])),
+    CFunction("trunc", 1, _elementwise(truncate)),
+    CFunction("rint", 1, _elementwise(_round_to_even)),
+    CFunction("nearbyint", 1, _elementwise(_round_to_even)),
+    CFunction("log2", 1, _elementwise(_scaled("log", 1.0 / math.log(2.0)))),
+    CFunction("log1p", 1, _elementwise(_log1p)),
+    CFunction("expm1", 1, _library_of_c("expm1")),
+    CFunction("exp2", 1, _elementwise(lambda builder, x: Elementwise(builder)("pow", 2.0, x))),
+    CFunction("cbrt", 1, _elementwise(_cube_root)),
+    CFunction("pow", 2, _elementwise(operation("pow"))),
+    CFunction("atan2", 2, _elementwise(operation("atan2"))),
+    CFunction("fmin", 2, _elementwise(operation("min"))),
+    CFunction("fmax", 2, _elementwise(operation("max"))),
+    CFunction("fmod", 2, _elementwise(TWO_IN_C["fmod"])),
+    CFunction("hypot", 2, _elementwise(TWO["hypot"])),
+    CFunction("copysign", 2, _elementwise(_copy_sign)),
+    CFunction("fdim", 2, _elementwise(lambda b, x, y: Elementwise(b)("max", Elementwise(b)("sub", x, y), 0.0))),
+    CFunction("fma", 3, _elementwise(lambda b, x, y, z: Elementwise(b)("add", Elementwise(b)("mul", x, y), z))),
+)
+_TESTS: Final = (
+    CFunction("isnan", 1, _elementwise(lambda b, x: Elementwise(b)("ne", x, x))),
+    CFunction("isinf", 1, _elementwise(lambda b, x: Elementwise(b)("eq", Elementwise(b)("abs", x), math.inf))),
+    CFunction("isfinite", 1, _elementwise(lambda b, x: Elementwise(b)("lt", Elementwise(b)("abs", x), math.inf))),
+    CFunction("abs", 1, _elementwise(ONE["abs"])),
+    CFunction("labs", 1, _elementwise(ONE["abs"])),
+)
+_INTERNAL: Final = (
+    CFunction("wrap", 3, _wrap),
+    CFunction("truncate", 1, _elementwise(truncate)),
+    CFunction("multiply", 4, _multiply),
+    CFunction("quotient", 2, _quotient),
+    CFunction("remainder", 2, _remainder),
+    CFunction("and", 4, _bits("bitand")),
+    CFunction("or", 4, _bits("bitor")),
+    CFunction("xor", 4, _bits("bitxor")),
+    CFunction("left", 2, _shift(1.0)),
+    CFunction("right", 2, _shift(-1.0)),
+    CFunction("zeros", 1, _zeros),
+)
+MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
+TESTS: Final = {function.name: function.count for function in _TESTS}
+LIBRARY: Final[dict[str, LibraryFunction]] = {
+    f"c:{function.name}": function for function in (*_MATHEMATICS, *_TESTS, *_INTERNAL)
+}

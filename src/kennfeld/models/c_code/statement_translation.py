@@ -1,0 +1,358 @@
+"""Translation of C functions to functions of the shared syntax tree."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Final
+
+from pycparser import c_ast
+
+from kennfeld.matlab import syntax as m
+from kennfeld.models.c_code.declarations import (
+    CFile,
+    CFunctionDeclaration,
+    StaticVariable,
+    Variable,
+    enumeration_constants,
+    enumerations,
+    line_of,
+    variable_of,
+)
+from kennfeld.models.c_code.expression_translation import ExpressionTranslation, call_of, converted
+from kennfeld.models.c_code.number_types import FLOAT, UnsupportedCError
+
+RESULT: Final = "return"
+_YES: Final = m.Number(1.0)
+_NO: Final = m.Number(0.0)
+_SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf"})
+
+
+class FunctionTranslation(ExpressionTranslation):
+    """Translates one function.
+
+    `statics` are the static variables that it declares; `problems` are the statements that are not supported.
+    """
+
+    def __init__(self, file: CFile, function: CFunctionDeclaration, shared: dict[str, Variable | int]) -> None:
+        super().__init__(file)
+        self.function = function
+        self.statics: list[StaticVariable] = []
+        self.problems: list[UnsupportedCError] = []
+        self._taken: dict[str, int] = {}
+        self._addressed = set(_addressed(function.tree.body))
+        self.scopes = [shared, {}]
+
+    def translate(self) -> m.FunctionDefinition:
+        """Return the function."""
+        for argument in self.function.arguments:
+            self.scopes[-1][argument.variable.name] = argument.variable
+            self._taken[argument.variable.name] = 1
+            if argument.variable.type is FLOAT:
+                self.remarks["float is computed in double precision"] = None
+        body = self._block(self.function.tree.body.block_items or ())
+        head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
+        results = ([RESULT] if self.function.result is not None else []) + [
+            argument.variable.name for argument in self.function.outputs
+        ]
+        names = tuple(argument.variable.name for argument in self.function.arguments)
+        return m.FunctionDefinition(f"{self.function.name}()", names, tuple(results), (*head, *body))
+
+    # statements
+
+    def _block(self, items: Iterable[c_ast.Node]) -> tuple[m.Statement, ...]:
+        self.scopes.append({})
+        result: list[m.Statement] = []
+        for item in items:
+            result += self._checked(item)
+        self.scopes.pop()
+        return tuple(result)
+
+    def _checked(self, item: c_ast.Node) -> list[m.Statement]:
+        """Translate a statement; note why it is not supported, so that all problems are reported at once."""
+        try:
+            return self._with_pending(lambda: self._statement(item))
+        except UnsupportedCError as error:
+            line = error.line or line_of(item)
+            self.problems.append(UnsupportedCError(error.message, line, wrong=error.wrong))
+            self.pending = []
+            return []
+
+    def _with_pending(self, translate: Callable[[], list[m.Statement]]) -> list[m.Statement]:
+        statements = translate()
+        pending, self.pending = self.pending, []
+        return [*pending, *statements]
+
+    def _body(self, tree: c_ast.Node | None) -> tuple[m.Statement, ...]:
+        if tree is None:
+            return ()
+        return self._block(tree.block_items or () if isinstance(tree, c_ast.Compound) else (tree,))
+
+    def _statement(self, tree: c_ast.Node) -> list[m.Statement]:
+        place = m.SourcePosition(line_of(tree))
+        match tree:
+            case c_ast.EmptyStatement() | c_ast.Typedef() | c_ast.Pragma():
+                return []
+            case c_ast.Compound():
+                return list(self._body(tree))
+            case c_ast.Decl() | c_ast.DeclList():
+                return self._declarations(tree)
+            case c_ast.Assignment():
+                return self.assignment(tree)
+            case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
+                return [self.stepped(op, target, place.line)]
+            case c_ast.ExprList(exprs=exprs):
+                return [statement for expr in exprs for statement in self._statement(expr)]
+            case c_ast.FuncCall():
+                return self._call_statement(tree)
+            case c_ast.If(cond=condition, iftrue=yes, iffalse=no):
+                tested = self.operand(condition).tree
+                pending, self.pending = self.pending, []
+                branch = m.Branch(tested, self._body(yes), place=place)
+                return [*pending, m.If((branch,), self._body(no), place=place)]
+            case c_ast.For() | c_ast.While() | c_ast.DoWhile():
+                return self._loop(tree)
+            case c_ast.Switch():
+                return self._switch(tree)
+            case c_ast.Label(stmt=labelled):  # where no goto leads
+                return self._statement(labelled)
+            case c_ast.Break():
+                return [m.Jump("break", place=place)]
+            case c_ast.Continue():
+                return [m.Jump("continue", place=place)]
+            case c_ast.Return(expr=value):
+                return self._return(value, place)
+            case c_ast.Cast(expr=c_ast.ID()):  # (void)x
+                return []
+        raise UnsupportedCError(f"{_statement_name(tree)} is not supported", line_of(tree))
+
+    def _call_statement(self, tree: c_ast.FuncCall) -> list[m.Statement]:
+        name = getattr(tree.name, "name", "")
+        if name in _SILENT:
+            return []
+        operand = self.call(tree, wants_result=False)
+        pending, self.pending = self.pending, []
+        calls = [] if isinstance(operand.tree, m.Name) else [m.Evaluate(operand.tree)]
+        return [*pending, *calls]
+
+    def _return(self, value: c_ast.Node | None, place: m.SourcePosition) -> list[m.Statement]:
+        jump = m.Jump("return", place=place)
+        if self.function.result is None:
+            return [jump]
+        if value is None:
+            raise UnsupportedCError(f"{self.function.name} must return a value", wrong=True)
+        number = converted(self.operand(value), self.function.result)
+        return [m.Assign((m.Name(RESULT),), number, place=place), jump]
+
+    # declarations
+
+    def _declarations(self, tree: c_ast.Node) -> list[m.Statement]:
+        declarations = tree.decls if isinstance(tree, c_ast.DeclList) else [tree]
+        result: list[m.Statement] = []
+        for item in declarations:
+            for enumeration in enumerations(item):
+                self.scopes[-1] |= enumeration_constants(enumeration, self.file.constants)
+            if item.name and not isinstance(item.type, c_ast.FuncDecl):
+                result += self._declare(item)
+        return result
+
+    def _declare(self, tree: c_ast.Decl) -> list[m.Statement]:
+        is_static = "static" in tree.storage
+        self._taken[tree.name] = self._taken.get(tree.name, 0) + 1
+        number = self._taken[tree.name]
+        name = tree.name if number == 1 else f"{tree.name}#{number}"
+        variable = variable_of(tree, f"{self.function.name}.{name}" if is_static else name, self.file, _count(tree))
+        if is_static:
+            self.statics.append(StaticVariable(variable, self.first_value(tree, variable), line_of(tree)))
+            self.scopes[-1][tree.name] = variable
+            return []
+        statements: list[m.Statement] = []
+        if tree.init is not None or variable.sizes or tree.name in self._addressed:
+            value = self.first_value(tree, variable)
+            statements.append(m.Assign((m.Name(name),), value, place=m.SourcePosition(line_of(tree))))
+        if variable.type is FLOAT:
+            self.remarks["float is computed in double precision"] = None
+        self.scopes[-1][tree.name] = variable
+        return statements
+
+    def first_value(self, tree: c_ast.Decl, variable: Variable) -> m.Expression:
+        """Return the tree of the first value of a variable: zeros, where none is written."""
+        if not variable.sizes:
+            value = tree.init
+            if isinstance(value, c_ast.InitList) and len(value.exprs) == 1:
+                value = value.exprs[0]
+            return _NO if value is None else converted(self.operand(value), variable.type)
+        if tree.init is None:
+            sizes = variable.sizes if len(variable.sizes) > 1 else (*variable.sizes, 1)
+            return call_of("zeros", *(m.Number(float(size)) for size in sizes))
+        if not isinstance(tree.init, c_ast.InitList):
+            raise UnsupportedCError(f"the first value of {tree.name} must be a list", line_of(tree))
+        if len(variable.sizes) == 1:
+            return m.Matrix(tuple((item,) for item in self._items(tree.init, variable, variable.sizes[0])))
+        rows = []
+        for item in tree.init.exprs:
+            if not isinstance(item, c_ast.InitList):
+                raise UnsupportedCError(f"the rows of {tree.name} must be in braces", line_of(tree))
+            rows.append(self._items(item, variable, variable.sizes[1]))
+        rows += [(_NO,) * variable.sizes[1]] * (variable.sizes[0] - len(rows))
+        return m.Matrix(tuple(rows[: variable.sizes[0]]))
+
+    def _items(self, tree: c_ast.InitList, variable: Variable, count: int) -> tuple[m.Expression, ...]:
+        if len(tree.exprs) > count:
+            raise UnsupportedCError(f"{variable.name} has {count} elements, got {len(tree.exprs)}", wrong=True)
+        items = tuple(converted(self.operand(item), variable.type) for item in tree.exprs)
+        return (*items, *(_NO,) * (count - len(items)))
+
+    # loops
+
+    def _loop(self, tree: c_ast.Node) -> list[m.Statement]:
+        self.scopes.append({})
+        start: list[m.Statement] = []
+        if isinstance(tree, c_ast.For) and tree.init is not None:
+            start = self._with_pending(lambda: self._statement(tree.init))
+        end = self._loop_end(tree)
+        body = self._body(tree.stmt)
+        step: list[m.Statement] = []
+        if isinstance(tree, c_ast.For) and tree.next is not None:
+            step = self._with_pending(lambda: self._statement(tree.next))
+        self.scopes.pop()
+        if isinstance(tree, c_ast.DoWhile):
+            return [*start, *self._again(tree, end, body, ())]
+        if len(end) == 1 and not (step and _has_jump(tree.stmt, c_ast.Continue)):
+            (statement,) = end
+            assert isinstance(statement, m.If)
+            condition = statement.branches[0].condition
+            assert isinstance(condition, m.Unary)
+            return [*start, m.While(condition.operand, (*body, *step), place=statement.place)]
+        return [*start, *self._again(tree, end, body, step, tests_first=True)]
+
+    def _loop_end(self, tree: c_ast.Node) -> list[m.Statement]:
+        """Return the statements that leave a loop if its condition does not hold."""
+        place = m.SourcePosition(line_of(tree))
+
+        def translate() -> list[m.Statement]:
+            holds = _YES if tree.cond is None else self.operand(tree.cond).tree
+            leave = m.Branch(m.Unary("~", holds), (m.Jump("break", place=place),), place=place)
+            return [m.If((leave,), place=place)]
+
+        return self._with_pending(translate)
+
+    def _again(
+        self,
+        tree: c_ast.Node,
+        end: Sequence[m.Statement],
+        body: Sequence[m.Statement],
+        step: Sequence[m.Statement],
+        *,
+        tests_first: bool = False,
+    ) -> list[m.Statement]:
+        """Return a loop whose end is tested within it; all passes but the first one begin with `step`."""
+        place, first = m.SourcePosition(line_of(tree)), m.Name(self.temporary())
+        before = (*step, *(() if tests_first else end))
+        again = m.If((m.Branch(m.Unary("~", first), before, place=place),), place=place)
+        entered = m.Assign((first,), _NO, place=place)
+        tested = end if tests_first else ()
+        return [
+            m.Assign((first,), _YES, place=place),
+            m.While(_YES, (again, entered, *tested, *body), place=place),
+        ]
+
+    # switch
+
+    def _switch(self, tree: c_ast.Switch) -> list[m.Statement]:
+        place = m.SourcePosition(line_of(tree))
+        subject = self.operand(tree.cond)
+        name = self.temporary()
+        pending, self.pending = self.pending, []
+        head: list[m.Statement] = [*pending, m.Assign((m.Name(name),), subject.tree, place=place)]
+        cases = tree.stmt.block_items or () if isinstance(tree.stmt, c_ast.Compound) else ()
+        if not all(isinstance(case, c_ast.Case | c_ast.Default) for case in cases):
+            raise UnsupportedCError("statements of a switch outside of its cases", line_of(tree))
+        branches: list[m.Branch] = []
+        otherwise: tuple[m.Statement, ...] = ()
+        keys: list[m.Expression] = []
+        is_default = False
+        for at, case in enumerate(cases):
+            is_default |= isinstance(case, c_ast.Default)
+            if isinstance(case, c_ast.Case):
+                keys.append(m.Binary("==", m.Name(name), self.operand(case.expr).tree))
+            if not case.stmts and at + 1 < len(cases):
+                continue
+            body = self._block(_followed(cases[at:]))
+            if is_default:
+                otherwise = body  # where its other keys lead as well
+            else:
+                branches.append(m.Branch(_any(keys), body, place=place))
+            keys, is_default = [], False
+        whole: list[m.Statement] = [m.If(tuple(branches), otherwise, place=place)] if branches else list(otherwise)
+        return [*head, *whole]
+
+
+def translate_shared(file: CFile) -> tuple[dict[str, Variable | int], list[StaticVariable], list[UnsupportedCError]]:
+    """Return the variables of a file outside of its functions, with their first values."""
+    scope: dict[str, Variable | int] = {}
+    statics: list[StaticVariable] = []
+    problems: list[UnsupportedCError] = []
+    empty = c_ast.FuncDef(None, None, c_ast.Compound([]))
+    translation = FunctionTranslation(file, CFunctionDeclaration("", empty, (), None), scope)
+    for name, tree in file.variables.items():
+        try:
+            declared = variable_of(tree, f".{name}", file, _count(tree))
+            variable = Variable(
+                declared.name, declared.type, declared.sizes, is_static=True, is_constant=declared.is_constant
+            )
+            statics.append(StaticVariable(variable, translation.first_value(tree, variable), line_of(tree)))
+            scope[name] = variable
+        except UnsupportedCError as error:
+            problems.append(UnsupportedCError(error.message, error.line or line_of(tree), wrong=error.wrong))
+    return scope, statics, problems
+
+
+def _count(tree: c_ast.Decl) -> int | None:
+    return len(tree.init.exprs) if isinstance(tree.init, c_ast.InitList) else None
+
+
+def _any(keys: Sequence[m.Expression]) -> m.Expression:
+    result = keys[0]
+    for key in keys[1:]:
+        result = m.Binary("|", result, key)
+    return result
+
+
+def _followed(cases: Sequence[c_ast.Node]) -> list[c_ast.Node]:
+    """Return the statements from a case up to the `break` that ends it, with those of the cases it falls into."""
+    result: list[c_ast.Node] = []
+    for case in cases:
+        statements = list(case.stmts or ())
+        if len(statements) == 1 and isinstance(statements[0], c_ast.Compound):
+            statements = list(statements[0].block_items or ())
+        for statement in statements:
+            if isinstance(statement, c_ast.Break):
+                return result
+            if _has_jump(statement, c_ast.Break):
+                raise UnsupportedCError("a break under a condition within a case is not supported", line_of(statement))
+            result.append(statement)
+            if isinstance(statement, c_ast.Return | c_ast.Continue):
+                return result
+    return result
+
+
+def _has_jump(tree: c_ast.Node | None, kind: type[c_ast.Node]) -> bool:
+    """Return True if a jump within a statement leaves it, other than those of loops in it."""
+    if tree is None:
+        return False
+    if isinstance(tree, kind):
+        return True
+    inner = (c_ast.For, c_ast.While, c_ast.DoWhile, *((c_ast.Switch,) if kind is c_ast.Break else ()))
+    return any(_has_jump(child, kind) for _, child in tree.children() if not isinstance(child, inner))
+
+
+def _addressed(tree: c_ast.Node) -> Iterator[str]:
+    """Yield the names of variables whose addresses are taken."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, c_ast.UnaryOp) and node.op == "&" and isinstance(node.expr, c_ast.ID):
+            yield str(node.expr.name)
+        waiting += [child for _, child in node.children()]
+
+
+def _statement_name(tree: c_ast.Node) -> str:
+    return {"Goto": "goto", "Case": "a case"}.get(type(tree).__name__, type(tree).__name__)

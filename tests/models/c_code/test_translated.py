@@ -1,0 +1,117 @@
+"""C functions as graphs, compared with the same functions compiled by the C compiler of the system."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from kennfeld.graph.interpreter import evaluate
+from kennfeld.models.function_files import read_function_file
+from kennfeld.models.model_function import as_model
+from kennfeld.parameter_set import ParameterSet
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+pytest.importorskip("pycparser")
+
+PROGRAMS = {
+    "loops": """
+        static const double table[4] = {1.0, 2.0, 4.0, 8.0};
+        double step(double u, int n, double *y) {
+            double sum = 0; int i;
+            for (i = 0; i < 4; i++) { if (i == 2) continue; sum += table[i] * u; }
+            do { sum = sum / 2; } while (i++ < 8 && sum > 3.0);
+            for (i = 0; i < 12; i++) { if (sum < 1) break; sum *= 0.5; }
+            *y = table[n & 3] + i;
+            return sum;
+        }""",
+    "states": """
+        #include <math.h>
+        static int calls = 2;
+        static double ring[3];
+        static void shift(double x) { ring[2] = ring[1]; ring[1] = ring[0]; ring[0] = x; calls++; }
+        double step(double u, int n, double *y) {
+            static double filtered = 0.5;
+            shift(u);
+            if (n > 2) shift(-u);
+            filtered += 0.25 * (u - filtered);
+            *y = ring[0] + 10 * ring[2] + calls;
+            return fmax(filtered, 0.0);
+        }""",
+    "switch": """
+        enum mode { OFF, SLOW = 2, FAST };
+        double step(double u, int n, double *y) {
+            double r = 1;
+            switch (n) {
+            case OFF: r = -1; break;
+            case 1: case SLOW: r += 10;
+            case FAST: r += 100; break;
+            default: r = 7 / 2;
+            }
+            *y = n > 1 ? u : -u;
+            return r;
+        }""",
+    "integers": """
+        #include <stdint.h>
+        double step(double u, int n, double *y) {
+            static uint8_t count; static int16_t wide = 32000; uint32_t hash = 2166136261u;
+            count += 100; wide += 500;
+            hash = (hash ^ (uint32_t)(n + 7)) * 16777619u;
+            hash ^= hash >> 13; hash = (hash << 5) | (hash >> 27);
+            *y = count + wide + (n - 3) / 2 * 1000 + (n - 3) % 2;
+            return (double)hash + (int8_t)(n * 77) + (n < 1u) + ~n + (unsigned char)u * 0;
+        }""",
+    "arguments": """
+        #define SCALE 2.0 /* of a macro */
+        static void both(double x, double *a, double *b) { *a = x + 1; *b = *b + SCALE * x; }
+        static double sum(const double *values, int count) {
+            double total = 0;
+            for (int i = 0; i < count; i++) total += values[i];
+            return total;
+        }
+        double step(double u, int n, double *y) {
+            double p, q = 1, list[2][2] = {{1, 2}, {3}}, row[3] = {u, 2 * u};
+            both(u, &p, &q);
+            both(p, &row[2], &q);
+            list[1][1] = q;
+            *y = sum(row, 3) + list[0][1] + list[1][1];
+            if (n > 3) return p;
+            { double p = 5; q += p; }
+            return q;
+        }""",
+    "mathematics": """
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            *y = sin(u) + atan2(u, 2) + fmod(u, 1.5) + hypot(u, n) + trunc(u) + rint(u) + copysign(3, u) + cbrt(u);
+            return exp(-u) + pow(fabs(u), 1.5) + floor(u) + ceil(u) + round(u) + log1p(fabs(u)) + expm1(u / 9)
+                   + fdim(u, 1)
+                   + tanh(u) + log2(1 + u * u) + isnan(u) + M_PI * 0;
+        }""",
+}
+
+
+def _reference(source, folder, u, n):
+    file, library = folder / "program.c", folder / "program.so"
+    file.write_text(source)
+    options = ["-O1", "-fwrapv", "-ffp-contract=off", "-w", "-shared", "-fPIC", "-D_GNU_SOURCE"]
+    subprocess.run([COMPILER, *options, "-o", str(library), str(file), "-lm"], check=True)
+    step = ctypes.CDLL(str(library)).step
+    step.restype, step.argtypes = ctypes.c_double, [ctypes.c_double, ctypes.c_int, ctypes.POINTER(ctypes.c_double)]
+    y, rows = ctypes.c_double(), []
+    for a, b in zip(u.tolist(), n.astype(int).tolist(), strict=True):
+        rows.append((step(a, b, ctypes.byref(y)), y.value))
+    return np.array(rows).T
+
+
+@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
+    rng = np.random.default_rng(3)
+    u, n = rng.normal(0.0, 5.0, 60), rng.integers(-2, 6, 60).astype(float)
+    value, y = _reference(PROGRAMS[program], tmp_path, u, n)
+    model = as_model(read_function_file("program.c:step", tmp_path))
+    columns = {"u": u, "n": n}
+    nodes = evaluate(model.graph, {name: columns[name] for name in model.graph.inputs} | {"u": u}, ParameterSet())
+    np.testing.assert_allclose(nodes["step"], value, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(nodes["y"], y, rtol=1e-12, atol=1e-12)
