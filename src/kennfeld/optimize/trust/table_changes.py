@@ -79,7 +79,8 @@ def _lookups(graph: Graph) -> tuple[Mapping[str, set[tuple[int, ...]]], Mapping[
                 places.setdefault(node.payload, set()).add(node.args)
             axes = fed.get(node.payload, [frozenset()] * len(node.args))
             fed[node.payload] = [axis | above[at] for axis, at in zip(axes, node.args, strict=True)]
-            reached |= {node.payload}
+        if node.parameter is not None:
+            reached |= {node.parameter}
         above.append(reached)
     return places, fed
 
