@@ -26,7 +26,15 @@ class FunctionKind(NamedTuple):
     runs: bool
 
 
-KINDS: tuple[FunctionKind, ...] = ()
+KINDS: tuple[FunctionKind, ...] = (
+    FunctionKind(
+        "an ONNX network",
+        (".onnx",),
+        "kennfeld.models.onnx_network.importing:read_function",
+        named=False,
+        runs=False,
+    ),
+)
 
 
 def split_reference(reference: str) -> tuple[str, str]:
