@@ -8,7 +8,14 @@ import numpy as np
 from kennfeld.models.imperative.node_arrays import truncate
 from kennfeld.models.onnx_network.network import Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
-from kennfeld.models.onnx_network.tensors import Signal, Tensor, UnsupportedError, constant, kind_of, shape_of
+from kennfeld.models.onnx_network.tensors import (
+    NodeTensor,
+    Tensor,
+    UnsupportedOperatorError,
+    constant,
+    kind_of,
+    shape_of,
+)
 
 Formula = Callable[[Context, Operator, Tensor], Tensor]
 
@@ -32,7 +39,7 @@ def typed(result: Tensor, *sources: Tensor) -> Tensor:
     """Return a result as an integer if all of its sources are integers."""
     if any(kind_of(source) == "float" for source in sources):
         return result
-    return Signal(result.nodes, "int") if isinstance(result, Signal) else result.astype(np.int64)
+    return NodeTensor(result.nodes, "int") if isinstance(result, NodeTensor) else result.astype(np.int64)
 
 
 @operator(*_UNARY)
@@ -53,8 +60,8 @@ def _aligned(op: Operator, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
     if op.version >= 7 or not op.get("broadcast") or axis is None:
         return a, b
     padding = len(shape_of(a)) - axis - len(shape_of(b))
-    if isinstance(b, Signal):
-        return a, Signal(b.nodes.reshape(*b.nodes.shape, *[1] * padding), b.kind)
+    if isinstance(b, NodeTensor):
+        return a, NodeTensor(b.nodes.reshape(*b.nodes.shape, *[1] * padding), b.kind)
     return a, b.reshape(*b.shape, *[1] * padding)
 
 
@@ -68,7 +75,9 @@ def div(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 
 
 def _truncated(c: Context, x: Tensor) -> Tensor:
-    return Signal(truncate(c.builder, x.nodes), "int") if isinstance(x, Signal) else np.trunc(x).astype(np.int64)
+    return (
+        NodeTensor(truncate(c.builder, x.nodes), "int") if isinstance(x, NodeTensor) else np.trunc(x).astype(np.int64)
+    )
 
 
 @operator("Mod")
@@ -128,7 +137,7 @@ def clip(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def rounded(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     """Round halves to even."""
     (x,) = _arguments(arguments)
-    if not isinstance(x, Signal):
+    if not isinstance(x, NodeTensor):
         return np.round(x)
     low = c.apply("floor", x)
     rest = c.apply("sub", x, low)
@@ -153,8 +162,8 @@ def cast(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     if target in "iu":
         return _truncated(c, x) if kind_of(x) == "float" else typed(x, x)
     if target not in "fV":  # V: formats with fewer than 32 bits
-        raise UnsupportedError("it casts to a type that is not a number")
-    return Signal(x.nodes) if isinstance(x, Signal) else x.astype(np.float64)
+        raise UnsupportedOperatorError("it casts to a type that is not a number")
+    return NodeTensor(x.nodes) if isinstance(x, NodeTensor) else x.astype(np.float64)
 
 
 def _relu(c: Context, op: Operator, x: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ from kennfeld.models.imperative.node_arrays import Nodes, matrix_product
 from kennfeld.models.onnx_network.network import ML, Array, Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
 from kennfeld.models.onnx_network.shapes import first
-from kennfeld.models.onnx_network.tensors import Signal, Tensor, UnsupportedError, check_size, shape_of
+from kennfeld.models.onnx_network.tensors import NodeTensor, Tensor, UnsupportedOperatorError, check_size, shape_of
 
 _FUSED = {"Relu": "relu", "LeakyRelu": "leaky_relu", "Elu": "elu", "Tanh": "tanh", "Sigmoid": "sigmoid"}
 _ALPHA = {"LeakyRelu": 0.01, "Elu": 1.0}
@@ -27,10 +27,10 @@ class _Affine(NamedTuple):
 def matmul(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
     a, b = first(arguments), arguments[1]
     assert b is not None
-    if not isinstance(a, Signal) and not isinstance(b, Signal):
+    if not isinstance(a, NodeTensor) and not isinstance(b, NodeTensor):
         check_size([*a.shape[:-1], *b.shape])
         return np.asarray(np.matmul(a.astype(np.float64), b.astype(np.float64)))
-    if isinstance(a, Signal) and not isinstance(b, Signal) and b.ndim <= 2:
+    if isinstance(a, NodeTensor) and not isinstance(b, NodeTensor) and b.ndim <= 2:
         matrix = b.astype(np.float64).reshape(b.shape[0], -1)
         shape = (*a.nodes.shape[:-1], *b.shape[1:])
         return _fuse(c, op, _Affine(a.nodes.reshape(-1, b.shape[0]), matrix, shape), np.zeros(matrix.shape[1]))
@@ -40,17 +40,21 @@ def matmul(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
 def _product(c: Context, a: Tensor, b: Tensor) -> Tensor:
     """Return the product of two tensors of at most two dimensions."""
     if len(shape_of(a)) > 2 or len(shape_of(b)) > 2:
-        raise UnsupportedError("products of tensors with more than two dimensions need a constant matrix on the right")
+        raise UnsupportedOperatorError(
+            "products of tensors with more than two dimensions need a constant matrix on the right"
+        )
     left, right = c.nodes(a), c.nodes(b)
     shape = (*left.shape[:-1], *right.shape[1:])
     left, right = np.atleast_2d(left), right.reshape(right.shape[0], -1)
     if left.shape[1] != right.shape[0]:
-        raise UnsupportedError(f"it multiplies {left.shape[0]}x{left.shape[1]} by {right.shape[0]}x{right.shape[1]}")
-    if isinstance(b, Signal) and not isinstance(a, Signal):
+        raise UnsupportedOperatorError(
+            f"it multiplies {left.shape[0]}x{left.shape[1]} by {right.shape[0]}x{right.shape[1]}"
+        )
+    if isinstance(b, NodeTensor) and not isinstance(a, NodeTensor):
         weights = np.vstack([np.atleast_2d(a.astype(np.float64)).T, np.zeros(left.shape[0])])
-        return Signal(c.dense(right.T, weights).T.reshape(shape))
+        return NodeTensor(c.dense(right.T, weights).T.reshape(shape))
     check_size([4, *left.shape, right.shape[1]])
-    return Signal(matrix_product(c.builder, left, right).reshape(shape))
+    return NodeTensor(matrix_product(c.builder, left, right).reshape(shape))
 
 
 @operator("Gemm")
@@ -60,13 +64,13 @@ def gemm(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
     assert b is not None
     a, b = (_transposed(x) if op.get(key, 0) else x for x, key in ((a, "transA"), (b, "transB")))
     alpha, beta = op.get("alpha", 1.0), op.get("beta", 1.0)
-    if isinstance(a, Signal) and not isinstance(b, Signal) and not isinstance(bias, Signal):
+    if isinstance(a, NodeTensor) and not isinstance(b, NodeTensor) and not isinstance(bias, NodeTensor):
         offsets = np.zeros(b.shape[1]) if bias is None else beta * bias.astype(np.float64)
         affine = _Affine(a.nodes, alpha * b.astype(np.float64), (a.nodes.shape[0], b.shape[1]))
         if offsets.size in (1, b.shape[1]) and (offsets.ndim < 2 or offsets.shape[0] == 1):
             return _fuse(c, op, affine, np.broadcast_to(offsets.ravel(), b.shape[1]))
         return c.apply("add", _layer(c, affine, np.zeros(b.shape[1])), offsets)
-    if not isinstance(a, Signal) and not isinstance(b, Signal):
+    if not isinstance(a, NodeTensor) and not isinstance(b, NodeTensor):
         check_size([*a.shape[:-1], *b.shape])
         product: Tensor = alpha * (a.astype(np.float64) @ b.astype(np.float64))
     else:
@@ -75,14 +79,14 @@ def gemm(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
 
 
 def _transposed(x: Tensor) -> Tensor:
-    return Signal(x.nodes.T, x.kind) if isinstance(x, Signal) else x.T
+    return NodeTensor(x.nodes.T, x.kind) if isinstance(x, NodeTensor) else x.T
 
 
 @operator("LinearRegressor", domain=ML)
 def linear_regressor(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     x, targets = first(arguments), op.get("targets", 1)
     if op.get("post_transform", "NONE") != "NONE":
-        raise UnsupportedError(f"post_transform {op.get('post_transform')} is not supported")
+        raise UnsupportedOperatorError(f"post_transform {op.get('post_transform')} is not supported")
     matrix = np.asarray(op.get("coefficients")).reshape(targets, -1).T
     offsets = np.broadcast_to(np.asarray(op.get("intercepts", [0.0])), targets)
     rows = np.atleast_2d(c.nodes(x))
@@ -113,7 +117,7 @@ def _added(c: Context, adding: Operator, output: str, count: int) -> Float | Non
         return None
     (other,) = [name for name in adding.inputs if name != output] or [output]
     bias = c.tensors.get(other)
-    if bias is None or isinstance(bias, Signal) or bias.ndim > 1 or bias.size != count:
+    if bias is None or isinstance(bias, NodeTensor) or bias.ndim > 1 or bias.size != count:
         return None
     numbers: Array = bias.astype(np.float64).ravel()
     return numbers
@@ -122,8 +126,8 @@ def _added(c: Context, adding: Operator, output: str, count: int) -> Float | Non
 def _layer(c: Context, affine: _Affine, offsets: Float, name: str = "identity", alpha: float = 0.0) -> Tensor:
     rows, matrix, shape = affine
     if rows.ndim != 2 or rows.shape[1] != matrix.shape[0]:
-        raise UnsupportedError(f"the rows of its input do not fit its {matrix.shape[0]} rows of weights")
+        raise UnsupportedOperatorError(f"the rows of its input do not fit its {matrix.shape[0]} rows of weights")
     weights = np.vstack([matrix, offsets])
     if not matrix.size or not np.isfinite(weights).all():
-        raise UnsupportedError("its weights are empty or not finite")
-    return Signal(c.dense(rows, weights, name, alpha).reshape(shape))
+        raise UnsupportedOperatorError("its weights are empty or not finite")
+    return NodeTensor(c.dense(rows, weights, name, alpha).reshape(shape))

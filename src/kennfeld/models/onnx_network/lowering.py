@@ -12,7 +12,7 @@ from kennfeld.models.imperative.evaluation_errors import EvaluationError
 from kennfeld.models.onnx_network import elementwise, layers, reductions, shapes, trees  # noqa: F401
 from kennfeld.models.onnx_network.network import Network, Operator
 from kennfeld.models.onnx_network.registry import RULES, Context
-from kennfeld.models.onnx_network.tensors import Signal, Tensor, UnsupportedError, nodes_of, shape_of
+from kennfeld.models.onnx_network.tensors import NodeTensor, Tensor, UnsupportedOperatorError, nodes_of, shape_of
 
 _REMEDY = "Export this part of the network with other operators, see docs/functions.md."
 
@@ -45,7 +45,7 @@ def write_network(network: Network, builder: GraphBuilder, arguments: Sequence[i
     for port in network.inputs:
         own, rest = rest[: len(port.labels)], rest[len(port.labels) :]
         kind = "bool" if port.kind == "bool" else "float" if "float" in port.kind else "int"
-        context.tensors[port.name] = Signal(np.array(own, dtype=np.int64).reshape(port.shape or ()), kind)
+        context.tensors[port.name] = NodeTensor(np.array(own, dtype=np.int64).reshape(port.shape or ()), kind)
     for op in network.operators:
         if (op.domain, op.kind) in RULES and op.outputs[0] not in context.absorbed:
             findings += _apply(context, op)
@@ -64,13 +64,13 @@ def _apply(context: Context, op: Operator) -> list[Finding]:
     location = Location(context.network.file, path=f"{op.label} {op.name}".strip())
     try:
         outputs = RULES[op.domain, op.kind](context, op, arguments)
-    except (UnsupportedError, EvaluationError) as error:
+    except (UnsupportedOperatorError, EvaluationError) as error:
         return [Finding(location, str(error), _REMEDY)]
     except (ValueError, IndexError, TypeError, KeyError, AttributeError, AssertionError, OverflowError, MemoryError):
         return [Finding(location, "its arguments or attributes do not fit together", "Export the network again.")]
     if outputs is not None:
-        results = [outputs] if isinstance(outputs, Signal | np.ndarray | np.generic) else outputs
-        tensors = [result if isinstance(result, Signal) else np.asarray(result) for result in results]
+        results = [outputs] if isinstance(outputs, NodeTensor | np.ndarray | np.generic) else outputs
+        tensors = [result if isinstance(result, NodeTensor) else np.asarray(result) for result in results]
         context.tensors.update(zip(op.outputs, tensors, strict=False))
     return []
 

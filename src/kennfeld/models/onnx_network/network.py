@@ -13,7 +13,7 @@ ML = "ai.onnx.ml"
 
 
 @dataclass(frozen=True)
-class Port:
+class NetworkPort:
     """An input or output of a network.
 
     Attributes:
@@ -30,7 +30,7 @@ class Port:
     def labels(self) -> tuple[str, ...]:
         """Names of the elements: `x` if there is one, else `x[0]`, `x[1]`, ... in C order.
 
-        >>> Port("x", (1, 2), "float32").labels, Port("x", (2, 2), "float32").labels[-1]
+        >>> NetworkPort("x", (1, 2), "float32").labels, NetworkPort("x", (2, 2), "float32").labels[-1]
         (('x[0]', 'x[1]'), 'x[1,1]')
         """
         shape = [size for size in self.shape or () if size != 1]
@@ -72,8 +72,8 @@ class Network:
     name: str
     file: str
     producer: str
-    inputs: tuple[Port, ...]
-    outputs: tuple[Port, ...]
+    inputs: tuple[NetworkPort, ...]
+    outputs: tuple[NetworkPort, ...]
     constants: Mapping[str, Array]
     operators: tuple[Operator, ...]
     opsets: Mapping[str, int]

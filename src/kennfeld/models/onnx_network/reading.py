@@ -10,14 +10,30 @@ import numpy as np
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import one_line
-from kennfeld.models.onnx_network.network import Array, Network, Operator, Port
+from kennfeld.models.onnx_network.network import Array, Network, NetworkPort, Operator
 from kennfeld.optional_packages import optional_package
 
 MAX_FILE = 64_000_000  # bytes of a file, and of its external data
 MAX_OPERATORS = 20_000
 MAX_PORTS = 4096  # elements of an input or output
 _REMEDY = "Export the network again."
-_KINDS = frozenset({"float16", "bfloat16", "float32", "float64", "int8", "int16", "int32", "int64", "uint8", "bool"})
+_KINDS = frozenset(
+    {
+        "float16",
+        "bfloat16",
+        "float32",
+        "float64",
+        "int8",
+        "int16",
+        "int32",
+        "int64",
+        "uint8",
+        "uint16",
+        "uint32",
+        "uint64",
+        "bool",
+    }
+)
 
 
 def read_network(path: Path) -> Network:
@@ -146,7 +162,7 @@ def _array(tensor: Any, location: Location) -> Array:
     return np.asarray(array, dtype=np.float64) if array.dtype.name in ("float16", "bfloat16") else array
 
 
-def _port(value: Any, location: Location) -> Port:
+def _port(value: Any, location: Location) -> NetworkPort:
     from onnx import helper
 
     place = location.within(value.name)
@@ -161,15 +177,15 @@ def _port(value: Any, location: Location) -> Port:
     if kind not in _KINDS:
         raise InputError.of(place, f"elements of type {kind} are not supported", "Export it with float or double.")
     if not tensor.HasField("shape"):
-        return Port(value.name, None, kind)
+        return NetworkPort(value.name, None, kind)
     dimensions = [int(d.dim_value) if d.HasField("dim_value") else 0 for d in tensor.shape.dim]
     if any(size <= 0 for size in dimensions[1:]):
-        return Port(value.name, None, kind)
+        return NetworkPort(value.name, None, kind)
     shape = tuple(max(size, 1) for size in dimensions)
     if np.prod([float(size) for size in shape]) > MAX_PORTS:
         message = f"it has shape {'x'.join(map(str, shape))}; at most {MAX_PORTS} elements are supported"
         raise InputError.of(place, message, _SMALLER)
-    return Port(value.name, shape, kind)
+    return NetworkPort(value.name, shape, kind)
 
 
 def _operator(node: Any, versions: Mapping[str, int], location: Location) -> Operator:

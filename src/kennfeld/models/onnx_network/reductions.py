@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.models.onnx_network.network import ML, Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
 from kennfeld.models.onnx_network.shapes import first, integers
-from kennfeld.models.onnx_network.tensors import Tensor, UnsupportedError, constant, rearrange, shape_of
+from kennfeld.models.onnx_network.tensors import Tensor, UnsupportedOperatorError, constant, rearrange, shape_of
 
 _KINDS = ("Sum", "Mean", "Max", "Min", "Prod", "L1", "L2", "SumSquare", "LogSum", "LogSumExp")
 _FOLDS = {"Max": "max", "Min": "min", "Prod": "mul"}
@@ -19,7 +19,7 @@ def reduction(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     dimensions = len(shape_of(x))
     if not axes:
         if op.get("noop_with_empty_axes", 0):
-            raise UnsupportedError("noop_with_empty_axes is not supported")
+            raise UnsupportedOperatorError("noop_with_empty_axes is not supported")
         axes = list(range(dimensions))
     places = sorted({axis % dimensions for axis in axes}) if dimensions else []
     reduced = _reduce(c, op.kind.removeprefix("Reduce"), x, places)
@@ -67,7 +67,7 @@ def softmax(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def batch_normalization(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     x = first(arguments)
     if op.get("training_mode", 0) or len([name for name in op.outputs if name]) > 1:
-        raise UnsupportedError("it is in training mode; export the network for inference")
+        raise UnsupportedOperatorError("it is in training mode; export the network for inference")
     names = ("scale", "B", "input_mean", "input_var")
     scale, bias, mean, variance = (constant(arguments[1 + i], name) for i, name in enumerate(names))
     factor = scale / np.sqrt(variance.astype(np.float64) + op.get("epsilon", 1e-5))
@@ -82,7 +82,7 @@ def layer_normalization(c: Context, op: Operator, arguments: Arguments) -> Tenso
     assert x is not None
     assert scale is not None
     if len([name for name in op.outputs if name]) > 1:
-        raise UnsupportedError("only its first output is supported")
+        raise UnsupportedOperatorError("only its first output is supported")
     dimensions = len(shape_of(x))
     axes = list(range(op.get("axis", -1) % dimensions, dimensions))
     centred = c.apply("sub", x, _reduce(c, "Mean", x, axes))
@@ -110,7 +110,7 @@ def imputer(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     x = first(arguments)
     values = op.get("imputed_value_floats", op.get("imputed_value_int64s"))
     if values is None:
-        raise UnsupportedError("it has no values")
+        raise UnsupportedOperatorError("it has no values")
     replaced = op.get("replaced_value_float", op.get("replaced_value_int64", 0))
     missing = c.truth("ne", x, x) if np.isnan(replaced) else c.truth("eq", x, float(replaced))
     return c.where(missing, np.asarray(values, dtype=np.float64), x)

@@ -10,7 +10,7 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.onnx_network.network import Network, Operator
-from kennfeld.models.onnx_network.tensors import Arithmetic, Signal, Tensor, UnsupportedError, nodes_of
+from kennfeld.models.onnx_network.tensors import Arithmetic, NodeTensor, Tensor, UnsupportedOperatorError, nodes_of
 from kennfeld.parameters import Block
 
 Arguments = Sequence[Tensor | None]
@@ -73,7 +73,7 @@ class Context:
         inputs, outputs = weights.shape[0] - 1, weights.shape[1]
         self._products += len(rows) * inputs * outputs
         if self._products > MAX_PRODUCTS:
-            raise UnsupportedError(f"the layers take more than {MAX_PRODUCTS} multiplications per step")
+            raise UnsupportedOperatorError(f"the layers take more than {MAX_PRODUCTS} multiplications per step")
         if name not in self.layers:
             description = f"Weights of {inputs} inputs, a row each, then the biases; a column per output."
             self.layers[name] = Block(name, weights, description=description, locked=True)
@@ -92,7 +92,7 @@ class Context:
     def truth(self, op: str, *args: Tensor | float) -> Tensor:
         """Apply a comparison or logical operation."""
         result = self.apply(op, *args)
-        return Signal(result.nodes, "bool") if isinstance(result, Signal) else result != 0
+        return NodeTensor(result.nodes, "bool") if isinstance(result, NodeTensor) else result != 0
 
 
 def _consumers(network: Network) -> Mapping[str, Operator]:

@@ -7,9 +7,9 @@ import numpy as np
 from kennfeld.models.onnx_network.network import Array, Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
 from kennfeld.models.onnx_network.tensors import (
-    Signal,
+    NodeTensor,
     Tensor,
-    UnsupportedError,
+    UnsupportedOperatorError,
     check_size,
     constant,
     kind_of,
@@ -21,7 +21,7 @@ from kennfeld.models.onnx_network.tensors import (
 def first(arguments: Arguments) -> Tensor:
     """Return the first argument, which must be given."""
     if not arguments or arguments[0] is None:
-        raise UnsupportedError("its first argument is missing")
+        raise UnsupportedOperatorError("its first argument is missing")
     return arguments[0]
 
 
@@ -37,7 +37,7 @@ def integers(op: Operator, arguments: Arguments, place: int, name: str) -> list[
 def identity(c: Context, op: Operator, arguments: Arguments) -> Tensor | Sequence[Tensor]:
     x = first(arguments)
     if len(arguments) > 2 and arguments[2] is not None and constant(arguments[2], "training_mode").any():
-        raise UnsupportedError("it is in training mode; export the network for inference")
+        raise UnsupportedOperatorError("it is in training mode; export the network for inference")
     return [x, np.ones(shape_of(x), dtype=bool)][: len(op.outputs)]
 
 
@@ -46,7 +46,7 @@ def constant_value(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     names = ("value", "value_float", "value_int", "value_floats", "value_ints")
     value = next((op.get(name) for name in names if op.get(name) is not None), None)
     if value is None:
-        raise UnsupportedError("it holds neither a tensor nor numbers")
+        raise UnsupportedOperatorError("it holds neither a tensor nor numbers")
     return np.asarray(value)
 
 
@@ -126,11 +126,11 @@ def concat(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 def join(c: Context, tensors: Sequence[Tensor], axis: int) -> Tensor:
     """Join tensors along an axis."""
     check_size([sum(int(np.prod(shape_of(tensor))) for tensor in tensors)])
-    if any(isinstance(tensor, Signal) for tensor in tensors):
-        kinds = {kind_of(tensor) for tensor in tensors if isinstance(tensor, Signal)}
+    if any(isinstance(tensor, NodeTensor) for tensor in tensors):
+        kinds = {kind_of(tensor) for tensor in tensors if isinstance(tensor, NodeTensor)}
         nodes = np.concatenate([c.nodes(tensor) for tensor in tensors], axis)
-        return Signal(nodes, kinds.pop() if len(kinds) == 1 else "float")
-    constants = [tensor for tensor in tensors if not isinstance(tensor, Signal)]
+        return NodeTensor(nodes, kinds.pop() if len(kinds) == 1 else "float")
+    constants = [tensor for tensor in tensors if not isinstance(tensor, NodeTensor)]
     return np.concatenate(constants, axis)
 
 
@@ -155,7 +155,7 @@ def slice_(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 
 def _part(start: int, end: int, step: int, size: int) -> slice:
     if step == 0:
-        raise UnsupportedError("a step is 0")
+        raise UnsupportedOperatorError("a step is 0")
     start, end = (at + size if at < 0 else at for at in (start, end))
     if step > 0:
         return slice(min(max(start, 0), size), min(max(end, 0), size), step)

@@ -13,49 +13,49 @@ MAX_ELEMENTS = 1_000_000  # of a tensor
 MAX_NODES = 500_000  # of the graph
 
 
-class UnsupportedError(Exception):
+class UnsupportedOperatorError(Exception):
     """An operator cannot be computed; the text says why."""
 
 
-class Signal(NamedTuple):
+class NodeTensor(NamedTuple):
     """A tensor that depends on the inputs; `kind` is "float", "int" or "bool"."""
 
     nodes: Nodes
     kind: str = "float"
 
 
-Tensor: TypeAlias = Array | Signal
+Tensor: TypeAlias = Array | NodeTensor
 
 
 def shape_of(tensor: Tensor) -> tuple[int, ...]:
     """Return the dimensions of a tensor."""
-    return tensor.nodes.shape if isinstance(tensor, Signal) else tensor.shape
+    return tensor.nodes.shape if isinstance(tensor, NodeTensor) else tensor.shape
 
 
 def kind_of(tensor: Tensor) -> str:
     """Return the kind of the elements."""
-    if isinstance(tensor, Signal):
+    if isinstance(tensor, NodeTensor):
         return tensor.kind
     return {"f": "float", "b": "bool"}.get(tensor.dtype.kind, "int")
 
 
 def constant(tensor: Tensor | None, argument: str) -> Array:
     """Return a tensor that must be constant."""
-    if tensor is None or isinstance(tensor, Signal):
-        raise UnsupportedError(f"its argument {argument} depends on the inputs")
+    if tensor is None or isinstance(tensor, NodeTensor):
+        raise UnsupportedOperatorError(f"its argument {argument} depends on the inputs")
     return tensor
 
 
 def check_size(shape: Sequence[int]) -> None:
-    """Raise `UnsupportedError` if a tensor would be too large."""
+    """Raise `UnsupportedOperatorError` if a tensor would be too large."""
     if np.prod([float(size) for size in shape]) > MAX_ELEMENTS:
         size = "x".join(map(str, shape))
-        raise UnsupportedError(f"it creates a tensor of {size} elements; the maximum is {MAX_ELEMENTS}")
+        raise UnsupportedOperatorError(f"it creates a tensor of {size} elements; the maximum is {MAX_ELEMENTS}")
 
 
 def nodes_of(builder: GraphBuilder, tensor: Tensor) -> Nodes:
     """Return the nodes of a tensor."""
-    if isinstance(tensor, Signal):
+    if isinstance(tensor, NodeTensor):
         return tensor.nodes
     numbers = np.asarray(tensor, dtype=np.float64)
     values, places = np.unique(numbers, return_inverse=True)
@@ -65,8 +65,8 @@ def nodes_of(builder: GraphBuilder, tensor: Tensor) -> Nodes:
 
 def rearrange(change: Callable[[Array], Array], tensor: Tensor) -> Tensor:
     """Apply a function that only moves, repeats or selects elements."""
-    if isinstance(tensor, Signal):
-        return Signal(np.asarray(change(tensor.nodes), dtype=np.int64), tensor.kind)
+    if isinstance(tensor, NodeTensor):
+        return NodeTensor(np.asarray(change(tensor.nodes), dtype=np.int64), tensor.kind)
     return np.asarray(change(tensor))
 
 
@@ -83,9 +83,9 @@ class Arithmetic:
         spread = [np.broadcast_to(nodes_of(self.builder, tensor), shape) for tensor in tensors]
         nodes = elementwise(self.builder, op, *spread) if np.prod(shape) else np.zeros(shape, dtype=np.int64)
         if len(self.builder.nodes) > MAX_NODES:
-            raise UnsupportedError(f"the network requires more than {MAX_NODES} operations per step")
-        if any(isinstance(tensor, Signal) for tensor in tensors):
-            return Signal(nodes)
+            raise UnsupportedOperatorError(f"the network requires more than {MAX_NODES} operations per step")
+        if any(isinstance(tensor, NodeTensor) for tensor in tensors):
+            return NodeTensor(nodes)
         values = [self.builder.nodes[int(node)].payload for node in nodes.ravel()]
         return np.array(values, dtype=np.float64).reshape(shape)
 
@@ -104,6 +104,6 @@ class Arithmetic:
                 for i in range(shape_of(tensor)[axis])
             ]
             if not parts:
-                raise UnsupportedError("it reduces an empty tensor")
+                raise UnsupportedOperatorError("it reduces an empty tensor")
             tensor = self.fold(op, parts)
         return tensor

@@ -8,7 +8,7 @@ import numpy as np
 from kennfeld.models.onnx_network.network import ML, Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
 from kennfeld.models.onnx_network.shapes import first
-from kennfeld.models.onnx_network.tensors import MAX_NODES, Signal, Tensor, UnsupportedError
+from kennfeld.models.onnx_network.tensors import MAX_NODES, NodeTensor, Tensor, UnsupportedOperatorError
 
 _COMPARISONS = {
     "BRANCH_LEQ": "le", "BRANCH_LT": "lt", "BRANCH_GTE": "ge", "BRANCH_GT": "gt", "BRANCH_EQ": "eq", "BRANCH_NEQ": "ne",
@@ -38,10 +38,10 @@ class _TreeNode(NamedTuple):
 def tree_ensemble(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     x, count = first(arguments), op.get("n_targets", 1)
     if op.get("post_transform", "NONE") != "NONE":
-        raise UnsupportedError(f"post_transform {op.get('post_transform')} is not supported")
+        raise UnsupportedOperatorError(f"post_transform {op.get('post_transform')} is not supported")
     aggregate = op.get("aggregate_function", "SUM")
     if aggregate not in _FOLDS or not 1 <= count <= 1000:
-        raise UnsupportedError(f"aggregate_function {aggregate} with {count} targets is not supported")
+        raise UnsupportedOperatorError(f"aggregate_function {aggregate} with {count} targets is not supported")
     nodes, leaves = _nodes(op), _leaves(op, count)
     c.remark(_REMARK)
     ensemble = _Ensemble(c, nodes, leaves)
@@ -50,7 +50,7 @@ def tree_ensemble(c: Context, op: Operator, arguments: Arguments) -> Tensor:
         [ensemble.value(row, target, aggregate, float(bases[target]) if len(bases) else 0.0) for target in range(count)]
         for row in np.atleast_2d(c.nodes(x))
     ]
-    return Signal(np.array(rows, dtype=np.int64))
+    return NodeTensor(np.array(rows, dtype=np.int64))
 
 
 def _nodes(op: Operator) -> Mapping[Key, _TreeNode]:
@@ -58,11 +58,11 @@ def _nodes(op: Operator) -> Mapping[Key, _TreeNode]:
     size = len(columns[0])
     missing = op.get("nodes_missing_value_tracks_true") or [0] * size
     if any(len(column) != size for column in (*columns, missing)):
-        raise UnsupportedError("its lists of nodes have different lengths")
+        raise UnsupportedOperatorError("its lists of nodes have different lengths")
     nodes = {}
     for (tree, node, feature, mode, value, yes, no), track in zip(zip(*columns, strict=True), missing, strict=True):
         if mode != "LEAF" and mode not in _COMPARISONS:
-            raise UnsupportedError(f"mode {mode} is not supported")
+            raise UnsupportedOperatorError(f"mode {mode} is not supported")
         nodes[tree, node] = _TreeNode(feature, mode, float(value), ((tree, yes), (tree, no)), bool(track))
     return nodes
 
@@ -71,11 +71,11 @@ def _leaves(op: Operator, count: int) -> Mapping[Key, Mapping[int, float]]:
     """Return the weights of each leaf by target."""
     columns = [op.get(name, []) for name in _TARGETS]
     if len({len(column) for column in columns}) > 1:
-        raise UnsupportedError("its lists of targets have different lengths")
+        raise UnsupportedOperatorError("its lists of targets have different lengths")
     leaves: dict[Key, dict[int, float]] = {}
     for tree, node, target, weight in zip(*columns, strict=True):
         if not 0 <= target < count:
-            raise UnsupportedError(f"target {target} does not exist")
+            raise UnsupportedOperatorError(f"target {target} does not exist")
         weights = leaves.setdefault((tree, node), {})
         weights[target] = weights.get(target, 0.0) + float(weight)
     return leaves
@@ -90,7 +90,7 @@ class _Ensemble:
         self._roots = [key for key in nodes if key not in inner]
         trees = [tree for tree, _ in nodes]
         if len(self._roots) != len(set(trees)):
-            raise UnsupportedError("its nodes do not form trees with one root each")
+            raise UnsupportedOperatorError("its nodes do not form trees with one root each")
 
     def value(self, row: Sequence[Any], target: int, aggregate: str, base: float) -> int:
         """Return the node of a target at the features of a row."""
@@ -110,12 +110,12 @@ class _Ensemble:
             key = stack[-1]
             node = self._nodes.get(key)
             if node is None or len(self._builder.nodes) > MAX_NODES:
-                raise UnsupportedError("it has a branch to a missing node, or too many nodes")
+                raise UnsupportedOperatorError("it has a branch to a missing node, or too many nodes")
             if node.mode == "LEAF":
                 done[key] = self._builder.const(self._leaves.get(key, {}).get(target, 0.0))
             pending = [] if key in done else [branch for branch in node.branches if branch not in done]
             if pending and key in entered:
-                raise UnsupportedError("its nodes do not form trees")
+                raise UnsupportedOperatorError("its nodes do not form trees")
             if pending:
                 entered.add(key)
                 stack.extend(pending)
@@ -127,7 +127,7 @@ class _Ensemble:
 
     def _branch(self, node: _TreeNode, row: Sequence[Any], yes: int, no: int) -> int:
         if not 0 <= node.feature < len(row):
-            raise UnsupportedError(f"feature {node.feature} does not exist")
+            raise UnsupportedOperatorError(f"feature {node.feature} does not exist")
         b, x = self._builder, int(row[node.feature])
         condition = b.call(_COMPARISONS[node.mode], x, b.const(node.value))
         if node.missing:
