@@ -94,11 +94,11 @@ def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) ->
     about = values[held]
     if about.size and about[0] != 0 and float(np.ptp(about)) <= FLAT * largest:
         changes.append(TableChange("stretch", table.name, values - about[0], about=float(about[0])))
-    for i, axis in enumerate(table.index_axes):
+    for i, axis in enumerate(table.index_axes if fed else ()):  # a layer has no lookup
         if len(axis) > 1:
             slope = np.gradient(values, axis.breakpoints, axis=i)
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
-                changes.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
+                changes.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i]))
     return changes
 
 
