@@ -9,8 +9,9 @@ from networks import perceptron, random_layers, save
 from onnx import helper
 
 import kennfeld as kf
-from kennfeld.errors import InputError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.models.formula import formula
+from kennfeld.models.formula.printer import to_text
 from kennfeld.models.onnx_network.importing import read_function
 
 ACTIVATIONS = {
@@ -163,3 +164,9 @@ def test_single_precision_is_remarked(tmp_path):
     (remark,) = kf.onnx(path).remarks
     assert "computed in double" in str(remark)
     assert not kf.onnx(perceptron(tmp_path / "double.onnx", random_layers([1, 2, 1]))).remarks
+
+
+def test_a_network_cannot_be_written_as_formula_text(tmp_path):
+    graph = kf.onnx(perceptron(tmp_path / "net.onnx", random_layers([1, 2, 1]))).graph
+    with pytest.raises(ArgumentError, match="cannot be written as formula text: layer1, layer2"):
+        to_text(graph)
