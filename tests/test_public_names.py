@@ -37,6 +37,7 @@ IN_THE_DOCUMENTS = {
         "import_esdl",
         "import_simulink",
         "inspect_simulink",
+        "onnx",
         "train_surrogate",
         "SurrogateSettings",
         "StaticSurrogate",

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from kennfeld.models.ascet.importing import esdl, import_esdl
     from kennfeld.models.fmu.importing import fmu
     from kennfeld.models.formula import formula
+    from kennfeld.models.onnx_network.importing import onnx
     from kennfeld.models.simulink.importable_subsystems import inspect_simulink
     from kennfeld.models.simulink.importing import import_simulink, simulink
     from kennfeld.optimize import (
@@ -102,6 +103,7 @@ __all__ = [
     "import_esdl",
     "import_simulink",
     "inspect_simulink",
+    "onnx",
     "read",
     "read_parameters",
     "read_surrogate",
@@ -130,6 +132,7 @@ _NAMES = {
     "models.ascet.importing": "esdl import_esdl",
     "models.fmu.importing": "fmu",
     "models.formula": "formula",
+    "models.onnx_network.importing": "onnx",
     "models.simulink.importable_subsystems": "inspect_simulink",
     "models.simulink.importing": "import_simulink simulink",
     "optimize": "Options Problem Quality RecordingQuality Result Step Stop Trust calibrate simulate",

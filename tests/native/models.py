@@ -5,9 +5,11 @@ from external_functions import PRODUCT_AND_SQUARE
 from random_graphs import Case, Criterion
 
 from kennfeld.graph import GraphBuilder
+from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Curve, Map, Scalar
+from kennfeld.parameters import Block, Curve, Map, Scalar
 
+FREE = ("K", "L", "C", "M", "Inner", "Outer")
 X, Y = np.array([-2.0, -0.7, 0.4, 1.9]), np.array([-1.5, 0.1, 1.2])
 
 
@@ -19,11 +21,13 @@ def parameters(seed=0):
             Scalar("L", -0.3),
             Curve("C", X, random.standard_normal(4)),
             Map("M", X, Y, random.standard_normal((4, 3))),
+            Block("Inner", random.standard_normal((3, 9))),
+            Block("Outer", random.standard_normal((10, 2))),
         ]
     )
 
 
-def case(graph, samples=500, starts=(0,), *, free=("K", "L", "C", "M"), seed=0, loss="square", values=None):
+def case(graph, samples=500, starts=(0,), *, free=FREE, seed=0, loss="square", values=None):
     """The graph on random data, a criterion an output, NaN among the targets."""
     random = np.random.default_rng(seed)
     columns = {name: random.uniform(-2.5, 2.5, samples) for name in ("u", "v", "w")}
@@ -56,6 +60,16 @@ def external():
     b.close(state, b.lookup("K"), b.call("mul", b.const(0.4), product))
     other, _ = b.external(PRODUCT_AND_SQUARE, b.input("v"), b.lookup("L"))
     return b.finish({"y": b.call("add", square, other), "z": product})
+
+
+def layers():
+    """A network of two layers whose second output is a state, which it reads together with a curve."""
+    b = GraphBuilder()
+    state = b.state()
+    inner = b.dense(DenseLayer("Inner", 2, 9, "tanh"), b.lookup("C", b.input("u")), state)
+    y, z = b.dense(DenseLayer("Outer", 9, 2, "elu", 0.7), *inner)
+    b.close(state, b.lookup("K"), b.call("mul", b.const(0.4), b.call("tanh", z)))
+    return b.finish({"y": y, "z": b.call("add", z, b.call("mul", inner[3], inner[8]))})
 
 
 def lag():
@@ -104,4 +118,5 @@ MODELS = {
     "coupled3": lambda: coupled(3),
     "delayed": delayed,
     "external": external,
+    "layers": layers,
 }

@@ -17,7 +17,13 @@ from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors
 from kennfeld.lazy_dataclass import dataclass
 
-SLOPES = {"position": "density", "interpolate": "slope", "expansion": "expansion_slope", "external": "external_slope"}
+SLOPES = {
+    "position": "density",
+    "interpolate": "slope",
+    "expansion": "expansion_slope",
+    "external": "external_slope",
+    "dense": "dense_slope",
+}
 
 
 class Partial(NamedTuple):
@@ -45,6 +51,19 @@ def partials(b: GraphBuilder, at: int, active: Collection[int]) -> Iterator[Part
             if a in active and partial is not None:
                 factor = partial(b, args, at) if condition is None else condition
                 yield Partial(a, factor, switches=condition is not None)
+
+
+def layer_partials(b: GraphBuilder, outputs: Mapping[int, int], active: Collection[int]) -> Iterator[tuple[int, int]]:
+    """Yield the active inputs of a dense layer, each with its adjoint.
+
+    `outputs` are the nodes of the layer's outputs with the nodes of their adjoints; the others have none.
+    """
+    args, layer = next((b.nodes[at].args, b.nodes[at].payload.layer) for at in outputs)
+    adjoints = {b.nodes[at].payload.number: adjoint for at, adjoint in outputs.items()}
+    every = tuple(adjoints.get(number, b.const(0.0)) for number in range(layer.outputs))
+    for axis, a in enumerate(args):
+        if a in active:
+            yield a, b.node("dense_pull", (*args, *every), (layer, axis))
 
 
 def breakpoint_slope(b: GraphBuilder, at: int) -> int:

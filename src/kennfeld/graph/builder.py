@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
+from kennfeld.graph.dense_layer import DenseLayer, DenseOutput
 from kennfeld.graph.external_function import ExternalFunction, ExternalOutput
 from kennfeld.graph.node import Graph, Node, State, extract
 from kennfeld.graph.operations import OPERATIONS
@@ -75,6 +76,10 @@ class GraphBuilder:
     def external(self, function: ExternalFunction, *args: int) -> tuple[int, ...]:
         """Return the nodes of the outputs of an external function."""
         return tuple(self.node("external", args, ExternalOutput(function, i)) for i in range(function.outputs))
+
+    def dense(self, layer: DenseLayer, *args: int) -> tuple[int, ...]:
+        """Return the nodes of the outputs of a dense layer."""
+        return tuple(self.node("dense", args, DenseOutput(layer, i)) for i in range(layer.outputs))
 
     def call(self, op: str, *args: int) -> int:
         """Return the node of an elementwise operation; constants are folded, neutral elements dropped."""

@@ -16,7 +16,7 @@ from functools import partial
 from typing import TypeAlias
 
 from kennfeld.errors import ArgumentError
-from kennfeld.graph.adjoints import AdjointProgram, breakpoint_slope, partials, pull_back
+from kennfeld.graph.adjoints import AdjointProgram, breakpoint_slope, layer_partials, partials, pull_back
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.lookup_lowering import Free, is_atom
 from kennfeld.graph.node import Graph, Node, State
@@ -130,19 +130,41 @@ def _reverse(b: GraphBuilder, root: int, active: Collection[int], is_atom: Calla
     totals = {root: b.const(1.0)}  # sums of adjoints by node
     switched: set[int] = set()  # nodes whose adjoint a condition may switch off
     result: dict[int, int] = {}
-    for at in reversed(ancestors(b.nodes, [root], active)):
+    order = ancestors(b.nodes, [root], active)
+    layers = _layers(b.nodes, order)
+    for at in reversed(order):
+        pulled = [output for output in layers.get(at, ()) if output in totals]
+        if pulled:
+            for argument, part in layer_partials(b, {output: totals[output] for output in pulled}, active):
+                totals[argument] = b.call("add", totals[argument], part) if argument in totals else part
+                if not switched.isdisjoint(pulled):
+                    switched.add(argument)
         if at not in totals:  # reached through steps alone, as a comparison
             continue
         node, adjoint, product = b.nodes[at], totals[at], "guard" if at in switched else "mul"
         if node.op == "state" or is_atom(node):  # of a position, the derivative with respect to B(p)
             free_axis = node.op == "position"
             result[at] = b.call(product, adjoint, breakpoint_slope(b, at)) if free_axis else adjoint
+        if node.op == "dense":
+            continue
         for argument, factor, switches in partials(b, at, active):
             part = b.call("select", factor, adjoint, b.const(0.0)) if switches else b.call(product, adjoint, factor)
             totals[argument] = b.call("add", totals[argument], part) if argument in totals else part
             if switches or at in switched:
                 switched.add(argument)
     return result
+
+
+def _layers(nodes: Sequence[Node], order: Sequence[int]) -> Mapping[int, Sequence[int]]:
+    """Return the outputs of each dense layer by the first of them.
+
+    A reverse sweep that comes to the first output knows the adjoints of all: no argument of one depends on another.
+    """
+    outputs: dict[tuple[object, ...], list[int]] = {}
+    for at in order:
+        if nodes[at].op == "dense":
+            outputs.setdefault((nodes[at].payload.layer, nodes[at].args), []).append(at)
+    return {group[0]: group for group in outputs.values()}
 
 
 def _starts(b: GraphBuilder, states: Sequence[State]) -> list[int]:

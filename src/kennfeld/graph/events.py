@@ -23,6 +23,7 @@ HALVINGS = 22  # of the way between two points, after which its ends are compare
 SHRUNK = 0.1  # of the first difference; what is continuous has become far smaller at the second
 JUMP = 1e-9  # of an end's size; what is smaller is rounding
 MAX_CHANGES = 8  # changes looked at for each condition
+LEAVES = ("input", "state", "lookup", "external", "dense")  # nodes to which any value is given
 MAX_CONDITIONS = 64  # conditions looked at in a graph that has more
 _WORDS = {op: op for op in ("floor", "ceil", "round", "sign", "mod")}
 _WORDS |= {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
@@ -50,7 +51,7 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
     >>> [(event.name, event.word, event.parameters) for event in events(graph, ["Gain"])]
     [('y', 'round', ('Gain',))]
     """
-    moving = dependents(graph, lambda node: node.op == "lookup" and node.payload in free)
+    moving = dependents(graph, lambda node: node.parameter in free)
     ends, needed = _needed(graph, [graph.names[name] for name in outputs or graph.outputs])
     candidates = [at for at in sorted(needed & moving) if graph.nodes[at].op in _WORDS]
     if not candidates:
@@ -64,12 +65,12 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
 
 
 class _Step:
-    """One time step evaluated at random points; its leaves are inputs, states and lookups."""
+    """One time step evaluated at random points; its leaves are inputs, states, lookups and called functions."""
 
     def __init__(self, graph: Graph, ends: Sequence[int]) -> None:
         self.graph, self.ends = graph, ends
         self.cone = ancestors(graph.nodes, ends)
-        self.leaves = [at for at in self.cone if graph.nodes[at].op in ("input", "state", "lookup")]
+        self.leaves = [at for at in self.cone if graph.nodes[at].op in LEAVES]
         self.random = np.random.default_rng(0)
         self.points = self._points()
 
@@ -133,7 +134,7 @@ class _Step:
         return sizes
 
     def _evaluate(self, points: Float, cone: Sequence[int]) -> dict[int, Float]:
-        """Evaluate these nodes; a lookup is its random value plus a smooth function of its coordinates."""
+        """Evaluate these nodes; a lookup is its random value plus a smooth function of its coordinates; a call too."""
         row = {at: points[i] for i, at in enumerate(self.leaves)}
         values: dict[int, Float] = {}
         with np.errstate(all="ignore"):
@@ -156,7 +157,7 @@ def _find_changes(level: Float) -> Int:
 
 
 def _looks_up(parameter: str, node: Node) -> bool:
-    return node.op == "lookup" and node.payload == parameter
+    return node.parameter == parameter
 
 
 def _needed(graph: Graph, outputs: Sequence[int]) -> tuple[list[int], set[int]]:

@@ -18,7 +18,7 @@ def factors(graph: Graph) -> set[str]:
     >>> sorted(factors(formula("y = A(u) * B(v) - D(u) * u").graph))
     ['A', 'B']
     """
-    adjustable = dependents(graph, lambda node: node.op == "lookup")
+    adjustable = dependents(graph, lambda node: node.parameter is not None)
     result: set[str] = set()
     pending = list(dict.fromkeys(_non_zero_nodes(graph, adjustable)))
     seen = set(pending)

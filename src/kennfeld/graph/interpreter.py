@@ -6,6 +6,7 @@ import numpy as np
 
 from kennfeld.arrays import ArrayLike, Float
 from kennfeld.free_axes import AxisKey, free_axes
+from kennfeld.graph.dense_layer import DenseLayer, evaluate_layer
 from kennfeld.graph.derivative import Linearization, Slopes, Written
 from kennfeld.graph.external_function import evaluate_points
 from kennfeld.graph.interpolation import (
@@ -160,6 +161,18 @@ class Interpreter:
             case "external_slope":
                 output, axis = payload
                 return evaluate_points(output.function, _points(args))[1][:, output.number, axis]
+            case "dense":
+                return self._layer(payload.layer, args)[0][:, payload.number]
+            case "dense_slope":
+                output, axis = payload
+                slopes = self._layer(output.layer, args)[1][:, output.number]
+                return slopes * float(self.parameters[output.name].values[axis, output.number])
+            case "dense_pull":
+                layer, axis = payload
+                slopes, adjoints = self._layer(layer, args)[1], _points(args[layer.inputs :])
+                shares = np.where(adjoints == 0, 0.0, adjoints * slopes)
+                pulled: Float = shares @ self.parameters[layer.name].values[axis]
+                return pulled
             case _:
                 result: Float = OPERATIONS[op].evaluate(*args)
                 return result
@@ -168,6 +181,9 @@ class Interpreter:
         parameter = self.parameters[ref.name]
         assert isinstance(parameter, RBF)
         return parameter
+
+    def _layer(self, layer: DenseLayer, args: Sequence[Float]) -> tuple[Float, Float]:
+        return evaluate_layer(layer, self.parameters[layer.name].values, _points(args)[:, : layer.inputs])
 
     def _points(self, axis: AxisRef) -> Float:
         return self.axes[axis.number] if axis.key is None else self.moving.get(axis.key, self.axes[axis.number])
@@ -225,6 +241,13 @@ class Interpreter:
         elif node.op == "expansion":
             first = offsets[node.payload.name]
             weights = self._rbf(node.payload).value_slopes(_points([run[a] for a in node.args]))
+        elif node.op == "dense":
+            layer, number = node.payload
+            first, args = offsets[layer.name], [run[a] for a in node.args]
+            weights = np.zeros((len(run[0]), *layer.shape))
+            weights[:, :-1, number], weights[:, -1, number] = _points(args), 1.0
+            weights[:, :, number] *= self._layer(layer, args)[1][:, number, None]
+            weights = weights.reshape(len(weights), -1)
         else:
             first, shape = offsets[node.payload.name], self.parameters[node.payload.name].values.shape
             weights = table_weights([w for w, _ in self._sides(node.payload, [run[a] for a in node.args])], shape)

@@ -80,7 +80,7 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
             kept.append(points)
         return AxisRef(number, parameter.extrapolation, key)
 
-    moving = dependents(graph, lambda node: node.op == "lookup" and node.payload in smooth, through_states=False)
+    moving = dependents(graph, lambda node: node.parameter in smooth, through_states=False)
 
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
         op, old, payload = graph.nodes[at]
@@ -103,6 +103,12 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
 
 
 def _check(graph: Graph, parameters: ParameterSet) -> None:
+    for layer in dict.fromkeys(n.payload.layer for n in graph.nodes if n.op == "dense"):
+        if layer.name not in parameters:
+            raise ArgumentError(f"the model has a layer {layer.name}, whose weights are not in the parameter set")
+        shape = parameters[layer.name].values.shape
+        if shape != layer.shape:
+            raise ArgumentError(f"the weights of layer {layer.name} must have shape {layer.shape}, got {shape}")
     for name, count in dict.fromkeys((n.payload, len(n.args)) for n in graph.nodes if n.op == "lookup"):
         if name not in parameters:
             raise ArgumentError(f"the model looks up {name}, which is not in the parameter set")
@@ -120,4 +126,4 @@ def is_atom(node: Node, free: Free) -> bool:
     """
     if node.op == "position":
         return node.payload.key is not None and node.payload.key in free
-    return node.op in ("interpolate", "expansion") and node.payload.name in free
+    return node.op in ("interpolate", "expansion", "dense") and node.payload.name in free

@@ -27,6 +27,9 @@ class Node(NamedTuple):
     | lookup | coordinates, none for a scalar | parameter name |
     | external | as the function has them | `ExternalOutput`; an output of a function outside of the graph |
     | external_slope | as external | (`ExternalOutput`, axis); the slope of external along its argument `axis` |
+    | dense | as the layer has inputs | `DenseOutput`; an output of a dense layer |
+    | dense_slope | as dense | (`DenseOutput`, axis); the slope of dense along its argument `axis` |
+    | dense_pull | inputs of a layer, an adjoint an output | (`DenseLayer`, axis); the adjoint of its input `axis` |
 
     Until a solver has been applied (`integration.py`), there are two more:
 
@@ -50,6 +53,13 @@ class Node(NamedTuple):
     op: str
     args: tuple[int, ...] = ()
     payload: Any = None
+
+    @property
+    def parameter(self) -> str | None:
+        """The parameter that the node looks up, or whose values are the weights of its layer; None for others."""
+        if self.op == "lookup":
+            return str(self.payload)
+        return str(self.payload.name) if self.op == "dense" else None
 
 
 class State(NamedTuple):
@@ -92,8 +102,15 @@ class Graph:
 
     @property
     def parameters(self) -> Mapping[str, int]:
-        """The parameters that the graph looks up, with their numbers of axes."""
-        return {n.payload: len(n.args) for n in self.nodes if n.op == "lookup"}
+        """The parameters that the graph uses, with their numbers of axes; the weights of a layer have two."""
+        names = {at: node.parameter for at, node in enumerate(self.nodes)}
+        sizes = {at: 2 if node.op == "dense" else len(node.args) for at, node in enumerate(self.nodes)}
+        return {name: sizes[at] for at, name in names.items() if name is not None}
+
+    @property
+    def layers(self) -> set[str]:
+        """The parameters with the weights of dense layers."""
+        return {node.payload.name for node in self.nodes if node.op == "dense"}
 
 
 def extract(

@@ -4,6 +4,7 @@ Truth is 1.0 and 0.0; every value but zero is true. Ties of `min` and `max` take
 at 0 is 0, and step functions (`floor`, comparisons, ...) have slope 0.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -53,6 +54,10 @@ def _round(x: Any) -> Any:
     """Round to the nearest integer; halves away from zero."""
     whole = np.trunc(x)
     return np.where(np.abs(x - whole) >= 0.5, whole + np.copysign(1.0, x), whole)
+
+
+def _erf(x: Any) -> Any:
+    return np.reshape([math.erf(number) for number in np.ravel(x)], np.shape(x))
 
 
 def _mod(a: Any, b: Any) -> Any:
@@ -107,6 +112,11 @@ def _power_base(w: Writer, base: int, exponent: int, _: int) -> int:
     return w.call("guard", exponent, w.call("pow", base, w.call("sub", exponent, w.const(1.0))))
 
 
+def _erf_slope(w: Writer, x: int, y: int) -> int:
+    grown = w.call("exp", w.call("neg", w.call("mul", x, x)))
+    return w.call("mul", w.const(2 / math.sqrt(math.pi)), grown)
+
+
 def _either(comparison: str) -> Branches:
     def conditions(w: Writer, args: tuple[int, ...]) -> tuple[int, int]:
         first = w.call(comparison, *args)
@@ -154,6 +164,7 @@ OPERATIONS: dict[str, Operation] = {
     "sinh": _unary(np.sinh, lambda w, x, y: w.call("cosh", x)),
     "cosh": _unary(np.cosh, lambda w, x, y: w.call("sinh", x)),
     "tanh": _unary(np.tanh, lambda w, x, y: _one_minus_square(w, y)),
+    "erf": _unary(_erf, _erf_slope),
     "floor": _steps(1, _quiet(np.floor)),
     "ceil": _steps(1, _quiet(np.ceil)),
     "round": _steps(1, _quiet(_round)),

@@ -68,9 +68,9 @@ def named_lookups(graph: Graph) -> dict[str, tuple[str, ...]]:
     named = set(graph.names.values())
     users: dict[str, tuple[str, ...]] = {}
     for name, root in graph.names.items():
-        for at in ancestors(graph.nodes, [root], without=named):
-            if graph.nodes[at].op == "lookup":
-                users[graph.nodes[at].payload] = (*users.get(graph.nodes[at].payload, ()), name)
+        reached = (graph.nodes[at].parameter for at in ancestors(graph.nodes, [root], without=named))
+        for parameter in filter(None, reached):
+            users[parameter] = (*users.get(parameter, ()), name)
     return users
 
 

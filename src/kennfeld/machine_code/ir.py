@@ -277,6 +277,17 @@ class Vector:
 
     def exp(self, x: str) -> str:
         """Compute e^x for -700 < x <= 0 within 2 ulp: 2^n e^r with integer n and |r| <= ln(2) / 2."""
+        rest, power = self._powers(x)
+        return self("fmul", self.polynomial(rest, EXPONENTIAL), power)
+
+    def expm1(self, x: str) -> str:
+        """Compute e^x - 1 for -700 < x <= 0, accurate near 0 as well: 2^n (e^r - 1) + 2^n - 1."""
+        rest, power = self._powers(x)
+        grown = self("fmul", rest, self.polynomial(rest, EXPONENTIAL[1:]))
+        return self("fadd", self("fmul", power, grown), self("fsub", power, self.all(1.0)))
+
+    def _powers(self, x: str) -> tuple[str, str]:
+        """Return r and 2^n for x = n ln(2) + r with integer n and |r| <= ln(2) / 2."""
         f, whole = self.f, f"<{self.lanes} x i64>"
         scaled = self("fmul", x, self.all(1 / math.log(2)))
         shifted = f.new(f"fadd {self.kind} {scaled}, {self.all(ROUNDER)}")
@@ -286,4 +297,4 @@ class Vector:
         bits = f.new(f"bitcast {self.kind} {shifted} to {whole}")
         high = f.new(f"shl {whole} {bits}, <{', '.join(['i64 52'] * self.lanes)}>")
         power = f.new(f"add {whole} {high}, <{', '.join([f'i64 {ONES}'] * self.lanes)}>")
-        return self("fmul", self.polynomial(rest, EXPONENTIAL), f.new(f"bitcast {whole} {power} to {self.kind}"))
+        return rest, f.new(f"bitcast {whole} {power} to {self.kind}")

@@ -32,6 +32,13 @@ KINDS: tuple[FunctionKind, ...] = (
     FunctionKind(
         "a Python file", (".py",), "kennfeld.models.python_code.importing:read_function", named=True, runs=True
     ),
+    FunctionKind(
+        "an ONNX network",
+        (".onnx",),
+        "kennfeld.models.onnx_network.importing:read_function",
+        named=False,
+        runs=False,
+    ),
 )
 
 

@@ -80,6 +80,7 @@ def merge_start_values(own: ParameterSet, other: ParameterSet, *, continued: boo
     Args:
         own: parameters of the model.
         other: replacements and additional parameters. Their limits apply; a parameter without limits takes the model's.
+            Values that the model locks stay locked.
         continued: take the extrapolation of tables from the model, since most calibration formats do not store it.
     """
     replaced = [
@@ -95,6 +96,8 @@ def _from_model(own: Parameter, other: Parameter, continued: bool) -> dict[str, 
     attributes: dict[str, Any] = {}
     if continued and other.axes and len(other.axes) == len(own.axes) and own.extrapolation != "clip":
         attributes["extrapolation"] = own.extrapolation
+    if own.locked.any() and own.locked.shape == other.locked.shape:
+        attributes["locked"] = own.locked | other.locked
     if not other.limited:
         attributes |= {side: bound for side in ("lower", "upper") if (bound := _bound(own, side, other)) is not None}
     return attributes

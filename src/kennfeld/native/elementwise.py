@@ -11,7 +11,7 @@ from kennfeld.machine_code.ir import HALF, ONE, ZERO, FunctionWriter, literal
 ELEMENTARY = frozenset(
     {
         *("exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "atan2"),
-        *("sinh", "cosh", "tanh", "pow", "erfc"),
+        *("sinh", "cosh", "tanh", "pow", "erf", "erfc"),
     }
 )
 

@@ -13,6 +13,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Node
+from kennfeld.graph.dense_layer import ACTIVATIONS, DenseLayer, DenseOutput
 from kennfeld.graph.external_function import ExternalFunction, ExternalOutput
 from kennfeld.graph.lookup_lowering import AxisRef, ExpansionRef, LoweredGraph, TableRef
 from kennfeld.graph.value_layout import ValueLayout
@@ -21,6 +22,7 @@ from kennfeld.machine_code.engine import SharedFunction, shared_function
 from kennfeld.machine_code.external import c_pointer
 from kennfeld.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, load_sample
+from kennfeld.native.dense_code import write_layer, write_pull
 from kennfeld.native.elementwise import CONDITIONS, VALUES, guarded_product, power
 from kennfeld.native.rbf_code import write_evaluation, write_value_slopes
 from kennfeld.native.table_lookup import Cell, Window, corners, find_cell, smooth_window
@@ -125,6 +127,13 @@ class ExternalCall(NamedTuple):
     args: tuple[int, ...]
 
 
+class LayerMemory(NamedTuple):
+    """Addresses of the inputs of a layer, followed by a 1, and of its outputs, followed by their slopes."""
+
+    inputs: str
+    outputs: str
+
+
 class StepEmitter:
     """Code under construction within one function, for the sample at index `%k` of its block."""
 
@@ -142,6 +151,8 @@ class StepEmitter:
         self._expansions: dict[tuple[str, tuple[int, ...]], str] = {}
         self._externals: dict[ExternalCall, str] = {}
         self.sloped: Mapping[ExternalCall, Collection[int]] = {}  # arguments along which slopes are needed
+        self._layers: dict[tuple[DenseLayer, tuple[int, ...]], LayerMemory] = {}
+        self._pulls: dict[tuple[DenseLayer, tuple[int, ...]], str] = {}
 
     def value(self, node: int) -> str:
         """Return the double of a node computed before."""
@@ -208,6 +219,13 @@ class StepEmitter:
                 return f.load(self._external(function, args), number)
             case "external_slope", (ExternalOutput(function, number), int() as axis):
                 return f.load(self._external(function, args), function.outputs + number * function.inputs + axis)
+            case "dense", DenseOutput(layer, number):
+                return f.load(self.layer(layer, args).outputs, number)
+            case "dense_slope", (DenseOutput(layer, number), int() as axis):
+                weight = f.load("%values", self.layout.offsets[layer.name] + axis * layer.outputs + number)
+                return f.fmul(f.load(self.layer(layer, args).outputs, layer.outputs + number), weight)
+            case "dense_pull", (DenseLayer() as layer, int() as axis):
+                return f.load(self._pull(layer, args), axis)
             case "select", _:
                 return self.choose(args[0], self.value(args[1]), self.value(args[2]))
             case "pow", _ if self._is_short_power(args[1]):
@@ -318,6 +336,37 @@ class StepEmitter:
             f.store(self.value(a), x, d)
         values = f.at("%values", self.layout.offsets[ref.name])
         f.do(f"call void {function.pointer(f)}(ptr {values}, i64 {ref.centres}, ptr {x}, ptr {out})")
+
+    def layer(self, layer: DenseLayer, args: tuple[int, ...]) -> LayerMemory:
+        """Return the inputs and outputs of a dense layer."""
+        if (layer, args) not in self._layers:
+            f = self.f
+            memory = LayerMemory(f.slot("double", layer.inputs + 1), f.slot("double", 2 * layer.outputs))
+            for j, a in enumerate(args):
+                f.store(self.value(a), memory.inputs, j)
+            f.store(ONE, memory.inputs, layer.inputs)
+            evaluate = shared_function(write_layer, ACTIVATIONS.index(layer.activation))
+            arguments = f"{self._weights(layer)}, double {literal(layer.alpha)}"
+            f.do(f"call void {evaluate.pointer(f)}({arguments}, ptr {memory.inputs}, ptr {memory.outputs})")
+            self._layers[layer, args] = memory
+        return self._layers[layer, args]
+
+    def _pull(self, layer: DenseLayer, args: tuple[int, ...]) -> str:
+        """Return the address of the adjoints of a layer's inputs, given its inputs and the adjoints of its outputs."""
+        if (layer, args) not in self._pulls:
+            f = self.f
+            slopes = f.at(self.layer(layer, args[: layer.inputs]).outputs, layer.outputs)
+            adjoints, out = f.slot("double", layer.outputs), f.slot("double", layer.inputs)
+            for i, a in enumerate(args[layer.inputs :]):
+                f.store(self.value(a), adjoints, i)
+            arguments = f"{self._weights(layer)}, ptr {slopes}, ptr {adjoints}, ptr {out}"
+            f.do(f"call void {shared_function(write_pull).pointer(f)}({arguments})")
+            self._pulls[layer, args] = out
+        return self._pulls[layer, args]
+
+    def _weights(self, layer: DenseLayer) -> str:
+        """Return the arguments with which functions of a layer begin."""
+        return f"ptr {self.f.at('%values', self.layout.offsets[layer.name])}, i64 {layer.inputs}, i64 {layer.outputs}"
 
     def _external(self, function: ExternalFunction, args: tuple[int, ...]) -> str:
         """Return the address of the outputs of an external function, followed by their slopes if these are needed."""

@@ -1,8 +1,8 @@
 """LLVM IR that writes the derivatives of one sample to the tape: entries (column and slopes) and state matrices.
 
 A lookup touches the grid points around its coordinate, a position on a free axis the breakpoints around it, an
-expansion all of its values. The slopes of the rows are either written out as nodes (`WrittenRows`) or computed by an
-adjoint program (`PulledRows`).
+expansion all of its values, an output of a dense layer a column of weights. The slopes of the rows are either written
+out as nodes (`WrittenRows`) or computed by an adjoint program (`PulledRows`).
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -40,6 +40,8 @@ def entries_of(line: Linearization, layout: MemoryLayout, atoms: Sequence[int]) 
             room += min(layout.axes[payload.number].size, 2)
         elif op == "expansion":
             room, fixed = room + layout.shapes[payload.name][0], False
+        elif op == "dense":
+            room, fixed = room + payload.layer.inputs + 1, False
         else:
             sizes = [*zip(layout.shapes[payload.name], payload.smoothed, strict=True)]
             room += prod(count if smoothed else min(count, 2) for count, smoothed in sizes)
@@ -105,6 +107,13 @@ def _corners(step: StepEmitter, atom: int) -> Iterator[Corner]:
         count, weights = step.expansion_weights(payload, args)
         with step.f.loop(0, count) as value:
             yield Corner(value, step.f.load(weights, value))
+    elif op == "dense":
+        f, (layer, number) = step.f, payload
+        memory = step.layer(layer, args)
+        slope = f.load(memory.outputs, layer.outputs + number)
+        with f.loop(0, layer.inputs + 1) as row:
+            weight = f.add(f.mul(row, layer.outputs), number)
+            yield Corner(weight, guarded_product(f, slope, f.load(memory.inputs, row)))
     else:
         yield from corners(step.f, step.sides(payload, args), step.layout.strides(payload.name))
 

@@ -38,7 +38,7 @@ class Coverage:
         self, graph: Graph, parameters: ParameterSet, names: Collection[str], *, of_data_alone: bool = False
     ) -> None:
         self._graph, self._parameters = graph, parameters
-        moving = dependents(graph, lambda node: node.op == "lookup") if of_data_alone else ()
+        moving = dependents(graph, lambda node: node.parameter is not None) if of_data_alone else ()
         self._lookups = [
             (node.payload, node.args)
             for node in graph.nodes
@@ -148,7 +148,7 @@ class Lookup:
 
 def unmoved_tables(graph: Graph) -> frozenset[str]:
     """Return the tables all of whose lookups have coordinates that no parameter can change."""
-    moving = dependents(graph, lambda node: node.op == "lookup")
+    moving = dependents(graph, lambda node: node.parameter is not None)
     lookups = [node for node in graph.nodes if node.op == "lookup"]
     moved = {node.payload for node in lookups if any(at in moving for at in node.args)}
     return frozenset(node.payload for node in lookups) - moved
@@ -222,7 +222,7 @@ class Lookups:
 
 def _reaches(problem: Problem, name: str) -> frozenset[int]:
     graph = problem.graph
-    moving = dependents(graph, lambda node: node.op == "lookup" and node.payload == name)
+    moving = dependents(graph, lambda node: node.parameter == name)
     return frozenset(i for i, name in enumerate(problem.differences) if graph.names[name] in moving)
 
 

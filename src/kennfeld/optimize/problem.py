@@ -75,10 +75,14 @@ class Problem:
 
     @cached_property
     def free_names(self) -> tuple[str, ...]:
-        """The parameters that the function looks up and a pattern frees, without the models that it brings along."""
+        """The parameters that the function uses and a pattern frees.
+
+        Models that the function brings along are never free, layers of neural networks only if they are not locked.
+        """
         looked_up = self.model.graph.parameters
         named = (n for n in looked_up if any(fnmatchcase(n, pattern) for pattern in self.free))
         carried = {surrogate.name for surrogate in self.model.surrogates}
+        carried |= {n for n in self.model.graph.layers if n in self.parameters and self.parameters[n].locked.all()}
         return tuple(n for n in named if n not in carried)
 
     @property

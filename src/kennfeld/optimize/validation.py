@@ -118,7 +118,7 @@ def check_limits(problem: Problem) -> list[Finding]:
         graph = add_limit_nodes(problem.model, problem.limits).graph
     except InputError as error:
         return list(error.findings)
-    live = dependents(graph, lambda node: node.op == "lookup" and node.payload in problem.free_names)
+    live = dependents(graph, lambda node: node.parameter in problem.free_names)
     findings = []
     for name in channels_of(problem.model, problem.limits):
         for data in problem.datasets:

@@ -66,7 +66,7 @@ class CellNumbering:
 def _data_coordinates(lowered: LoweredGraph) -> dict[int, int]:
     """Return the table coordinates that do not depend on other tables, each with its number of cells."""
     nodes = lowered.graph.nodes
-    moving = dependents(lowered.graph, lambda node: node.op == "interpolate")
+    moving = dependents(lowered.graph, lambda node: node.op in ("interpolate", "dense"))
     return {
         at: lowered.axes[axis.number].size + 2
         for node in nodes
@@ -139,7 +139,7 @@ def _preparation(
     names = [name for name in kernel.layout.inputs if name in split.columns]
     if not names:
         return lambda _: {}
-    tables = {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion")}
+    tables = {node.payload.name for node in graph.nodes if node.op in ("interpolate", "expansion", "dense")}
     prepared = LoweredGraph(graph, lowered.axes, {name: lowered.shapes[name] for name in tables})
     simulator = Simulator(prepared, [graph.names[name] for name in names], parameters)
 

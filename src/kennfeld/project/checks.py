@@ -407,13 +407,13 @@ def _count(tally: list[float], x: Float, table: Parameter, axis: int) -> None:
 def _idle(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
     """Yield criteria that no free parameter affects, and free parameters that affect no criterion."""
     graph, free = problem.graph, set(problem.free_names)
-    moving = dependents(graph, lambda node: node.op == "lookup" and node.payload in free)
+    moving = dependents(graph, lambda node: node.parameter in free)
     ends = [graph.names[difference(i)] for i in range(len(problem.criteria))]
     for entry, at in zip(file.criteria, ends, strict=True):
         if at not in moving:
             yield entry.location, f"no free parameter affects {entry.node}", "Is it the right node?"
     for name in problem.free_names:
-        reached = dependents(graph, lambda node, name=name: node.op == "lookup" and node.payload == name)  # type: ignore[misc]
+        reached = dependents(graph, lambda node, name=name: node.parameter == name)  # type: ignore[misc]
         if reached.isdisjoint(ends):
             yield file.location("calibration", "free"), f"{name} affects no criterion and keeps its initial value", ""
 

@@ -36,9 +36,9 @@ def grid_points_within(table: Parameter, part: Range) -> Bool:
 
 
 def uncovered_values(problem: Problem, names: Sequence[str]) -> dict[str, Bool]:
-    """Return masks of the values that no training sample touches, by table; none of an expansion."""
-    kept = {name: problem.parameters[name] for name in names}
-    seen = {name: np.full(table.values.shape, table.kind == "rbf") for name, table in kept.items()}
+    """Return masks of the values that no training sample touches, by table; none of an expansion or a layer."""
+    kept, layers = {name: problem.parameters[name] for name in names}, problem.model.graph.layers
+    seen = {name: np.full(t.values.shape, t.kind == "rbf" or name in layers) for name, t in kept.items()}
     for part in problem.each(_covered_values, tuple(names)):
         for name, mask in part.items():
             seen[name] |= mask

@@ -206,7 +206,7 @@ def describe_formula(path: Path, model: Model) -> FileInfo:
     kinds = {
         name: PARAMETER_KINDS[axes] if axes < len(PARAMETER_KINDS) else "rbf" for name, axes in graph.parameters.items()
     }
-    kinds |= {surrogate.name: "surrogate" for surrogate in model.surrogates}
+    kinds |= {surrogate.name: "surrogate" for surrogate in model.surrogates} | dict.fromkeys(graph.layers, "layer")
     jumps = events(graph, tuple(graph.parameters))
     notes = _surrogate_notes(model)
     if jumps:

@@ -36,7 +36,7 @@ _MAX_MAT_SIZE = 100_000_000  # bytes of a MATLAB data file that is searched for 
 def describe_file(
     path: str | Path, a2l: str | Path | None = None, selection: ModelSelection = WHOLE, dbc: Sequence[str] = ()
 ) -> FileInfo:
-    """Describe a measurement, calibration, A2L, formula, Simulink, ASCET, project or training file, by its content.
+    """Describe a measurement, calibration, A2L, formula, Simulink, ASCET, ONNX, project or training file.
 
     Args:
         path: the file; a sheet of a workbook as `bench.xlsx#Sheet1`.
@@ -114,6 +114,12 @@ def _describe_toml(file: _InputFile) -> FileInfo:
     return describe(file.path)
 
 
+def _describe_network(file: _InputFile) -> FileInfo:
+    from kennfeld.terminal.network_info import describe_network
+
+    return describe_network(file.path)
+
+
 def _describe_formula_file(file: _InputFile) -> FileInfo:
     from kennfeld.models import formula as formulas
 
@@ -183,6 +189,7 @@ def _first_line(text: str) -> str:
 # tried in this order; a file that none of them recognises is a measurement
 _DESCRIBERS: Sequence[tuple[Callable[[_InputFile], bool], Callable[[_InputFile], FileInfo]]] = (
     (_is_enumeration, lambda file: describers.describe_enumeration(file.path)),
+    (lambda file: file.suffix == ".onnx", _describe_network),
     (lambda file: file.suffix == ".sldd", lambda file: describers.describe_dictionary(file.path)),
     (
         lambda file: file.suffix in (".esdl", ".app"),

@@ -109,6 +109,9 @@ def _with_states(graph: Graph, kept: Sequence[int]) -> Graph:
 def _check(graph: Graph) -> None:
     if any(node.op == "guard" for node in graph.nodes):
         raise ArgumentError("a derivative graph (operation guard) cannot be written as formula text")
+    if graph.layers:
+        names = ", ".join(sorted(graph.layers))
+        raise ArgumentError(f"layers of neural networks cannot be written as formula text: {names}")
     kinds = {"node": graph.names, "input": graph.inputs, "parameter": graph.parameters}
     for name, times in Counter(name for names in kinds.values() for name in names).items():
         if times > 1:

@@ -345,6 +345,8 @@ def _factor(amount: float) -> str:
 
 def _axes(graph: Graph, table: Parameter) -> tuple[str, ...]:
     """Name the axes of a table: by the table itself, else by the coordinates of its lookup, else x, y, z, w."""
+    if table.name in graph.layers:
+        return "row", "column"
     lookup = next((n.args for n in graph.nodes if n.op == "lookup" and n.payload == table.name), ())
     names = {at: name for name, at in graph.names.items()}
     names |= {at: graph.nodes[at].payload for at in lookup if graph.nodes[at].op == "input"}

@@ -79,7 +79,8 @@ def _lookups(graph: Graph) -> tuple[Mapping[str, set[tuple[int, ...]]], Mapping[
                 places.setdefault(node.payload, set()).add(node.args)
             axes = fed.get(node.payload, [frozenset()] * len(node.args))
             fed[node.payload] = [axis | above[at] for axis, at in zip(axes, node.args, strict=True)]
-            reached |= {node.payload}
+        if node.parameter is not None:
+            reached |= {node.parameter}
         above.append(reached)
     return places, fed
 
@@ -93,11 +94,11 @@ def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) ->
     about = values[held]
     if about.size and about[0] != 0 and float(np.ptp(about)) <= FLAT * largest:
         changes.append(TableChange("stretch", table.name, values - about[0], about=float(about[0])))
-    for i, axis in enumerate(table.index_axes):
+    for i, axis in enumerate(table.index_axes if fed else ()):  # a layer has no lookup
         if len(axis) > 1:
             slope = np.gradient(values, axis.breakpoints, axis=i)
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
-                changes.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i] if fed else frozenset()))
+                changes.append(TableChange("shift", table.name, -slope, axis=i, fed=fed[i]))
     return changes
 
 

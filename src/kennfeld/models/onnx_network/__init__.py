@@ -1,0 +1,1 @@
+"""Neural networks and tree ensembles of ONNX files, as functions and models."""

@@ -1,0 +1,151 @@
+"""Files that are damaged, too large or hostile are refused with one clear message."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("onnx", reason="the package onnx is not installed")
+
+import onnx
+from networks import perceptron, random_layers, save
+from onnx import TensorProto, external_data_helper, helper
+
+import kennfeld as kf
+from kennfeld.errors import InputError
+from kennfeld.models.onnx_network import reading
+from kennfeld.models.onnx_network.reading import read_network
+
+
+def network(tmp_path, **options):
+    return perceptron(tmp_path / "net.onnx", random_layers([2, 40, 1]), **options)
+
+
+def with_external_data(tmp_path, location="weights.bin"):
+    """A network whose first weights are in a file of their own; `location` is written in place of its name."""
+    model = onnx.load(network(tmp_path))
+    for tensor in model.graph.initializer:
+        external_data_helper.set_external_data(tensor, "weights.bin")
+    onnx.save(model, tmp_path / "net.onnx")
+    model = onnx.load(tmp_path / "net.onnx", load_external_data=False)
+    for tensor in model.graph.initializer:
+        tensor.external_data[0].value = location
+    (tmp_path / "net.onnx").write_bytes(model.SerializeToString())
+    return tmp_path / "net.onnx"
+
+
+def message_of(path):
+    with pytest.raises(InputError) as caught:
+        kf.onnx(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00" * 50, b"not a network", b"\x08\x08" + b"\xff" * 300])
+def test_a_file_of_another_kind_is_refused(tmp_path, content):
+    (tmp_path / "net.onnx").write_bytes(content)
+    assert message_of(tmp_path / "net.onnx").count("\n") == 0
+
+
+def test_every_cut_of_a_file_is_refused_or_read(tmp_path):
+    content = network(tmp_path).read_bytes()
+    for end in range(0, len(content), 37):
+        (tmp_path / "cut.onnx").write_bytes(content[:end])
+        try:
+            kf.onnx(tmp_path / "cut.onnx")
+        except InputError as error:
+            assert "cut.onnx" in str(error)  # noqa: PT017
+
+
+def test_every_changed_byte_is_refused_or_read(tmp_path):
+    content, random = network(tmp_path).read_bytes(), np.random.default_rng(0)
+    for _ in range(300):
+        changed = bytearray(content)
+        for at in random.integers(0, len(content), 3):
+            changed[at] = random.integers(0, 256)
+        (tmp_path / "changed.onnx").write_bytes(changed)
+        try:
+            kf.onnx(tmp_path / "changed.onnx")
+        except InputError as error:
+            assert "changed.onnx" in str(error)  # noqa: PT017
+
+
+def test_external_data_are_read_from_the_folder_of_the_network(tmp_path):
+    plain = read_network(network(tmp_path)).constants
+    assert not (tmp_path / "weights.bin").exists()
+    external = read_network(with_external_data(tmp_path)).constants
+    assert (tmp_path / "weights.bin").exists()
+    for name, array in plain.items():
+        np.testing.assert_array_equal(external[name], array)
+
+
+@pytest.mark.parametrize("location", ["../weights.bin", "/etc/passwd", "sub/../../weights.bin", ""])
+def test_external_data_outside_of_the_folder_are_refused(tmp_path, location):
+    (tmp_path / "inside").mkdir()
+    path = with_external_data(tmp_path / "inside", location)
+    (tmp_path / "weights.bin").write_bytes(b"\0" * 10_000)
+    assert "outside of the folder" in message_of(path)
+
+
+def test_a_link_that_leads_out_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "inside").mkdir()
+    path = with_external_data(tmp_path / "inside")
+    (tmp_path / "inside" / "weights.bin").rename(tmp_path / "secret.bin")
+    (tmp_path / "inside" / "weights.bin").symlink_to(tmp_path / "secret.bin")
+    assert "outside of the folder" in message_of(path)
+
+
+def test_missing_and_short_external_data_are_refused(tmp_path):
+    path = with_external_data(tmp_path)
+    content = (tmp_path / "weights.bin").read_bytes()
+    (tmp_path / "weights.bin").write_bytes(content[: len(content) // 2])
+    assert "ends within the data" in message_of(path)
+    (tmp_path / "weights.bin").unlink()
+    assert "weights.bin with its data does not exist" in message_of(path)
+
+
+def test_a_large_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    path = network(tmp_path)
+    monkeypatch.setattr(reading, "MAX_FILE", 100)
+    assert "the maximum is 100" in message_of(path)
+
+
+def test_a_small_file_that_creates_large_tensors_is_refused(tmp_path):
+    nodes = [
+        helper.make_node("ConstantOfShape", ["shape"], ["large"]),
+        helper.make_node("Add", ["x", "large"], ["y"]),
+    ]
+    path = save(tmp_path / "net.onnx", nodes, {"x": [1]}, {"y": ["a", "b"]}, {"shape": np.array([10**6, 10**6])})
+    assert "the maximum is 1000000" in message_of(path)
+
+
+def test_a_network_that_grows_without_bound_is_refused(tmp_path):
+    nodes = [helper.make_node("Concat", [f"t{i}"] * 8, [f"t{i + 1}"], axis=0) for i in range(12)]
+    path = save(tmp_path / "net.onnx", nodes, {"t0": [1]}, {"t12": ["n"]})
+    assert "the maximum is 1000000" in message_of(path)
+
+
+def test_all_missing_operators_are_named_at_once(tmp_path):
+    nodes = [
+        helper.make_node("Det", ["x"], ["a"]),
+        helper.make_node("Tanh", ["a"], ["b"]),
+        helper.make_node("Det", ["b"], ["c"]),
+        helper.make_node("Hardmax", ["c"], ["y"]),
+    ]
+    path = save(tmp_path / "net.onnx", nodes, {"x": [1, 1]}, {"y": ["n", 1]})
+    with pytest.raises(InputError) as caught:
+        kf.onnx(path)
+    messages = [finding.message for finding in caught.value.findings]
+    assert messages == ["operator Det is not supported (2 times)", "operator Hardmax is not supported"]
+
+
+def test_an_input_of_unknown_shape_is_refused_by_name(tmp_path):
+    node = helper.make_node("Tanh", ["x"], ["y"])
+    assert "not stated: x" in message_of(
+        save(tmp_path / "net.onnx", [node], {"x": [1, "length"]}, {"y": [1, "length"]})
+    )
+
+
+def test_an_input_that_is_no_tensor_is_refused(tmp_path):
+    sequence = helper.make_tensor_sequence_value_info("x", TensorProto.FLOAT, [1])
+    output = helper.make_tensor_value_info("y", TensorProto.FLOAT, [1])
+    graph = helper.make_graph([helper.make_node("ConcatFromSequence", ["x"], ["y"], axis=0)], "g", [sequence], [output])
+    onnx.save(helper.make_model(graph, ir_version=8), tmp_path / "net.onnx")
+    assert "must be tensors, got sequence_type" in message_of(tmp_path / "net.onnx")
