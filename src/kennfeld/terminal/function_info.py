@@ -25,5 +25,5 @@ def describe_function(reference: str) -> FileInfo:
         "outputs": [{"name": y.name, "unit": y.unit} for y in function.outputs],
         "remarks": [str(remark) for remark in function.remarks],
     }
-    tables = [[("input", "unit", "default"), *inputs], [("output", "unit"), *outputs]]
+    tables: list[list[tuple[str, ...]]] = [[("input", "unit", "default"), *inputs], [("output", "unit"), *outputs]]
     return FileInfo(f"{reference}: function{memory}", tables, [str(remark) for remark in function.remarks], as_json)
