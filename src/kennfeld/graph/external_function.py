@@ -29,7 +29,7 @@ class LoadedFunction(Protocol):
 
 
 class ExternalFunction(NamedTuple):
-    """A function outside of the graph, without memory: equal arguments give equal results.
+    """A function outside of the graph; equal arguments give equal results, unless it is sequential.
 
     Attributes:
         name: name for messages and formula text.
@@ -37,6 +37,7 @@ class ExternalFunction(NamedTuple):
         outputs: number of results.
         loader: `module:function`, which returns the `LoadedFunction`.
         arguments: arguments of the loader; they determine the function, for example by the digest of a file.
+        sequential: True if it keeps memory of a trajectory, so that its calls must follow each other in time.
     """
 
     name: str
@@ -44,6 +45,7 @@ class ExternalFunction(NamedTuple):
     outputs: int
     loader: str
     arguments: tuple[str | int, ...] = ()
+    sequential: bool = False
 
     @property
     def symbol(self) -> str:
