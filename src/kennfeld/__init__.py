@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from kennfeld.models.fmu.importing import fmu
     from kennfeld.models.formula import formula
     from kennfeld.models.onnx_network.importing import onnx
+    from kennfeld.models.python_code.importing import function
     from kennfeld.models.simulink.importable_subsystems import inspect_simulink
     from kennfeld.models.simulink.importing import import_simulink, simulink
     from kennfeld.optimize import (
@@ -100,6 +101,7 @@ __all__ = [
     "find_extrapolation",
     "fmu",
     "formula",
+    "function",
     "import_esdl",
     "import_simulink",
     "inspect_simulink",
@@ -133,6 +135,7 @@ _NAMES = {
     "models.fmu.importing": "fmu",
     "models.formula": "formula",
     "models.onnx_network.importing": "onnx",
+    "models.python_code.importing": "function",
     "models.simulink.importable_subsystems": "inspect_simulink",
     "models.simulink.importing": "import_simulink simulink",
     "optimize": "Options Problem Quality RecordingQuality Result Step Stop Trust calibrate simulate",

@@ -4,11 +4,11 @@ The graph holds how a function is found again, not its address, so that it can b
 """
 
 import ctypes
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from hashlib import blake2b
 from importlib import import_module
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -28,6 +28,18 @@ class LoadedFunction(Protocol):
         """
 
 
+class BatchFunction(LoadedFunction, Protocol):
+    """A loaded function that can be evaluated at many points at once."""
+
+    def evaluate(self, points: Float, along: Sequence[int]) -> tuple[Float, Float]:
+        """Return the outputs at points, Float[outputs, points], and slopes, Float[outputs, len(along), points].
+
+        Args:
+            points: the arguments, Float[inputs, points].
+            along: numbers of the arguments along which slopes are needed.
+        """
+
+
 class ExternalFunction(NamedTuple):
     """A function outside of the graph; equal arguments give equal results, unless it is sequential.
 
@@ -38,6 +50,7 @@ class ExternalFunction(NamedTuple):
         loader: `module:function`, which returns the `LoadedFunction`.
         arguments: arguments of the loader; they determine the function, for example by the digest of a file.
         sequential: True if it keeps memory of a trajectory, so that its calls must follow each other in time.
+        batched: True if what the loader returns is a `BatchFunction`, which is better called for many samples at once.
     """
 
     name: str
@@ -46,6 +59,7 @@ class ExternalFunction(NamedTuple):
     loader: str
     arguments: tuple[str | int, ...] = ()
     sequential: bool = False
+    batched: bool = False
 
     @property
     def symbol(self) -> str:
@@ -65,7 +79,14 @@ def load_functions(nodes: Iterable[Node]) -> None:
     """Load the external functions that nodes call, so that their machine code can run."""
     for node in nodes:
         if node.op == "external":
-            _load(node.payload.function)
+            load_function(node.payload.function)
+
+
+def batch_function(function: ExternalFunction) -> BatchFunction:
+    """Load an external function that is batched."""
+    loaded = load_function(function)
+    assert function.batched
+    return cast(BatchFunction, loaded)
 
 
 def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, Float]:
@@ -74,7 +95,7 @@ def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, F
     Returns:
         The outputs, Float[points, outputs], and their slopes, Float[points, outputs, inputs].
     """
-    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(_load(function).address)
+    call = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(load_function(function).address)
     points = np.ascontiguousarray(points, dtype=np.float64)
     results = np.empty((len(points), function.outputs))
     slopes = np.ones((len(points), function.outputs, function.inputs))
@@ -84,7 +105,8 @@ def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, F
 
 
 @cache
-def _load(function: ExternalFunction) -> LoadedFunction:
+def load_function(function: ExternalFunction) -> LoadedFunction:
+    """Load an external function, so that machine code can call it."""
     from kennfeld.machine_code.external import provide  # here, because graphs are read without machine code
 
     module, _, name = function.loader.partition(":")

@@ -1,6 +1,6 @@
 """Measurement data as the kernels read it: one row per channel, one piece after the other."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import pairwise
@@ -135,6 +135,14 @@ class Samples:
     def with_inputs(self, rows: Sequence[int]) -> "Samples":
         """Return the samples with these rows of the inputs."""
         return Samples([self.inputs.parts[row] for row in rows], self.wanted.parts, self.pieces, self.order)
+
+    def with_rows(self, rows: Mapping[int, Float]) -> "Samples":
+        """Return the samples with other arrays as some rows of the inputs; the targets remain shared."""
+        result = copy(self)
+        parts = [rows.get(number, own) for number, own in enumerate(self.inputs.parts)]
+        result.inputs = ColumnTable(parts, self.wanted.count)
+        result.data = result.inputs.headed(self.order)
+        return result
 
     def _last_scored(self, piece: Piece) -> int:
         """Return the index after the last sample of a piece that counts."""

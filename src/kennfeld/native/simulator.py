@@ -1,19 +1,22 @@
 """Simulation of a compiled model: the values of chosen nodes over all samples."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import ArgumentError
+from kennfeld.graph.call_columns import BatchCall, read_batches
 from kennfeld.graph.derivative import Linearization, differentiate
-from kennfeld.graph.external_function import load_functions
+from kennfeld.graph.external_function import batch_function, load_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph
+from kennfeld.graph.node import Graph, extract
 from kennfeld.graph.value_layout import order_values
 from kennfeld.machine_code.engine import compile_written
 from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native.addresses import INT64, POINTER, address
-from kennfeld.native.column_table import ColumnTable
+from kennfeld.native.column_table import ColumnTable, Row
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.sample_loop import values_code
 from kennfeld.native.tape import start_code
@@ -27,6 +30,9 @@ class Simulator:
     """Simulation of the nodes `roots` of a lowered graph."""
 
     def __init__(self, lowered: LoweredGraph, roots: Sequence[int], parameters: ParameterSet) -> None:
+        self._calls: Sequence[_BatchResults] = ()
+        if any(node.op == "external" and node.payload.function.batched for node in lowered.graph.nodes):
+            lowered, roots = self._read_batches(lowered, roots, parameters)
         self._line = differentiate(lowered.graph, roots, ())
         self._values = order_values(self._line, parameters, tuple(lowered.shapes), ())
         self._layout = MemoryLayout.of(lowered, self._line.nodes, self._values)
@@ -36,13 +42,32 @@ class Simulator:
         functions = compile_written(_simulator_code, self._line, self._layout, self._roots)
         self._run, self._start = functions["values"], functions.get("start")
 
+    def _read_batches(
+        self, lowered: LoweredGraph, roots: Sequence[int], parameters: ParameterSet
+    ) -> tuple[LoweredGraph, Sequence[int]]:
+        """Return graph and nodes with the results of calls as columns, and keep the calls."""
+        wanted = {f"\0root{number}": at for number, at in enumerate(roots)}
+        called = read_batches(_reduced(lowered.graph, wanted))
+        self._calls = [_BatchResults(call, replace(lowered, graph=called.graph), parameters) for call in called.batches]
+        graph = _reduced(called.graph, {name: called.graph.names[name] for name in wanted})
+        return replace(lowered, graph=graph), [graph.names[name] for name in wanted]
+
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the columns that `over` reads."""
-        return tuple(self._layout.inputs)
+        own = {name for call in self._calls for name in call.names}
+        needed = dict.fromkeys(name for call in self._calls for name in call.inputs) | dict.fromkeys(
+            self._layout.inputs
+        )
+        return tuple(name for name in needed if name not in own)
 
     def over(
-        self, columns: Mapping[str, Float], count: int, parameters: ParameterSet, starts: Sequence[int] = (0,)
+        self,
+        columns: Mapping[str, Row],
+        count: int,
+        parameters: ParameterSet,
+        starts: Sequence[int] = (0,),
+        widths: Float | None = None,
     ) -> Float:
         """Compute the values of the nodes, shape (roots, samples).
 
@@ -51,16 +76,17 @@ class Simulator:
             count: number of samples.
             parameters: the parameters that the graph looks up.
             starts: samples at which the states start anew.
+            widths: standard deviations of the smoothing, one per axis of the lowered graph; by default there is none.
 
         Raises:
             ArgumentError: a column has another length, or a start lies outside.
         """
-        rows = ColumnTable([columns[name] for name in self.inputs], count)
+        rows = self._rows(columns, count, parameters, starts, widths)
         if any(not 0 <= start <= count for start in starts):
             raise ArgumentError(f"starts={list(starts)} must lie within the {count} samples")
         out = np.empty((len(self._roots), count))
         if count:
-            run = _Run(self, rows, parameters)
+            run = _Run(self, rows, parameters, widths)
             for first, last in zip(starts, [*starts[1:], count], strict=True):
                 run.start(first)
                 for at in range(first, last, CHUNK):
@@ -80,12 +106,55 @@ class Simulator:
         """
         if count < 1:
             raise ArgumentError(f"count={count} must be >= 1")
-        run = _Run(self, ColumnTable([columns[name] for name in self.inputs], count), parameters)
+        run = _Run(self, self._rows(columns, count, parameters), parameters)
         out = np.empty((len(self._roots), STEPS))
         run.start(0)
         for first in range(0, count, STEPS):
             run.values(address(out), STEPS, first, min(first + STEPS, count))
         return out[:, (count - 1) % STEPS].copy()
+
+    def _rows(
+        self,
+        columns: Mapping[str, Row],
+        count: int,
+        parameters: ParameterSet,
+        starts: Sequence[int] = (0,),
+        widths: Float | None = None,
+    ) -> ColumnTable:
+        """Return the columns that the machine code reads; those of calls are computed first."""
+        known = dict(columns)
+        for call in self._calls:
+            known |= call.over(known, count, parameters, starts, widths)
+        return ColumnTable([known[name] for name in self._layout.inputs], count)
+
+
+def _reduced(graph: Graph, names: Mapping[str, int]) -> Graph:
+    """Return the part of a graph that computes some nodes."""
+    return extract(graph.nodes, graph.states, names, {}, ())
+
+
+class _BatchResults:
+    """The results of a function that is called for all samples at once, and the simulation of its arguments."""
+
+    def __init__(self, call: BatchCall, lowered: LoweredGraph, parameters: ParameterSet) -> None:
+        self.names, self._function = call.results, call.function
+        graph = _reduced(lowered.graph, {name: lowered.graph.names[name] for name in call.arguments})
+        roots = [graph.names[name] for name in call.arguments]
+        self._arguments = Simulator(replace(lowered, graph=graph), roots, parameters)
+        self.inputs = self._arguments.inputs
+
+    def over(
+        self,
+        columns: Mapping[str, Row],
+        count: int,
+        parameters: ParameterSet,
+        starts: Sequence[int],
+        widths: Float | None,
+    ) -> Mapping[str, Float]:
+        """Return the columns of the results."""
+        points = self._arguments.over(columns, count, parameters, starts, widths)
+        results, _ = batch_function(self._function).evaluate(points, ())
+        return dict(zip(self.names, results, strict=True))
 
 
 def _simulator_code(line: Linearization, layout: MemoryLayout, roots: Sequence[int]) -> list[FunctionWriter]:
@@ -96,9 +165,12 @@ def _simulator_code(line: Linearization, layout: MemoryLayout, roots: Sequence[i
 class _Run:
     """The arrays of one simulation, and the native calls on them."""
 
-    def __init__(self, simulator: Simulator, rows: ColumnTable, parameters: ParameterSet) -> None:
+    def __init__(
+        self, simulator: Simulator, rows: ColumnTable, parameters: ParameterSet, widths: Float | None = None
+    ) -> None:
         layout = simulator._layout
-        widths, memory = np.zeros(max(len(layout.axes), 1)), np.zeros(layout.memory)
+        widths = np.zeros(max(len(layout.axes), 1)) if widths is None else np.array(widths)
+        memory = np.zeros(layout.memory)
         hints, table = np.zeros(layout.hints, dtype=np.int64), rows.headed(None)
         values, room = simulator._values.pack(parameters), np.zeros(8)
         self._simulator, self._kept = simulator, (rows, table, values, widths, memory, hints, room)

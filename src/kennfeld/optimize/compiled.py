@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph.call_columns import CalledColumns, TableValue, read_calls
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.graph.traversal import rewrite
@@ -26,6 +27,7 @@ from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples, chain_samples, join_samples
 from kennfeld.native.simulator import Simulator
+from kennfeld.optimize.call_sums import CalledFunctions
 from kennfeld.optimize.kept_columns import ColumnStorage, RecentColumns, StoredColumns
 from kennfeld.optimize.partitioned_sums import PartitionedSums
 from kennfeld.optimize.partitions import (
@@ -42,6 +44,7 @@ from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.sample_weights import SampleWeights
@@ -90,11 +93,13 @@ class DataForm:
         weighting: criteria with sample weights.
         restarts: True if steady-state points are held until the model has settled.
         step: time step in s, if it is the same everywhere.
+        partitioned: True if the data are evaluated in partitions.
     """
 
     weighting: SampleWeights
     restarts: bool
     step: float | None
+    partitioned: bool
 
     @classmethod
     def of(cls, problem: Problem) -> "DataForm":
@@ -102,7 +107,8 @@ class DataForm:
         training, partitions = problem.training, problem.partitions
         weighting = SampleWeights.of(problem.criteria, training)
         restarts = any(bound.hold is not None for bound in training)
-        return cls(weighting, restarts, even_step(training) if partitions is None else partitions.step)
+        step = even_step(training) if partitions is None else partitions.step
+        return cls(weighting, restarts, step, partitions is not None)
 
 
 class CompiledProblem:
@@ -142,20 +148,38 @@ class CompiledProblem:
         self._lowered = lower_lookups(graph, parameters, free if smooth_like else ())
         scored = [*problem.differences, *self.weighting.inputs.values()]
         self._split = partition_graph(self._lowered.graph, scored, fitted)
-        reduced = LoweredGraph(self._split.graph, self._lowered.axes, self._lowered.shapes)
+        self._called = self._read_calls(fitted)
+        reduced = LoweredGraph(self._called.graph, self._lowered.axes, self._lowered.shapes)
         self.kernel = Kernel(reduced, self._kernel_outputs(reduced.graph), parameters, fitted)
         self.spacings = np.array([(a[-1] - a[0]) / max(a.size - 1, 1) for a in self._lowered.axes] or [0.0])
         self._sums_of: SumsFactory = smooth_like._sums_of if smooth_like else sums_of or Accumulator
         self._smooth_like = smooth_like
         self._selections: tuple[Selection, ...] = ()
         self._storage: ColumnStorage = RecentColumns()
-        if smooth_like is not None and self.kernel.line.states and problem.partitions is not None:
+        if smooth_like is not None and self.stateful and problem.partitions is not None:
             self.problem = replace(problem, partitions=smooth_like.search_partitions)
         self.values = self.kernel.values
         factors = {name: problem.factors(name) for name in free}
         self.roughness: Penalty = penalty_of(parameters, self.values, factors, problem.restraints)
         self.start = self.values.pack(parameters)
         self._stored: list[tuple[StoredSamples, Part]] = []  # of one partition
+
+    def _read_calls(self, fitted: Sequence[str | AxisKey]) -> CalledColumns:
+        """Read the results of calls as columns; over partitions, functions are called sample by sample."""
+        if self.form.partitioned:
+            return CalledColumns(self._split.graph, (), None, self._split.graph)
+        tables = (self.problem.parameters[name] for name in self.problem.free_names)
+        free = (TableValue(t.name, tuple(index)) for t in tables for index in np.argwhere(~_locked(t)).tolist())
+        return read_calls(self._split.graph, fitted, free)
+
+    @cached_property
+    def _functions(self) -> CalledFunctions:
+        return CalledFunctions(self._called, self._lowered, self.problem.parameters, self.values)
+
+    @property
+    def stateful(self) -> bool:
+        """True if samples are visited in the order of time, because the model has states or calls that have them."""
+        return bool(self.kernel.line.states) or self._called.trajectories is not None
 
     def _kernel_outputs(self, graph: Graph) -> list[Output]:
         names = graph.names
@@ -182,7 +206,7 @@ class CompiledProblem:
 
     @property
     def _is_thinned(self) -> bool:
-        return self._smooth_like is not None and not self.kernel.line.states
+        return self._smooth_like is not None and not self.stateful
 
     @cached_property
     def sums(self) -> Sums:
@@ -288,7 +312,11 @@ class CompiledProblem:
 
     def sums_over(self, samples: Samples) -> Sums:
         """Return the sums of the compiled model over other samples."""
-        return RememberedSums(self._sums_of(self.kernel, samples), samples.count, samples.wanted)
+        if not self._called.batches and self._called.trajectories is None:
+            sums = self._sums_of(self.kernel, samples)
+        else:
+            sums = self._functions.sums(self._sums_of, self.kernel, samples)
+        return RememberedSums(sums, samples.count, samples.wanted)
 
     def sums_with(self, select: Callable[..., Samples], *arguments: Any) -> Sums:
         """Return the sums over another selection of the samples; see `over_selection`."""
@@ -309,7 +337,7 @@ class CompiledProblem:
         return other
 
     def _sums_over_partitions(self, each: Callable[..., Iterator[Any]]) -> Sums:
-        sums = PartitionedSums(each, len(self._lowered.axes), stateful=bool(self.kernel.line.states))
+        sums = PartitionedSums(each, len(self._lowered.axes), stateful=self.stateful)
         return RememberedSums(sums, self.sample_count)
 
     def simulator(self, names: Sequence[str]) -> Simulator:
@@ -387,7 +415,7 @@ class CompiledProblem:
             other.samples = self._thin(self.samples)
             if other.samples is self.samples:
                 return self
-        elif self.kernel.line.states:
+        elif self.stateful:
             if self.search_partitions is partitions:
                 return self
             other.problem = replace(self.problem, partitions=self.search_partitions)
@@ -414,7 +442,7 @@ class CompiledProblem:
 
     def _thin(self, samples: Samples) -> Samples:
         """Return the samples with which searches are compared."""
-        if not self.kernel.line.states:
+        if not self.stateful:
             return samples.thinned(self._search_share(samples.count))
         if samples.count < 2 * SEARCH_PIECE_SAMPLES or len(samples.pieces) < 2 * SEARCH_PIECES:
             return samples
@@ -461,6 +489,7 @@ class CompiledProblem:
             ages = sample_ages(bound.hold, bound.count) if self.form.restarts else {}
             further = self.weighting.columns(bound) | ages
             starts = bound.starts if bound.hold is None else group_points(bound.starts)
+            further |= {name: np.zeros(bound.count) for name in self._called.inputs}
             whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
             targets = [
                 partial(self.weighting.target, i, bound, partial(problem.target, c, bound))
@@ -468,7 +497,9 @@ class CompiledProblem:
             ]
             scores = np.array([c.weight * bound.dataset.weight for c in problem.criteria])
             sources.append(TrainingSource(whole, targets, scores))
-        return assemble_samples(sources, self._lowered, self._split, self.kernel, problem.parameters)
+        return assemble_samples(
+            sources, self._lowered, self._split, self.kernel, problem.parameters, in_time=self.stateful
+        )
 
     def _shared(self, other: "CompiledProblem") -> Samples:
         """Return the samples of another form of the problem if its data-only part is the same."""
@@ -484,6 +515,10 @@ class CompiledProblem:
     def _search_share(self, samples: int) -> float:
         """Return the share of the samples with which searches of models without memory are compared."""
         return max(SEARCH_SAMPLES, SAMPLES_PER_VALUE * self.values.free) / max(samples, 1)
+
+
+def _locked(parameter: Parameter) -> Bool:
+    return np.broadcast_to(parameter.locked, parameter.values.shape)
 
 
 def run_on_compiled(shared: bytes, item: bytes, arguments: bytes) -> Any:

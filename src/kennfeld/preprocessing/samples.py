@@ -109,17 +109,19 @@ def assemble_samples(
     split: GraphPartition,
     kernel: Kernel,
     parameters: ParameterSet,
+    *,
+    in_time: bool,
 ) -> Samples:
     """Return the samples of all sources, with the columns that depend on data alone.
 
-    Without memory, samples without a target are dropped and the others are visited by cell.
+    Unless all are visited in the order of time, samples without a target are dropped, and the others visited by cell.
     """
     prepare = _preparation(lowered, split, kernel, parameters)
     columns = [source.bound.columns | prepare(source.bound) for source in sources]
     targets = [[target() for target in source.targets] for source in sources]
     pieces: list[Piece] = []
     order, end = None, 0
-    if kernel.line.states:
+    if in_time:
         for source in sources:
             edges = [*source.bound.starts.tolist(), source.bound.count]
             pieces += [Piece(end + a, end + b, source.scores) for a, b in pairwise(edges)]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError, Location
+from kennfeld.finite_differences import difference_step
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.machine_code.external import provide
@@ -32,7 +33,7 @@ from kennfeld.models.fmu.evaluation_code import (
 )
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
 from kennfeld.models.fmu.library import FmuLibrary, yield_address
-from kennfeld.models.fmu.slope_selection import agreeing_columns, difference_step, relative_noise
+from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
 
 _REPEATED = 1e-4  # tolerance of repeated results, for FMUs that solve equations by iteration
 _SMALLEST = 0.1  # of the order of magnitude of an argument, below which steps no longer shrink with it
@@ -203,7 +204,7 @@ class FmuInstance:
             message = f"its code cannot be evaluated with its start values{said}"
             raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
         magnitudes = np.array([argument.magnitude for argument in self.arguments])
-        noise = relative_noise(lambda x: self._evaluate(x)[0], point, magnitudes)
+        noise = noise_near(lambda x: self._evaluate(x)[0], point, magnitudes)
         self._check_memory(point, magnitudes, results)
         self._memory["equations_steps"][:] = self._memory["start_steps"][:] = difference_step(noise)
         interface = self.description.model_exchange

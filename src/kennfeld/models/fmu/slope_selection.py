@@ -2,47 +2,27 @@
 
 An FMU may claim directional derivatives and return wrong ones without an error, for example zeros along parameters. A
 column of slopes is therefore compared with central differences at a few points near the start.
-
-The step of differences depends on the noise of the function (More and Wild, SIAM J. Sci. Comput. 33 (2011) 1292): an
-FMU that solves equations by iteration is not exact to the last digit.
 """
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.finite_differences import NOISE_POINTS, NOISE_SPACING, largest_ratio, noise_of
 from kennfeld.models.fmu.evaluation_code import DIFFERENCES, DIRECTIONAL, SKIPPED
 
 _POINTS = 4  # near the start
 _SPREAD = 0.2  # of their distances, relative to the orders of magnitude
 _TOLERANCE = 1e-4  # of directional derivatives
-_SPACING = 1e-7  # of the points from which noise is estimated
-_EPSILON = float(np.finfo(float).eps)
-_LEVELS = range(4, 7)  # of the table of differences
 
 
-def difference_step(noise: float) -> float:
-    """Return the relative step of central differences that balances noise and curvature."""
-    return min(math.cbrt(3 * max(noise, _EPSILON)), 0.05)
-
-
-def relative_noise(evaluate: Callable[[Float], Float], point: Float, magnitudes: Float) -> float:
-    """Return the noise of a function relative to its results, from differences of high order along a line."""
-    direction = _SPACING * magnitudes
+def noise_near(evaluate: Callable[[Float], Float], point: Float, magnitudes: Float) -> float:
+    """Return the noise of a function relative to its results, from points on a line."""
+    direction = NOISE_SPACING * magnitudes
     direction[0] = 0.0  # time
-    table = np.array([evaluate(point + number * direction) for number in range(max(_LEVELS) + 1)])
-    size = np.max(np.abs(table), axis=0)
-    differences, estimates = table, []
-    for level in range(1, max(_LEVELS) + 1):
-        differences = np.diff(differences, axis=0)
-        if level in _LEVELS:
-            weight = math.factorial(level) ** 2 / math.factorial(2 * level)
-            estimates.append(np.sqrt(weight * np.mean(differences**2, axis=0)))
-    relative = np.min(estimates, axis=0)[size > 0] / size[size > 0]
-    usable = relative[np.isfinite(relative)]
-    return float(usable.max(initial=0.0))
+    table = np.array([evaluate(point + number * direction) for number in range(NOISE_POINTS)])
+    return largest_ratio(noise_of(table), np.max(np.abs(table), axis=0))
 
 
 def agreeing_columns(

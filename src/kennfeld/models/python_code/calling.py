@@ -1,35 +1,87 @@
-"""Functions in Python that a step calls sample by sample, with slopes by central differences."""
+"""Python functions in the memory of this process, callable from machine code and for many samples at once."""
 
 import ctypes
-import math
-import sys
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
+from kennfeld.arrays import Float
 from kennfeld.content_digest import digest_of
 from kennfeld.errors import InputError, Location
-from kennfeld.lazy_dataclass import dataclass
+from kennfeld.graph.external_function import ExternalFunction
+from kennfeld.models.python_code.evaluation import NumberFunction, PythonEvaluation
 
-_STEP: Final = sys.float_info.epsilon ** (1 / 3)  # relative: balances the errors of truncation and rounding
 _POINTERS: Final = (ctypes.POINTER(ctypes.c_double),) * 3
+_MODULE: Final = "kennfeld.models.python_code.calling"
+_living: dict[int, PythonEvaluation] = {}  # functions that are not in files, by their numbers
+_numbers = count()
 
 
-@dataclass(frozen=True)
-class PythonCallback:
-    """A function of Python at an address."""
+class LoadedPython:
+    """A loaded function in Python; see `BatchFunction`."""
 
-    callback: Any
+    def __init__(self, evaluation: PythonEvaluation) -> None:
+        self.evaluation = evaluation
 
     @property
     def address(self) -> int:
-        """Address of the function, see `LoadedFunction`."""
-        return ctypes.cast(self.callback, ctypes.c_void_p).value or 0
+        """See `LoadedFunction`."""
+        return ctypes.cast(self._callback, ctypes.c_void_p).value or 0
+
+    def evaluate(self, points: Float, along: Sequence[int]) -> tuple[Float, Float]:
+        """See `BatchFunction`."""
+        return self.evaluation.evaluate(points, along)
+
+    @cached_property
+    def _callback(self) -> Any:
+        return ctypes.CFUNCTYPE(None, *_POINTERS)(self._call)
+
+    def _call(self, x: Any, y: Any, slopes: Any) -> None:
+        inputs = self.evaluation.inputs
+        arguments = x[:inputs]
+        for number, result in enumerate(self.evaluation.point(arguments)):
+            y[number] = result
+        if not slopes:
+            return
+        along = [argument for argument in range(inputs) if slopes[argument]]
+        for number, row in enumerate(self.evaluation.point_slopes(arguments, along)):
+            for argument, slope in zip(along, row, strict=True):
+                slopes[number * inputs + argument] = slope
 
 
-def load(path: str, name: str, digest: str, inputs: int, outputs: int) -> PythonCallback:
-    """Run a Python file and return its function as a callback.
+def function_of_file(path: Path, name: str, digest: str, inputs: int, outputs: int) -> ExternalFunction:
+    """Return a function of a Python file, which runs when the function is loaded."""
+    arguments = (str(path.resolve()), name, digest, inputs, outputs)
+    return ExternalFunction(name, inputs, outputs, f"{_MODULE}:load_from_file", arguments, batched=True)
+
+
+def living_function(
+    function: NumberFunction, name: str, inputs: int, outputs: int, jacobian: NumberFunction | None
+) -> ExternalFunction:
+    """Return a function that exists in this process only."""
+    number = next(_numbers)
+    _living[number] = PythonEvaluation(function, inputs, outputs, jacobian)
+    return ExternalFunction(name, inputs, outputs, f"{_MODULE}:load_living", (name, number), batched=True)
+
+
+def load_living(name: str, number: int) -> LoadedPython:
+    """Return a function of this process.
+
+    Raises:
+        InputError: it belongs to another process.
+    """
+    if number not in _living:
+        message = "the function exists only in the process that defined it"
+        remedy = "Define it in a file, and name it as file.py:function."
+        raise InputError.of(Location(name), message, remedy)
+    return LoadedPython(_living[number])
+
+
+def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int) -> LoadedPython:
+    """Run a Python file and return its function.
 
     Raises:
         InputError: the file has changed since it was read, or fails.
@@ -46,28 +98,4 @@ def load(path: str, name: str, digest: str, inputs: int, outputs: int) -> Python
         function: Callable[..., Any] = getattr(module, name)
     except Exception as error:
         raise InputError.of(Location(path), f"running it failed: {error!r:.200}", "Correct it.") from error
-    return PythonCallback(_callback(function, inputs, outputs))
-
-
-def _callback(function: Callable[..., Any], inputs: int, outputs: int) -> Any:
-    def values(arguments: Sequence[float]) -> list[float]:
-        try:
-            result = function(*arguments)
-            numbers = [float(item) for item in result] if isinstance(result, tuple) else [float(result)]
-        except Exception:  # what it cannot compute is NaN: an exception cannot pass through machine code
-            return [math.nan] * outputs
-        return numbers if len(numbers) == outputs else [math.nan] * outputs
-
-    def call(x: Any, y: Any, slopes: Any) -> None:
-        arguments = x[:inputs]
-        for number, result in enumerate(values(arguments)):
-            y[number] = result
-        if not slopes:
-            return
-        for at, value in enumerate(arguments):
-            step = _STEP * max(abs(value), 1.0)
-            above, below = ([*arguments[:at], value + sign * step, *arguments[at + 1 :]] for sign in (1, -1))
-            for number, (high, low) in enumerate(zip(values(above), values(below), strict=True)):
-                slopes[number * inputs + at] = (high - low) / (above[at] - below[at])
-
-    return ctypes.CFUNCTYPE(None, *_POINTERS)(call)
+    return LoadedPython(PythonEvaluation(function, inputs, outputs))

@@ -1,12 +1,16 @@
 """Functions in Python as model functions."""
 
 from collections.abc import Callable, Sequence
+from inspect import Parameter, signature
 from pathlib import Path
+from typing import Any
 
-from kennfeld.errors import Finding, Location
+from kennfeld.errors import ArgumentError, Finding, Location
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
-from kennfeld.models.model_function import FunctionOutput, ModelFunction
+from kennfeld.models.model import Model
+from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, as_model
+from kennfeld.models.python_code.calling import function_of_file, living_function
 from kennfeld.models.python_code.reading import PythonFunction, read_python_function
 from kennfeld.models.python_code.translation import UntranslatableError, translate
 
@@ -26,14 +30,74 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
     try:
         write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]] = translate(source).write
     except UntranslatableError as error:
-        write, remarks = _Call(source).write, (_remark(source, error),)
+        called = function_of_file(path, function, source.digest, len(source.inputs), len(outputs))
+        write, remarks = _Call(called).write, (_remark(source, error),)
     return ModelFunction(name or function, source.inputs, outputs, write, source=str(path), remarks=remarks)
+
+
+def function(
+    function: Callable[..., Any],
+    jac: Callable[..., Any] | None = None,
+    outputs: Sequence[str] = (),
+) -> Model:
+    """Return a Python function as a model: its arguments are channels, its results nodes.
+
+    It is called with the arrays of all samples if it gives the same for them as for numbers, else sample by sample.
+
+    Args:
+        function: takes numbers, and returns one number or a tuple of them.
+        jac: returns its derivatives along all arguments, as a sequence; for several results, one for each result.
+            Without it, derivatives are central differences.
+        outputs: names of the results; by default a single one has the name of the function.
+
+    Raises:
+        ArgumentError: the function has a variable number of arguments.
+
+    >>> model = function(lambda speed, load: speed * load, outputs=["power"])
+    >>> model.graph.inputs, model.graph.outputs
+    (('speed', 'load'), ('power',))
+    """
+    return as_model(python_function(function, jac, outputs))
+
+
+def python_function(
+    function: Callable[..., Any], jac: Callable[..., Any] | None = None, outputs: Sequence[str] = (), name: str = ""
+) -> ModelFunction:
+    """Return a Python function for calls in formula text; see `function`.
+
+    Args:
+        function: the function.
+        jac: its derivatives.
+        outputs: names of its results.
+        name: the name for calls, by default its own.
+    """
+    own = getattr(function, "__name__", "")
+    name = name or (own if own.isidentifier() else "f")
+    results = tuple(outputs) or (name,)
+    inputs = _inputs(function, name)
+    called = living_function(function, name, len(inputs), len(results), jac)
+    return ModelFunction(name, inputs, tuple(FunctionOutput(item) for item in results), _Call(called).write)
+
+
+def _inputs(function: Callable[..., Any], name: str) -> tuple[FunctionInput, ...]:
+    try:
+        arguments = signature(function).parameters.values()
+    except (ValueError, TypeError):
+        raise ArgumentError(
+            f"the arguments of {name} cannot be found; wrap it in a function of named arguments"
+        ) from None
+    if any(argument.kind not in (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD) for argument in arguments):
+        raise ArgumentError(f"{name} has a variable number of arguments, or keywords; name all arguments")
+    numbers = [None if each.default is Parameter.empty else each.default for each in arguments]
+    if wrong := [number for number in numbers if not isinstance(number, int | float | None)]:
+        raise ArgumentError(f"the default {wrong[0]!r:.40} of an argument of {name} must be a number")
+    return tuple(FunctionInput(each.name, default=number) for each, number in zip(arguments, numbers, strict=True))
 
 
 def _remark(source: PythonFunction, error: UntranslatableError) -> Finding:
     message = (
-        f"line {error.line} cannot be translated: {error.message}. {source.tree.name} is called for each sample, which "
-        "is slow and runs the code of the file, with derivatives by differences"
+        f"line {error.line} cannot be translated: {error.message}. The code of the file runs to evaluate "
+        f"{source.tree.name}, for all samples at once where this is possible, and its derivatives are differences"
     )
     return Finding(Location(source.path.name, source.tree.lineno), message, severity="remark")
 
@@ -41,10 +105,8 @@ def _remark(source: PythonFunction, error: UntranslatableError) -> Finding:
 class _Call:
     """The call of a function from a graph."""
 
-    def __init__(self, source: PythonFunction) -> None:
-        inputs, outputs, name = len(source.inputs), len(source.results), source.tree.name
-        arguments = (str(source.path.resolve()), name, source.digest, inputs, outputs)
-        self.function = ExternalFunction(name, inputs, outputs, "kennfeld.models.python_code.calling:load", arguments)
+    def __init__(self, function: ExternalFunction) -> None:
+        self.function = function
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> list[int]:
         """Add the call to a graph."""

@@ -110,7 +110,7 @@ def _excess(compiled: CompiledProblem, values: Float) -> Iterator[tuple[int, Flo
     rows = [compiled.kernel.layout.inputs[name] for name in simulator.inputs]
     samples = compiled.samples.with_inputs(rows)
     parameters = compiled.values.unpack(values, problem.parameters)
-    for first, last, starts in _blocks(samples, stateful=bool(compiled.kernel.line.states)):
+    for first, last, starts in _blocks(samples, stateful=compiled.stateful):
         visits = np.arange(first, last)
         columns = dict(zip(simulator.inputs, samples.inputs_of(visits), strict=True))
         nodes = simulator.over(columns, visits.size, parameters, starts)

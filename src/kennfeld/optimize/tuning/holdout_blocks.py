@@ -210,7 +210,7 @@ def _number_samples(compiled: CompiledProblem, divisions: Divisions) -> Int:
 def _sum_blocks(compiled: CompiledProblem, divisions: Divisions, full: Float) -> list[tuple[int, float, PackedNormal]]:
     """Return the cost and the normal equations of each block in the problem or in one partition."""
     numbers = _number_samples(compiled, divisions)[compiled.sample_numbers()]
-    select = _in_time if compiled.kernel.line.states else _anywhere
+    select = _in_time if compiled.stateful else _anywhere
     result = []
     for number in np.unique(numbers[numbers != NEVER]).tolist():
         sums = compiled.sums_over(select(compiled.samples, numbers == number))

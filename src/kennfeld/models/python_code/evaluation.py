@@ -1,0 +1,144 @@
+"""Evaluation of Python functions, for one sample or for many at once, with slopes."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from kennfeld.arrays import Float
+from kennfeld.finite_differences import difference_step
+
+_STEP: Final = difference_step(0.0)
+_LEAST_SIZE: Final = 1e-4  # of an argument: steps are relative to its size
+_COMPARED: Final = 16  # samples at which arrays and numbers must give the same
+_TOLERANCE: Final = 1e-9
+
+NumberFunction = Callable[..., Any]
+
+
+class PythonEvaluation:
+    """A function of numbers that returns one number, or a tuple of them.
+
+    Args:
+        function: the function. If it takes arrays as well, it is called with those of all samples.
+        inputs: number of arguments.
+        outputs: number of results.
+        jacobian: returns the slopes along all arguments, for several results a sequence of them for each result; None
+            for central differences.
+
+    What the function cannot compute, because it raises an exception or returns something else, is NaN.
+    """
+
+    def __init__(
+        self, function: NumberFunction, inputs: int, outputs: int, jacobian: NumberFunction | None = None
+    ) -> None:
+        self.function, self.jacobian = function, jacobian
+        self.inputs, self.outputs = inputs, outputs
+        self._takes_arrays: bool | None = None  # unknown before there are samples
+
+    def point(self, arguments: Sequence[float]) -> list[float]:
+        """Return the results for numbers."""
+        try:
+            result = self.function(*arguments)
+            numbers = [float(item) for item in _sequence(result, self.outputs)]
+        except Exception:  # an exception cannot pass through machine code
+            return [math.nan] * self.outputs
+        return numbers if len(numbers) == self.outputs else [math.nan] * self.outputs
+
+    def point_slopes(self, arguments: Sequence[float], along: Sequence[int]) -> Float:
+        """Return the slopes for numbers, Float[outputs, len(along)]."""
+        if self.jacobian is None:
+            return self._differences(np.array(arguments)[:, None], along, np.zeros(self.inputs), self._by_sample)[
+                ..., 0
+            ]
+        return self._rows_of_jacobian(arguments)[:, list(along)]
+
+    def evaluate(self, points: Float, along: Sequence[int]) -> tuple[Float, Float]:
+        """Return results and slopes at many samples; see `BatchFunction`."""
+        compute = self._at_all if self._accepts_arrays(points) else self._by_sample
+        with np.errstate(all="ignore"):
+            results = compute(points)
+            if not len(along):
+                return results, np.empty((self.outputs, 0, points.shape[1]))
+            if self.jacobian is not None:
+                return results, self._jacobians(points, compute)[:, list(along)]
+            sizes = np.max(np.abs(points), axis=1, initial=0.0, where=np.isfinite(points))
+            return results, self._differences(points, along, _LEAST_SIZE * sizes, compute)
+
+    def _at_all(self, points: Float) -> Float:
+        try:
+            return self._arrays(self.function(*points), points.shape[1])
+        except Exception:
+            return self._by_sample(points)
+
+    def _by_sample(self, points: Float) -> Float:
+        results = np.empty((self.outputs, points.shape[1]))
+        for at, arguments in enumerate(points.T.tolist()):
+            results[:, at] = self.point(arguments)
+        return results
+
+    def _arrays(self, result: Any, count: int) -> Float:
+        items = [np.asarray(item, dtype=np.float64) for item in _sequence(result, self.outputs)]
+        return np.array([np.broadcast_to(item, (count,)) for item in items]).reshape(self.outputs, count)
+
+    def _accepts_arrays(self, points: Float) -> bool:
+        """Return True if the function gives the same for arrays as for the numbers in them, at a few samples."""
+        if self._takes_arrays is None and points.shape[1] > 1:
+            picked = points[:, np.linspace(0, points.shape[1] - 1, _COMPARED).astype(np.int64)]
+            expected = self._by_sample(picked)
+            try:
+                with np.errstate(all="ignore"):
+                    results = self._arrays(self.function(*picked), picked.shape[1])
+                self._takes_arrays = np.allclose(results, expected, rtol=_TOLERANCE, atol=0.0, equal_nan=True)
+            except Exception:
+                self._takes_arrays = False
+        return bool(self._takes_arrays)
+
+    def _differences(
+        self, points: Float, along: Sequence[int], least: Float, compute: Callable[[Float], Float]
+    ) -> Float:
+        """Return central differences, Float[outputs, len(along), samples]."""
+        slopes = np.empty((self.outputs, len(along), points.shape[1]))
+        for position, argument in enumerate(along):
+            value = points[argument]
+            step = _STEP * np.maximum(np.abs(value), max(float(least[argument]), _LEAST_SIZE))
+            above, below = points.copy(), points.copy()
+            above[argument], below[argument] = value + step, value - step
+            width = above[argument] - below[argument]
+            slopes[:, position] = (compute(above) - compute(below)) / width
+        return slopes
+
+    def _jacobians(self, points: Float, compute: Callable[[Float], Float]) -> Float:
+        """Return the slopes along all arguments from the function's own derivative, Float[outputs, inputs, samples]."""
+        count = points.shape[1]
+        slopes = np.empty((self.outputs, self.inputs, count))
+        if compute == self._at_all:
+            assert self.jacobian is not None
+            try:
+                for row, result in zip(slopes, self._by_result(self.jacobian(*points)), strict=True):
+                    for own, item in zip(row, result, strict=True):
+                        own[:] = item
+                return slopes
+            except Exception:  # it takes numbers only
+                pass
+        for at, arguments in enumerate(points.T.tolist()):
+            slopes[:, :, at] = self._rows_of_jacobian(arguments)
+        return slopes
+
+    def _rows_of_jacobian(self, arguments: Sequence[float]) -> Float:
+        assert self.jacobian is not None
+        try:
+            rows = [[float(item) for item in row] for row in self._by_result(self.jacobian(*arguments))]
+            return np.array(rows).reshape(self.outputs, self.inputs)
+        except Exception:
+            return np.full((self.outputs, self.inputs), np.nan)
+
+    def _by_result(self, jacobian: Any) -> Sequence[Any]:
+        """Return the rows of a derivative: one for each result, of one item for each argument."""
+        return list(jacobian) if self.outputs > 1 else [_sequence(jacobian, self.inputs)]
+
+
+def _sequence(result: Any, count: int) -> Sequence[Any]:
+    """Return several results as a sequence; a single one may stand alone."""
+    return list(result) if isinstance(result, tuple | list) or (count > 1 and hasattr(result, "__len__")) else [result]

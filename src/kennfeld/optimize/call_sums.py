@@ -1,0 +1,148 @@
+"""Sums of models whose calls are columns, which are computed again for the values of each evaluation."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from kennfeld.arrays import Float, Int
+from kennfeld.graph.call_columns import BatchCall, CalledColumns
+from kennfeld.graph.external_function import batch_function
+from kennfeld.graph.lookup_lowering import LoweredGraph
+from kennfeld.graph.value_layout import ValueLayout
+from kennfeld.native.kernel import Kernel
+from kennfeld.native.samples import Samples
+from kennfeld.native.simulator import Simulator
+from kennfeld.optimize.sums import NormalEquations, Sums, SumsFactory
+from kennfeld.optimize.trajectory_columns import SampleRows, TrajectoryColumns
+from kennfeld.parameter_set import ParameterSet
+
+
+class _Refreshed(Protocol):
+    """Columns at all samples."""
+
+    columns: Mapping[str, Float]
+
+    def refresh(self, values: Float, widths: Float, slopes: bool) -> None:
+        """Compute the columns for some values; the slopes only if they are needed, else they are finite numbers."""
+
+
+class CalledFunctions:
+    """The calls of a compiled model, and the simulations of what they need.
+
+    Args:
+        called: the graph whose calls are columns.
+        lowered: the lowered graph to which it belongs.
+        parameters: the start.
+        values: layout of the values.
+    """
+
+    def __init__(
+        self, called: CalledColumns, lowered: LoweredGraph, parameters: ParameterSet, values: ValueLayout
+    ) -> None:
+        self.called, self.parameters, self.values = called, parameters, values
+        origin = LoweredGraph(called.origin, lowered.axes, lowered.shapes)
+
+        def simulate(names: Sequence[str]) -> Simulator:
+            return Simulator(origin, [called.origin.names[name] for name in names], parameters)
+
+        self.arguments = [simulate(call.arguments) for call in called.batches]
+        self.results = simulate(called.trajectories.names) if called.trajectories is not None else None
+
+    def sums(self, sums_of: SumsFactory, kernel: Kernel, samples: Samples) -> "CallSums":
+        """Return the sums over samples, in columns of their own."""
+        inputs = kernel.layout.inputs
+        refreshed = self._columns(SampleRows.of(samples, inputs))
+        own = {inputs[name]: array for each in refreshed for name, array in each.columns.items() if name in inputs}
+        return CallSums(sums_of(kernel, samples.with_rows(own)), refreshed)
+
+    def _columns(self, rows: SampleRows) -> Sequence[_Refreshed]:
+        refreshed: list[_Refreshed] = [
+            _BatchColumns(call, simulator, self.values, self.parameters, rows)
+            for call, simulator in zip(self.called.batches, self.arguments, strict=True)
+        ]
+        if self.called.trajectories is not None and self.results is not None:
+            own = TrajectoryColumns(self.called.trajectories, self.results, self.values, self.parameters, rows)
+            refreshed.append(own)
+        return refreshed
+
+
+class _BatchColumns:
+    """Columns of a function that is called for all samples at once."""
+
+    def __init__(
+        self, call: BatchCall, simulator: Simulator, layout: ValueLayout, parameters: ParameterSet, rows: SampleRows
+    ) -> None:
+        names = [*call.results, *call.points, *(name for row in call.slopes for name in row)]
+        self.columns: Mapping[str, Float] = {name: np.zeros(rows.count) for name in names}
+        self._call, self._simulator = call, simulator
+        self._layout, self._parameters, self._rows = layout, parameters, rows
+
+    def refresh(self, values: Float, widths: Float, slopes: bool) -> None:
+        """See `_Refreshed`."""
+        parameters = self._layout.unpack(values, self._parameters)
+        points = self._rows.simulate(self._simulator, parameters, widths)
+        results, derivatives = batch_function(self._call.function).evaluate(points, self._call.moving if slopes else ())
+        for name, column in zip(self._call.results, results, strict=True):
+            self.columns[name][:] = column
+        for name, argument in zip(self._call.points, self._call.moving, strict=True):
+            self.columns[name][:] = points[argument]
+        for number, names in enumerate(self._call.slopes):
+            for position, name in enumerate(names):
+                self.columns[name][:] = derivatives[number, position] if slopes else 0.0
+
+
+class CallSums:
+    """Sums of a model whose calls are columns; see `sums.Sums`.
+
+    Args:
+        sums: the sums that read the columns.
+        refreshed: the columns, in the order in which they can be computed.
+    """
+
+    def __init__(self, sums: Sums, refreshed: Sequence[_Refreshed]) -> None:
+        self._sums, self._refreshed, self.widths = sums, refreshed, sums.widths
+        self._last: tuple[bytes, bool] | None = None
+
+    @property
+    def stateful(self) -> bool:
+        """See `Sums`."""
+        return self._sums.stateful
+
+    def prepare(self) -> None:
+        """See `Sums`."""
+        self._sums.prepare()
+
+    def cost(self, values: Float) -> float:
+        """See `Sums`."""
+        self._refresh(values, slopes=False)
+        return self._sums.cost(values)
+
+    def normal(self, values: Float) -> NormalEquations:
+        """See `Sums`."""
+        self._refresh(values, slopes=True)
+        return self._sums.normal(values)
+
+    def rows(self, values: Float) -> tuple[Float, Float]:
+        """See `Sums`."""
+        self._refresh(values, slopes=True)
+        return self._sums.rows(values)
+
+    def rows_at(self, values: Float, visits: Int) -> Float:
+        """See `Sums`."""
+        self._refresh(values, slopes=True)
+        return self._sums.rows_at(values, visits)
+
+    def touched(self, values: Float, owners: Int | None = None) -> Int:
+        """See `Sums`."""
+        self._refresh(values, slopes=True)
+        return self._sums.touched(values, owners)
+
+    def _refresh(self, values: Float, *, slopes: bool) -> None:
+        key = values.tobytes() + self.widths.tobytes()
+        if self._last is not None and self._last[0] == key and self._last[1] >= slopes:
+            return
+        self._last = None
+        for each in self._refreshed:
+            each.refresh(values, self.widths, slopes)
+        self._last = key, slopes
