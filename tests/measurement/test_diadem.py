@@ -144,7 +144,7 @@ def test_lengths_are_rasters(diadem):
     [
         ({"file": "other.r64"}, "file other.r64 is not beside the header"),
         ({"kind": "TWOC12"}, "values of type TWOC12 cannot be read"),
-        ({"count": 9}, r"file bench.r64 is cut off: 72 bytes are needed"),
+        ({"count": 9}, r"file bench.r64 is cut off: it has only 24 bytes"),
         ({"count": "many"}, "entry 220 is 'many', not a whole number"),
         ({"first": 0}, "an impossible place"),
         ({"count": 10**12}, "it claims 1000000000000 values"),
@@ -170,6 +170,21 @@ def test_a_channel_that_cannot_be_read_is_left_out_with_a_warning(diadem):
     assert list(read(path, ["Speed"])) == ["Speed"]
     with pytest.raises(InputError, match=r"file other\.r64 is not beside the header"):
         read(path, ["Torque"])
+
+
+@pytest.mark.parametrize(
+    ("file", "problem"), [("other.r64", "is not beside the header"), ("bench.r64", "is cut off: it has only 24 bytes")]
+)
+def test_channels_of_one_unreadable_file_share_a_message(diadem, file, problem):
+    names = ["Speed", "Torque", "Load", "Lambda", "Spark", "NOx", "CO"]
+    path = diadem(
+        *(explicit(name, file, "REAL64", 3, first=4 + 3 * place) for place, name in enumerate(names)),
+        bench_r64=np.arange(3.0),
+    )
+    message = f"channels Speed, Torque, Load, Lambda, Spark and 2 more: file {file} {problem}"
+    with pytest.raises(InputError, match=message) as caught:
+        read(path)
+    assert len(caught.value.findings) == 1
 
 
 def test_damaged_headers_are_read_or_refused(diadem):

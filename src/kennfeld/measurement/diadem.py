@@ -20,7 +20,13 @@ from kennfeld.file_errors import nearest_file
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
+from kennfeld.measurement.recorded_groups import (
+    RecordedChannel,
+    RecordedGroup,
+    UnreadableChannel,
+    ValuesFileError,
+    tables_of,
+)
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import split_name
@@ -92,7 +98,8 @@ def _groups(source: MeasurementFile, header: _Header) -> tuple[list[RecordedGrou
                 channel = _channel(source, header, {**_default_place(entries, place), **entries}, length, counts)
                 by_length[length].append(channel)
         except ValueError as error:
-            unreadable.append(UnreadableChannel(entries.get(200) or str(number), str(error), _EXPORT))
+            shared = isinstance(error, ValuesFileError)
+            unreadable.append(UnreadableChannel(entries.get(200) or str(number), str(error), _EXPORT, shared))
     groups = [
         RecordedGroup("" if len(by_length) == 1 else f"{length} samples", length, channels)
         for length, channels in by_length.items()
@@ -189,8 +196,9 @@ class _Stored:
         """Raise `ValueError` if the file is shorter than the header claims."""
         if self.kind:
             needed = (self.first + (self.length - 1) * self.distance + 1) * np.dtype(self.kind).itemsize
-            if needed > self.path.stat().st_size:
-                raise ValueError(f"file {self.path.name} is cut off: {needed} bytes are needed")
+            size = self.path.stat().st_size
+            if needed > size:
+                raise ValuesFileError(f"file {self.path.name} is cut off: it has only {size} bytes")
 
     def values(self) -> Float:
         """Return the numbers, NaN where they are missing; Float[samples]."""
@@ -229,7 +237,7 @@ def _beside(source: MeasurementFile, name: str) -> Path:
     for path in (folder / own, *(other for other in folder.iterdir() if other.name.casefold() == own.casefold())):
         if path.is_file():
             return path
-    raise ValueError(f"file {own} is not beside the header. {nearest_file(folder / own)}".strip())
+    raise ValuesFileError(f"file {own} is not beside the header. {nearest_file(folder / own)}".strip())
 
 
 def _method(entries: Mapping[int, str]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Findings, InputError, Location, Severity
+from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
@@ -18,6 +19,7 @@ from kennfeld.measurement.unit_text import in_seconds, time_unit
 _TIME = "time"
 _MAX_LISTED = 8  # channels in a message
 _MAX_WARNINGS = 20
+_MAX_NAMES = 5  # of channels in one message
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +47,17 @@ class RecordedChannel:
     clock: bool = False
 
 
+class ValuesFileError(ValueError):
+    """A file of values beside a header is missing or too short: a problem of all channels in it."""
+
+
 class UnreadableChannel(NamedTuple):
     """A channel whose values cannot be read: an error if it is requested or no other can be read, else a warning."""
 
     name: str
     problem: str
     remedy: str
-
-    def finding(self, location: Location, severity: Severity = "error") -> Finding:
-        """Return the finding that names the channel."""
-        return Finding(location.within(f"channel {self.name}"), self.problem, self.remedy, severity=severity)
+    shared: bool = False  # the problem is that of a file of values, so channels with the same one are listed together
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +109,7 @@ def tables_of(
     """
     errors = [each for each in unreadable if not groups or each.name in (selection.channels or ())]
     if errors:
-        raise InputError(each.finding(location) for each in errors)
+        raise InputError(_findings(location, errors, "error"))
     if not groups:
         raise InputError.of(location, "holds no channels with samples", "Is it the right file?")
     names = _unique_names(groups)
@@ -118,11 +121,28 @@ def tables_of(
 
 
 def _warnings(location: Location, unreadable: Sequence[UnreadableChannel]) -> tuple[Finding, ...]:
-    findings = [each.finding(location, "warning") for each in unreadable[:_MAX_WARNINGS]]
-    if len(unreadable) > _MAX_WARNINGS:
-        message = f"{len(unreadable) - _MAX_WARNINGS} more channels cannot be read"
+    shared = [each for each in unreadable if each.shared]
+    others = [each for each in unreadable if not each.shared]
+    findings = _findings(location, [*shared, *others[:_MAX_WARNINGS]], "warning")
+    if len(others) > _MAX_WARNINGS:
+        message = f"{len(others) - _MAX_WARNINGS} more channels cannot be read"
         findings.append(Finding(location, message, "Request them to see why.", severity="warning"))
     return tuple(findings)
+
+
+def _findings(location: Location, unreadable: Sequence[UnreadableChannel], severity: Severity) -> list[Finding]:
+    """Return a finding for each channel, and only one for all channels that share the problem of a file."""
+    names: dict[UnreadableChannel, list[str]] = {}
+    for each in unreadable:
+        names.setdefault(each._replace(name="") if each.shared else each, []).append(each.name)
+    return [
+        Finding(
+            location.within(f"channel{'s' if len(sharing) > 1 else ''} {join_names(sharing, _MAX_NAMES)}"),
+            *(each.problem, each.remedy),
+            severity=severity,
+        )
+        for each, sharing in names.items()
+    ]
 
 
 def _with_dates_aligned(tables: Sequence[Table], selection: Selection) -> list[Table]:

@@ -24,7 +24,13 @@ from kennfeld.file_errors import nearest_file
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
+from kennfeld.measurement.recorded_groups import (
+    RecordedChannel,
+    RecordedGroup,
+    UnreadableChannel,
+    ValuesFileError,
+    tables_of,
+)
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import plain_unit, split_name
@@ -175,7 +181,8 @@ class _Document:
                 try:
                     own = self._channel(channel, name)
                 except ValueError as error:
-                    self.unreadable.append(UnreadableChannel(_child_text(channel, "name"), str(error), _EXPORT))
+                    shared = isinstance(error, ValuesFileError)
+                    self.unreadable.append(UnreadableChannel(_child_text(channel, "name"), str(error), _EXPORT, shared))
                 else:
                     if own is not None:
                         by_length[own[0]].append(own[1])
@@ -268,7 +275,7 @@ class _Document:
         if offset < 0 or distance < size:
             raise ValueError("the description states an impossible place of the values")
         if length and offset + distance * (length - 1) + size > path.stat().st_size:
-            raise ValueError(f"file {path.name} is cut off")
+            raise ValuesFileError(f"file {path.name} is cut off")
         return _StoredBlock(path, _TYPES.get(kind, ""), order, offset, distance, length)
 
     @staticmethod
@@ -284,7 +291,7 @@ class _Document:
         for path in (folder / own, *(other for other in folder.iterdir() if other.name.casefold() == own.casefold())):
             if path.is_file():
                 return path
-        raise ValueError(f"file {own} is not beside the description. {nearest_file(folder / own)}".strip())
+        raise ValuesFileError(f"file {own} is not beside the description. {nearest_file(folder / own)}".strip())
 
 
 def _tag(element: Element) -> str:
