@@ -1,5 +1,6 @@
 """Several starts: the best is found, every one is told of, and the number of processes does not matter."""
 
+import math
 import os
 import signal
 from dataclasses import replace
@@ -296,6 +297,13 @@ def test_a_table_of_the_starts_can_be_shown():
     head, *rows = sine(starts=3).starts_table()
     assert head[:2] == ("start", "status")
     assert [row[0] for row in rows] == ["1", "2", "3"]
+
+
+def test_unknown_costs_of_a_start_are_empty_cells_of_the_table():
+    result = sine(starts=2)
+    unknown = replace(result.starts[1], status="stopped", cost_before=math.nan, cost_after=math.nan)
+    _, _, row = replace(result, starts=(result.starts[0], unknown)).starts_table()
+    assert row[1:4] == ("stopped", "", "")
 
 
 def test_more_starts_than_could_end_are_refused():

@@ -1,9 +1,13 @@
 """Datasets of a project: files, channels, calculated channels, samples that count."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from kennfeld.preprocessing.recordings import find_recordings
+from kennfeld.errors import Location
+from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.preprocessing.recordings import find_databases, find_recordings
 
 
 def timed(shop, name="bench.csv", samples=6, **columns):
@@ -76,6 +80,13 @@ def test_a_sheet_of_a_workbook_stays_with_each_file_that_matches(tmp_path):
 def test_a_pattern_without_files_names_the_nearest(shop):
     error = shop.change('"bench.csv"', '"benhc.csv"').error()
     assert error == "kennfeld.toml [[dataset]] 1 files: benhc.csv matches no file. Did you mean bench.csv?"
+
+
+def test_a_pattern_without_similar_files_names_the_whole_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    entry = DatasetEntry(location=Location("kennfeld.toml"), files=("a.csv",), dbc=("gone.dbc",))
+    _, (finding,) = find_databases(Path(), entry)
+    assert finding.remedy == f"Paths are relative to the folder {tmp_path.resolve()}."
 
 
 def test_a_missing_folder_is_named(shop):

@@ -50,6 +50,10 @@ def test_points_without_time_have_no_rate(written):
     assert "rate" not in found.tables[0][0]
 
 
+def test_one_channel_with_one_sample_is_counted_in_the_singular(written):
+    assert describe_file(written("bench.csv", "Speed\n1000\n")).summary.endswith("1 channel over 1 sample")
+
+
 def test_a_recording_of_several_rasters_tells_each(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

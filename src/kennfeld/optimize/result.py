@@ -10,6 +10,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding
+from kennfeld.formatting import number_text
 from kennfeld.free_axes import free_axes
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.notebook_display import NotebookDisplay
@@ -182,7 +183,7 @@ class Result(NotebookDisplay):
         head = ("start", "status", "cost before", "cost after", "iterations", "distance")
         rows = []
         for row in self.starts:
-            costs = f"{row.cost_before:.6g}", f"{row.cost_after:.6g}"
+            costs = number_text(row.cost_before), number_text(row.cost_after)  # empty if it was stopped before it began
             rows.append((str(row.start), row.status, *costs, str(row.iterations), f"{row.distance:.3g}"))
         return [head, *rows]
 

@@ -282,4 +282,4 @@ def _similar_file(folder: Path, pattern: str) -> str:
     path = folder / pattern.partition("#")[0]
     if not path.parent.is_dir():
         return f"The folder {path.parent} does not exist."
-    return nearest_file(path) or f"Paths are relative to {folder}."
+    return nearest_file(path) or f"Paths are relative to the folder {folder.resolve()}."

@@ -51,7 +51,9 @@ def describe_measurement(description: measurement.Description) -> FileInfo:
     several = len(groups) > 1
     notes = [note for group in groups for note in _time_notes(group, file, several)]
     notes += [note for group in groups for note in _content_notes(group)]
-    sizes = [f"{len(group.channels)} channels over {group.samples} samples" for group in groups]
+    sizes = [
+        f"{count_noun(len(group.channels), 'channel')} over {count_noun(group.samples, 'sample')}" for group in groups
+    ]
     size = join_names(sizes, _MOST_GROUPS, " and ")
     return FileInfo(
         f"{file}: measurement ({description.kind}), {size}",
