@@ -19,6 +19,7 @@ import pytest
 from amd_files import Component, Drawing, Method, message, parameter, write_archive
 from esdl_projects import BATTERY, write_project
 from flash_files import A2L, hex_of
+from networks import perceptron, random_layers
 from simulink_data import entry, sldd
 from simulink_files import Model
 
@@ -55,6 +56,7 @@ def workplace(tmp_path, monkeypatch):
             add_model(folder)
             write_project(folder, BATTERY)
             add_components(folder)
+            perceptron(folder / "knock.onnx", random_layers([2, 4, 1]))
         monkeypatch.chdir(folder)
         return folder
 

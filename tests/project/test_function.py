@@ -22,8 +22,8 @@ def test_an_algebraic_loop_is_named(shop):
     [
         ("sensr.kf", "[model] file: file sensr.kf does not exist. Did you mean sensor.kf?"),
         ("sensor.slx", "file sensor.slx does not exist. Did you mean sensor.kf?"),
-        ("sensor.onnx", "sensor.onnx is an ONNX network, which is not available in this version"),
-        ("sensor.py:f", "sensor.py:f is a Python function, which is not available in this version"),
+        ("sensor.onnx", "file sensor.onnx does not exist. Did you mean sensor.kf?"),
+        ("sensor.py:f", "file sensor.py:f does not exist. Did you mean sensor.kf?"),
         ("bench.csv", "unknown model format .csv. Use formula text (.kf), a Simulink model"),
         ("lost/sensor.kf", "file lost/sensor.kf does not exist. Check the path."),
     ],

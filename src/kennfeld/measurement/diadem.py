@@ -37,6 +37,7 @@ _TYPES = {
 _TEXT = "ASCII"
 _SWAPPED = "LOW -> HIGH"  # bytes in the order of other processors than those of PCs
 _IMPLICIT = ("IMPLICIT", "IMPLIZIT")
+_MAX_DIGITS_OF_KEY = 9  # far more than any key of the format has
 _MAX_HEADER = 50_000_000  # bytes
 _MAX_VALUES = 500_000_000
 _EXPORT = "Export the measurement from DIAdem as MDF, TDMS or CSV."
@@ -75,9 +76,9 @@ def _header(source: MeasurementFile) -> _Header:
         elif mark == "#BEGINGLOBALHEADER":
             entries = common
         else:
-            key, separator, value = line.partition(",")
-            if separator and key.strip().isdecimal():
-                entries.setdefault(int(key), value.strip())
+            key, separator, value = (part.strip() for part in line.partition(","))
+            if separator and key.isdecimal() and len(key) <= _MAX_DIGITS_OF_KEY:
+                entries.setdefault(int(key), value)
     return _Header(common, tuple(channels))
 
 

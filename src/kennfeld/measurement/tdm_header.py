@@ -129,7 +129,9 @@ class _Column:
         """Return the numbers, NaN where they are invalid; Float[samples]."""
         if self.block is None:
             return np.asarray(self.start + self.factor * np.arange(self.length), dtype=np.float64)
-        return self._valid(self.block.read().astype(np.float64) * self.factor + self.start)
+        with np.errstate(invalid="ignore", over="ignore"):  # a damaged file may hold any numbers
+            numbers = self.block.read().astype(np.float64) * self.factor + self.start
+        return self._valid(numbers)
 
     def first_date(self) -> tuple[int, float]:
         """Return the first date in s since year 0, as a whole number and a fraction."""

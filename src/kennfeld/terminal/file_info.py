@@ -47,7 +47,8 @@ def describe_file(
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
     """
-    if kind_of(str(path)) is not None:
+    kind = kind_of(str(path))
+    if kind is not None and kind.named:
         return describe_function(str(path))
     file = _InputFile(Path(path), a2l, selection)
     if file.path.is_file():

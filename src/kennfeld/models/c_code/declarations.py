@@ -1,4 +1,4 @@
-"""What a C file declares: types, enumerations, variables, and functions with their arguments."""
+"""Declarations of a C file: types, enumerations, variables, and functions with their arguments."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import field
