@@ -171,6 +171,14 @@ def test_a_model_with_memory_keeps_pieces_whole(tmp_path):
     assert [p.samples for p in partitions.training] == [400, 450, 500]
 
 
+def test_a_warmup_begins_with_pieces_only(tmp_path):
+    path = write_timed(tmp_path)
+    (tmp_path / "lag.kf").write_text("input u\nLagged = K(u) * T\n")
+    plain, parted = (CompiledProblem(each.problem()) for each in (Project.read(path), in_partitions(path, 300)))
+    assert parted.residuals == plain.residuals == 1260
+    assert parted.sums.cost(plain.start) == pytest.approx(plain.sums.cost(plain.start))
+
+
 @pytest.mark.parametrize("rounding", ["", ", round = false"])
 def test_quantiles_are_those_of_all_data(tmp_path, rounding):
     path = write_steady(tmp_path, text=STEADY.replace("count = 6 }", f"count = 6{rounding} }}"))

@@ -15,12 +15,15 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.external_function import ExternalFunction
+from kennfeld.graph.external_function import ExternalFunction, is_sequential
 from kennfeld.graph.lookup_lowering import Free, TableRef, is_atom
-from kennfeld.graph.node import Graph, Node
+from kennfeld.graph.node import Graph, Node, extract
 from kennfeld.graph.traversal import dependents, rewrite
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.parameters import Parameter
 
 
 class TableValue(NamedTuple):
@@ -28,6 +31,22 @@ class TableValue(NamedTuple):
 
     table: str
     place: tuple[int, ...]
+
+
+def table_values(parameter: Parameter) -> list[TableValue]:
+    """Return all values of a parameter.
+
+    >>> from kennfeld.parameters import Curve
+    >>> table_values(Curve("C", [0, 1], [1, 2]))
+    [TableValue(table='C', place=(0,)), TableValue(table='C', place=(1,))]
+    """
+    return [TableValue(parameter.name, place) for place in np.ndindex(parameter.values.shape)]
+
+
+def unlocked_values(parameter: Parameter) -> list[TableValue]:
+    """Return the values of a parameter that are not locked."""
+    locked = np.broadcast_to(parameter.locked, parameter.values.shape)
+    return [value for value in table_values(parameter) if not locked[value.place]]
 
 
 @dataclass(frozen=True)
@@ -113,7 +132,7 @@ def read_calls(graph: Graph, free: Free, values: Iterable[TableValue]) -> Called
         free: parameters and axes whose values are fitted.
         values: the free values of tables, along which results of functions that keep memory have slopes.
     """
-    results = [at for at, n in enumerate(graph.nodes) if n.op == "external" and n.payload.function.sequential]
+    results = [at for at, node in enumerate(graph.nodes) if is_sequential(node)]
     return _read(graph, free, _trajectories(graph, results, list(values)) if results else None)
 
 
@@ -129,11 +148,19 @@ def _read(graph: Graph, free: Free, trajectories: Trajectories | None) -> Called
         for call, (_, args) in zip(batches, batched, strict=True)
         for name, at in zip(call.arguments, args, strict=True)
     }
-    results = [at for at, n in enumerate(graph.nodes) if n.op == "external" and n.payload.function.sequential]
-    names |= dict(zip(trajectories.names, results, strict=True)) if trajectories is not None else {}
+    results = [at for at, node in enumerate(graph.nodes) if is_sequential(node)]
+    if trajectories is not None:
+        names |= dict(zip(trajectories.names, results, strict=True)) | _inputs_of(graph, results)
     origin = replace(graph, names={**graph.names, **names})
     written = _Rewriting(graph, dict(zip(batched, batches, strict=True)), trajectories, results)
     return CalledColumns(rewrite(origin, written.resolve), batches, trajectories, origin)
+
+
+def _inputs_of(graph: Graph, results: Sequence[int]) -> dict[str, int]:
+    """Return names that keep the inputs of trajectories in the graph whose calls are columns."""
+    needed = extract(graph.nodes, graph.states, {str(at): at for at in results}, {}, ())
+    names = {node.payload for node in needed.nodes if node.op == "input"}
+    return {f"\0input.{n.payload}": at for at, n in enumerate(graph.nodes) if n.op == "input" and n.payload in names}
 
 
 def _leads_back(graph: Graph, function: ExternalFunction, args: Sequence[int]) -> bool:

@@ -75,6 +75,11 @@ class ExternalOutput(NamedTuple):
     number: int
 
 
+def is_sequential(node: Node) -> bool:
+    """Return True if a node calls a function that keeps memory of a trajectory."""
+    return node.op == "external" and node.payload.function.sequential
+
+
 def load_functions(nodes: Iterable[Node]) -> None:
     """Load the external functions that nodes call, so that their machine code can run."""
     for node in nodes:

@@ -1,11 +1,15 @@
 """Functions in files of other tools, by the kinds of their files."""
 
+from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from kennfeld.errors import InputError, Location
-from kennfeld.models.model_function import ModelFunction
+from kennfeld.errors import Findings, InputError, Location
+from kennfeld.models.model import Model
+from kennfeld.models.model_function import ModelFunction, as_function
+
+CallableSources = Mapping[str, str | Path | Model | Callable[..., Any]] | Collection[ModelFunction]
 
 
 class FunctionKind(NamedTuple):
@@ -83,4 +87,38 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
         raise InputError.of(location, f"{kind.label} holds one function", f'Write "{path}".')
     module, _, reader = kind.reader.partition(":")
     read: ModelFunction = getattr(import_module(module), reader)(folder / path, function, name, step)
+    return read
+
+
+def named_functions(functions: CallableSources) -> Collection[ModelFunction]:
+    """Return functions for calls in formula text.
+
+    Args:
+        functions: by the names of their calls, references of files as for `read_function_file`, models without memory,
+            or Python functions with one result. Functions that were read stay as they are.
+
+    Raises:
+        InputError: files cannot be read; carries the findings of all.
+        ArgumentError: a model has memory, or a Python function a variable number of arguments.
+    """
+    if not isinstance(functions, Mapping):
+        return functions
+    findings, read = Findings(), []
+    for name, function in functions.items():
+        try:
+            if isinstance(function, str | Path):
+                read.append(read_function_file(str(function), Path(), name))
+            elif isinstance(function, Model):
+                read.append(as_function(function, name))
+            else:
+                read.append(_python_function(function, name))
+        except InputError as error:
+            findings.add(*error.findings)
+    findings.finish()
+    return read
+
+
+def _python_function(function: Callable[..., Any], name: str) -> ModelFunction:
+    module = import_module("kennfeld.models.python_code.importing")  # as readers are: it knows this module
+    read: ModelFunction = module.python_function(function, name=name)
     return read

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
-from kennfeld.errors import Finding
+from kennfeld.errors import ArgumentError, Finding
+from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
 from kennfeld.lazy_dataclass import dataclass
@@ -93,6 +95,36 @@ def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
         values=function.values,
         remarks=function.remarks,
     )
+
+
+def as_function(model: Model, name: str) -> ModelFunction:
+    """Return a model without memory as a function that formula text calls; its parameters keep their names.
+
+    Raises:
+        ArgumentError: the model has memory.
+
+    >>> double = as_model(ModelFunction("double", (FunctionInput("x"),), (FunctionOutput("y"),), _twice))
+    >>> as_function(double, "g").inputs[0].name, dict(as_function(double, "g").calls)
+    ('x', {'g.y': 0, 'g': 0})
+    """
+    graph = model.graph
+    if graph.states:
+        raise ArgumentError(f"{name}: model {model.name} has memory, so that formula text cannot call it")
+    inputs = tuple(FunctionInput(channel, graph.units.get(channel, "")) for channel in graph.inputs)
+    outputs = tuple(FunctionOutput(output, graph.units.get(output, "")) for output in graph.outputs)
+    write = partial(_write_graph, graph)
+    return ModelFunction(name, inputs, outputs, write, values=model.carried, remarks=model.remarks)
+
+
+def _write_graph(graph: Graph, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
+    known = dict(zip(graph.inputs, arguments, strict=True))
+    numbers: list[int] = []
+    for node in graph.nodes:
+        if node.op == "input" and node.payload in known:
+            numbers.append(known[node.payload])
+        else:
+            numbers.append(builder.rebuild(node, tuple(numbers[at] for at in node.args)))
+    return [numbers[graph.names[output]] for output in graph.outputs]
 
 
 def _twice(builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
+from kennfeld.arrays import Float, Int
 from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph, GraphBuilder
-from kennfeld.graph.call_columns import CalledColumns, TableValue, read_calls
+from kennfeld.graph.call_columns import CalledColumns, read_calls, unlocked_values
+from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.graph.traversal import rewrite
@@ -44,7 +45,6 @@ from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.prepared_files import touch
 from kennfeld.preprocessing.sample_weights import SampleWeights
@@ -61,9 +61,14 @@ Selection = tuple[Callable[..., Samples], tuple[Any, ...]]  # a function of a mo
 
 
 def smoothable(problem: Problem) -> bool:
-    """Return True if the coordinate of a lookup that the criteria need depends on a free parameter."""
+    """Return True if the coordinate of a lookup that the criteria need depends on a free parameter.
+
+    Functions that keep memory run through whole trajectories at each evaluation, which several descents would repeat.
+    """
     lowered = lower_lookups(problem.graph, problem.parameters, problem.free_names)
     needed = partition_graph(lowered.graph, problem.differences, (*problem.free_names, *problem.free_axes)).graph
+    if any(is_sequential(node) for node in needed.nodes):
+        return False
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
 
 
@@ -165,12 +170,8 @@ class CompiledProblem:
         self._stored: list[tuple[StoredSamples, Part]] = []  # of one partition
 
     def _read_calls(self, fitted: Sequence[str | AxisKey]) -> CalledColumns:
-        """Read the results of calls as columns; over partitions, functions are called sample by sample."""
-        if self.form.partitioned:
-            return CalledColumns(self._split.graph, (), None, self._split.graph)
-        tables = (self.problem.parameters[name] for name in self.problem.free_names)
-        free = (TableValue(t.name, tuple(index)) for t in tables for index in np.argwhere(~_locked(t)).tolist())
-        return read_calls(self._split.graph, fitted, free)
+        tables = [self.problem.parameters[name] for name in self.problem.free_names]
+        return read_calls(self._split.graph, fitted, [value for table in tables for value in unlocked_values(table)])
 
     @cached_property
     def _functions(self) -> CalledFunctions:
@@ -515,10 +516,6 @@ class CompiledProblem:
     def _search_share(self, samples: int) -> float:
         """Return the share of the samples with which searches of models without memory are compared."""
         return max(SEARCH_SAMPLES, SAMPLES_PER_VALUE * self.values.free) / max(samples, 1)
-
-
-def _locked(parameter: Parameter) -> Bool:
-    return np.broadcast_to(parameter.locked, parameter.values.shape)
 
 
 def run_on_compiled(shared: bytes, item: bytes, arguments: bytes) -> Any:

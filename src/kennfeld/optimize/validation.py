@@ -10,6 +10,7 @@ from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.free_axes import AxisKey, FreeAxis
 from kennfeld.graph import Graph
+from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.optimize.limit_nodes import add_limit_nodes, channels_of, limit_sides
@@ -56,6 +57,8 @@ def check_problem(problem: Problem) -> Findings:
     sizes = delay_findings(problem.model, problem.free_size) or matrix_findings(
         Location("parameters"), problem.free_size
     )
+    if not findings.has_errors:
+        sizes += trajectory_findings(problem)
     findings.add(*([] if findings.has_errors else sizes))
     findings.add(*([] if findings.has_errors else check_limits(problem)))
     return findings
@@ -265,3 +268,37 @@ def matrix_findings(location: Location, values: int) -> list[Finding]:
         return []
     message = f"{values} free values need matrices of {size / 1e9:.3g} GB"
     return [Finding(location, message, "Use fewer breakpoints, or fit fewer parameters at once.")]
+
+
+def trajectory_findings(
+    problem: Problem, location: Callable[[AxisKey], Location] = lambda key: Location(f"axis {key}")
+) -> list[Finding]:
+    """Return errors for what cannot be fitted through functions that keep memory.
+
+    Their slopes are differences of whole trajectories along single values of parameters.
+
+    Args:
+        problem: the problem.
+        location: the location of an axis in messages.
+    """
+    graph = problem.model.graph
+    names = {at: node.payload.function.name for at, node in enumerate(graph.nodes) if is_sequential(node)}
+    if not names:
+        return []
+    reaching = {table: [names[at] for at in sorted(names.keys() & _behind(graph, table))] for table in graph.parameters}
+    findings = []
+    for key, axis in problem.free_axes.items():
+        if called := next((reaching[table][0] for table, _ in axis.places if reaching.get(table)), None):
+            message = f"its breakpoints are free, and {called} depends on them through whole trajectories"
+            findings.append(Finding(location(key), message, "Fix the breakpoints."))
+    values = sum(problem.parameters[name].size for name in problem.free_names if reaching[name])
+    size = 8.0 * values * len(names) * sum(bound.count for bound in problem.training)
+    if size > MAX_BYTES:
+        called = ", ".join(dict.fromkeys(names.values()))
+        message = f"slopes of {called} along {values} free values at all samples need {size / 1e9:.3g} GB of memory"
+        findings.append(Finding(Location(called), message, "Fit fewer values, or use fewer samples or a longer step."))
+    return findings
+
+
+def _behind(graph: Graph, table: str) -> Collection[int]:
+    return dependents(graph, lambda node: node.parameter == table)

@@ -39,17 +39,17 @@ def check_free_axes(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     """Yield errors and warnings about axes with free breakpoints."""
     for key, axis in problem.free_axes.items():
         for finding in check_shared_axes({key: axis}, problem.free_names):
-            yield Finding(_location(file, key), finding.message, finding.remedy)
+            yield Finding(axis_location(file, key), finding.message, finding.remedy)
         lower, upper = breakpoint_bounds(axis, problem.parameters, problem.held)
         if np.array_equal(lower, upper):
             message = f"no breakpoint of {key} can move: the ends and those at locks and pins are fixed"
-            yield Finding(_location(file, key), message, "Add breakpoints, or a range.", severity="warning")
+            yield Finding(axis_location(file, key), message, "Add breakpoints, or a range.", severity="warning")
     for key in problem.idle_axes:
         message = f"the breakpoints of {key} are free, but no table with this axis is fitted"
-        yield Finding(_location(file, key), message, "Free a table with this axis.", severity="warning")
+        yield Finding(axis_location(file, key), message, "Free a table with this axis.", severity="warning")
 
 
-def _location(file: ProjectFile, key: AxisKey) -> Location:
+def axis_location(file: ProjectFile, key: AxisKey) -> Location:
     return file.location("parameters", key.owner, key.direction) if key.direction else file.location("axes", key.owner)
 
 

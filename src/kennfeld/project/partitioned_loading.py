@@ -179,7 +179,8 @@ class PartitionedLoading:
             if files.is_fitted != fitted:
                 continue
             pairs = [pair for pair in zip(files.sources, files.summaries, strict=True) if pair[1].samples]
-            starts = [summary.starts if whole_pieces else () for _, summary in pairs]
+            whole = whole_pieces or files.entry.warmup > 0  # a warm-up begins with a piece
+            starts = [summary.starts if whole else () for _, summary in pairs]
             lengths = [summary.samples for _, summary in pairs]
             result += split_files(number, [source for source, _ in pairs], starts, lengths, self._size)
         return tuple(result)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,14 +18,21 @@ from kennfeld.optimize.limit_nodes import channels_of
 from kennfeld.optimize.options import Step
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import infeasible
-from kennfeld.optimize.validation import check_limits, delay_findings, have_targets, matrix_findings, step_findings
+from kennfeld.optimize.validation import (
+    check_limits,
+    delay_findings,
+    have_targets,
+    matrix_findings,
+    step_findings,
+    trajectory_findings,
+)
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.calculated import Calculated, parse_calculated
 from kennfeld.preprocessing.pipeline import LoadedData, Loader, load_datasets
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.preprocessing.units import is_unit_missing
-from kennfeld.project.axes import Axes, check_free_axes
+from kennfeld.project.axes import Axes, axis_location, check_free_axes
 from kennfeld.project.checks import check_method, check_settling, check_weights, weight_channels
 from kennfeld.project.criteria_builder import Constraints, build_constraints, build_criteria
 from kennfeld.project.initial_calibration import read_initial
@@ -142,6 +150,7 @@ class ProblemBuilder:
         findings.add(*check_free_axes(file, problem))
         findings.add(*delay_findings(problem.model, problem.free_size))
         findings.add(*matrix_findings(file.location("calibration", "free"), problem.free_size))
+        findings.add(*trajectory_findings(problem, partial(axis_location, file)))
         self._check_samples(problem)
         self._check_limits(problem)
         findings.add(*check_method(file, problem), *check_weights(file, problem, self.loaded))

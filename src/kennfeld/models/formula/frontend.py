@@ -27,6 +27,7 @@ from kennfeld.models.formula.syntax import (
     StepDeclaration,
     Token,
 )
+from kennfeld.models.function_files import CallableSources, named_functions
 from kennfeld.models.model import Model
 from kennfeld.parameter_set import ParameterSet
 
@@ -43,7 +44,7 @@ def formula(
     name: str = "formula",
     parameters: Collection[str] | None = None,
     surrogates: Collection["Surrogate"] = (),
-    functions: Collection["ModelFunction"] = (),
+    functions: CallableSources = (),
 ) -> Model:
     """Compile formula text to a model.
 
@@ -53,16 +54,18 @@ def formula(
         parameters: names of the known parameters. If None, a name that is called is a table, and a bare name is an
             input unless the text declares it as `scalar`.
         surrogates: data-driven models, called by their names.
-        functions: functions from files, called by their names.
+        functions: functions by the names of their calls: a file such as "plant.fmu", "net.onnx" or "lag.c:step", a
+            Python function of numbers, or a model without memory, such as one of `kf.function`.
 
     Raises:
-        InputError: the text is wrong; carries all findings.
+        InputError: the text is wrong, or a file cannot be read; carries all findings.
 
     >>> model = formula("y[Nm] = Gain(n) * 2 + prev(y, 0)")
     >>> model.graph.inputs, dict(model.graph.parameters), len(model.graph.states)
     (('n',), {'Gain': 1}, 1)
     """
-    return _model(Source.of_text(name, text), name, "formula", parameters, surrogates, functions)
+    called = named_functions(functions)
+    return _model(Source.of_text(name, text), name, "formula", parameters, surrogates, called)
 
 
 def read(

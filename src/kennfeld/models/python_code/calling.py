@@ -63,7 +63,7 @@ def living_function(
 ) -> ExternalFunction:
     """Return a function that exists in this process only."""
     number = next(_numbers)
-    _living[number] = PythonEvaluation(function, inputs, outputs, jacobian)
+    _living[number] = PythonEvaluation(name, function, inputs, outputs, jacobian)
     return ExternalFunction(name, inputs, outputs, f"{_MODULE}:load_living", (name, number), batched=True)
 
 
@@ -98,4 +98,4 @@ def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int)
         function: Callable[..., Any] = getattr(module, name)
     except Exception as error:
         raise InputError.of(Location(path), f"running it failed: {error!r:.200}", "Correct it.") from error
-    return LoadedPython(PythonEvaluation(function, inputs, outputs))
+    return LoadedPython(PythonEvaluation(name, function, inputs, outputs))

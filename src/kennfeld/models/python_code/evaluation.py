@@ -7,12 +7,14 @@ from typing import Any, Final
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.errors import InputError, Location
 from kennfeld.finite_differences import difference_step
 
 _STEP: Final = difference_step(0.0)
 _LEAST_SIZE: Final = 1e-4  # of an argument: steps are relative to its size
 _COMPARED: Final = 16  # samples at which arrays and numbers must give the same
 _TOLERANCE: Final = 1e-9
+_AGREEMENT: Final = 1e-3  # of the largest slope
 
 NumberFunction = Callable[..., Any]
 
@@ -21,21 +23,24 @@ class PythonEvaluation:
     """A function of numbers that returns one number, or a tuple of them.
 
     Args:
+        name: the name of the function, for messages.
         function: the function. If it takes arrays as well, it is called with those of all samples.
         inputs: number of arguments.
         outputs: number of results.
         jacobian: returns the slopes along all arguments, for several results a sequence of them for each result; None
             for central differences.
 
-    What the function cannot compute, because it raises an exception or returns something else, is NaN.
+    What the function cannot compute, because it raises an exception or returns something else, is NaN. If it cannot
+    compute any of the first samples, `evaluate` raises `InputError`.
     """
 
     def __init__(
-        self, function: NumberFunction, inputs: int, outputs: int, jacobian: NumberFunction | None = None
+        self, name: str, function: NumberFunction, inputs: int, outputs: int, jacobian: NumberFunction | None = None
     ) -> None:
-        self.function, self.jacobian = function, jacobian
+        self.name, self.function, self.jacobian = name, function, jacobian
         self.inputs, self.outputs = inputs, outputs
         self._takes_arrays: bool | None = None  # unknown before there are samples
+        self._jacobian_agrees = jacobian is None
 
     def point(self, arguments: Sequence[float]) -> list[float]:
         """Return the results for numbers."""
@@ -62,6 +67,7 @@ class PythonEvaluation:
             if not len(along):
                 return results, np.empty((self.outputs, 0, points.shape[1]))
             if self.jacobian is not None:
+                self._check_jacobian(points)
                 return results, self._jacobians(points, compute)[:, list(along)]
             sizes = np.max(np.abs(points), axis=1, initial=0.0, where=np.isfinite(points))
             return results, self._differences(points, along, _LEAST_SIZE * sizes, compute)
@@ -85,8 +91,9 @@ class PythonEvaluation:
     def _accepts_arrays(self, points: Float) -> bool:
         """Return True if the function gives the same for arrays as for the numbers in them, at a few samples."""
         if self._takes_arrays is None and points.shape[1] > 1:
-            picked = points[:, np.linspace(0, points.shape[1] - 1, _COMPARED).astype(np.int64)]
+            picked = _picked(points)
             expected = self._by_sample(picked)
+            self._check_results(picked[:, 0], expected)
             try:
                 with np.errstate(all="ignore"):
                     results = self._arrays(self.function(*picked), picked.shape[1])
@@ -94,6 +101,41 @@ class PythonEvaluation:
             except Exception:
                 self._takes_arrays = False
         return bool(self._takes_arrays)
+
+    def _check_results(self, arguments: Float, results: Float) -> None:
+        """Raise `InputError` with the reason why there are no results, if there are none."""
+        if not np.isnan(results).all():
+            return
+        at = ", ".join(f"{x:.6g}" for x in arguments)
+        try:
+            returned = self.function(*arguments.tolist())
+            numbers = [float(item) for item in _sequence(returned, self.outputs)]
+        except Exception as error:
+            message = f"the function fails at {at}: {error!r:.200}"
+            raise InputError.of(Location(self.name), message, "It must take numbers and return numbers.") from error
+        if len(numbers) != self.outputs:
+            message = f"the function returns {len(numbers)} numbers, not {self.outputs}"
+            remedy = 'Name its results: function(f, outputs=["a", "b"]).'
+            raise InputError.of(Location(self.name), message, remedy)
+
+    def _check_jacobian(self, points: Float) -> None:
+        """Raise `InputError` if the function's own derivative and differences disagree at most of a few samples."""
+        if self._jacobian_agrees or not points.size:
+            return
+        picked, along = _picked(points), range(self.inputs)
+        own = self._jacobians(picked, self._by_sample)
+        differences = self._differences(picked, along, np.zeros(self.inputs), self._by_sample)
+        size = np.maximum(np.abs(own), np.abs(differences)).max(axis=2, keepdims=True, initial=0.0)
+        wrong = np.abs(own - differences) > _AGREEMENT * size  # at a kink they may differ
+        for result, argument in np.argwhere(np.mean(wrong, axis=2) > 0.5).tolist():
+            at = int(np.flatnonzero(wrong[result, argument])[0])
+            message = (
+                f"the derivative of result {result + 1} along argument {argument + 1} is "
+                f"{own[result, argument, at]:.6g} by jac and {differences[result, argument, at]:.6g} by differences, "
+                f"at {', '.join(f'{x:.6g}' for x in picked[:, at])}"
+            )
+            raise InputError.of(Location(self.name), message, "Correct jac, or leave it out.")
+        self._jacobian_agrees = True
 
     def _differences(
         self, points: Float, along: Sequence[int], least: Float, compute: Callable[[Float], Float]
@@ -137,6 +179,10 @@ class PythonEvaluation:
     def _by_result(self, jacobian: Any) -> Sequence[Any]:
         """Return the rows of a derivative: one for each result, of one item for each argument."""
         return list(jacobian) if self.outputs > 1 else [_sequence(jacobian, self.inputs)]
+
+
+def _picked(points: Float) -> Float:
+    return points[:, np.unique(np.linspace(0, points.shape[1] - 1, _COMPARED).astype(np.int64))]
 
 
 def _sequence(result: Any, count: int) -> Sequence[Any]:

@@ -1,0 +1,55 @@
+"""Functions that keep memory of a trajectory, and the same in formula text."""
+
+import ctypes
+import threading
+
+from external_functions import POINTERS, Callback
+
+from kennfeld.graph.external_function import ExternalFunction
+from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction
+
+TEXT = """\
+before = prev(lagged, 0)
+lagged = if(t > 0, before + dt / T * (k * prev(driven) - before), 0)
+twice = 2 * lagged + driven
+"""  # the same, of `driven`
+
+
+class _Memory(threading.local):
+    time = float("inf")
+    y = u = 0.0
+
+
+_memory = _Memory()
+
+
+def lag(*_: object) -> Callback:
+    """Arguments time, u, k and T; y follows k u with the time constant T, and 2 y + u. Each thread has its memory."""
+
+    @ctypes.CFUNCTYPE(None, *POINTERS)
+    def call(x, y, slopes):
+        time, u, k, constant = x[0], x[1], x[2], x[3]
+        if time < _memory.time:
+            _memory.y = 0.0
+        elif time > _memory.time:
+            _memory.y += (time - _memory.time) / constant * (k * _memory.u - _memory.y)
+        _memory.time, _memory.u = time, u
+        y[0], y[1] = _memory.y, 2 * _memory.y + u
+        if slopes:
+            for number in range(8):
+                slopes[number] = float("nan")
+
+    return Callback(call)
+
+
+LAG = ExternalFunction("lag", 4, 2, "trajectory_functions:lag", sequential=True)
+
+
+def _write(builder, arguments):
+    [u] = arguments
+    return builder.external(LAG, builder.input("t"), u, builder.lookup("k"), builder.lookup("T"))
+
+
+def lag_function() -> ModelFunction:
+    """Return the lag as a function of u, with the parameters k and T."""
+    return ModelFunction("lag", (FunctionInput("u"),), (FunctionOutput("y"), FunctionOutput("twice")), _write)
