@@ -176,3 +176,9 @@ def test_slopes_that_do_not_fit_into_memory_are_refused(monkeypatch):
     monkeypatch.setattr("kennfeld.optimize.validation.MAX_BYTES", 8 * 300 * 5)
     [finding] = trajectory_findings(trajectory_problem("y = lag.y(C(u))"))
     assert "slopes of lag along 6 free values at all samples need 1.44e-05 GB of memory" in str(finding)
+
+
+def test_a_call_in_a_loop_is_remarked():
+    [remark] = problem(PAIRS["loop"][0]).model.remarks
+    assert str(remark) == "formula: f is called in a loop, so its code runs sample by sample, which is slow"
+    assert not problem(PAIRS["lagged"][0]).model.remarks

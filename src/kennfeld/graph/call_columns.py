@@ -136,6 +136,12 @@ def read_calls(graph: Graph, free: Free, values: Iterable[TableValue]) -> Called
     return _read(graph, free, _trajectories(graph, results, list(values)) if results else None)
 
 
+def called_in_loops(graph: Graph) -> list[str]:
+    """Return the functions for all samples at once that are called sample by sample, as results lead to arguments."""
+    calls = dict.fromkeys((n.payload.function, n.args) for n in graph.nodes if n.op == "external")
+    return list(dict.fromkeys(call[0].name for call in calls if call[0].batched and _leads_back(graph, *call)))
+
+
 def _read(graph: Graph, free: Free, trajectories: Trajectories | None) -> CalledColumns:
     calls = dict.fromkeys((n.payload.function, n.args) for n in graph.nodes if n.op == "external")
     batched = [call for call in calls if call[0].batched and not _leads_back(graph, *call)]

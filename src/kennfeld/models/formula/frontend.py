@@ -6,10 +6,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
-from kennfeld.errors import InputError, Location
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
+from kennfeld.graph.call_columns import called_in_loops
 from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
 from kennfeld.models.formula.functions import FUNCTIONS, functions_of, functions_of_files
 from kennfeld.models.formula.lexer import Source, split
@@ -137,8 +138,13 @@ def _model(
         solver=used,
         stepped=solver is None and bool(used),
         values=ParameterSet(p for f in functions for p in f.values.parameters if p.name in graph.parameters),
-        remarks=tuple(remark for function in functions for remark in function.remarks),
+        remarks=tuple(remark for function in functions for remark in function.remarks) + _loop_remarks(graph, source),
     )
+
+
+def _loop_remarks(graph: Graph, source: Source) -> tuple[Finding, ...]:
+    tail = "is called in a loop, so its code runs sample by sample, which is slow"
+    return tuple(Finding(source.label, f"{name} {tail}", severity="remark") for name in called_in_loops(graph))
 
 
 def _single(kind: type[_Setting], word: str, statements: Collection[Statement], source: Source) -> _Setting | None:
