@@ -17,6 +17,7 @@ TOPICS = {
     "states": "benchmarks.states",
     "large": "benchmarks.large",
     "compile": "benchmarks.compiling",
+    "python": "benchmarks.python_functions",
     "startup": "benchmarks.startup",
     "files": "benchmarks.files",
     "cluster": "benchmarks.cluster",

@@ -76,6 +76,10 @@ class ColumnTable:
         """Return the values at some samples, shape (rows, samples)."""
         return np.array([_take(parts, samples) for parts in self.parts]).reshape(len(self.parts), samples.size)
 
+    def row(self, number: int, samples: Int | Order) -> Float:
+        """Return the values of one row at some samples."""
+        return _take(self.parts[number], samples)
+
     def headed(self, order: Order | None) -> Addresses:
         """Return the addresses with the row of the visiting order at the head, as compiled code expects the inputs."""
         head = np.zeros((HEAD, self.addresses.shape[1]), dtype=np.uintp)

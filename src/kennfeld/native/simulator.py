@@ -21,8 +21,10 @@ from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.sample_loop import values_code
 from kennfeld.native.tape import start_code
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.threads import available_cores, map_in_order
 
 CHUNK = 65536  # samples a native call, so that it ends within milliseconds
+SHARE = 32768  # samples that are worth a thread
 STEPS = 4096  # samples kept while a single one is sought
 
 
@@ -68,6 +70,8 @@ class Simulator:
         parameters: ParameterSet,
         starts: Sequence[int] = (0,),
         widths: Float | None = None,
+        *,
+        threads: bool = False,
     ) -> Float:
         """Compute the values of the nodes, shape (roots, samples).
 
@@ -77,6 +81,7 @@ class Simulator:
             parameters: the parameters that the graph looks up.
             starts: samples at which the states start anew.
             widths: standard deviations of the smoothing, one per axis of the lowered graph; by default there is none.
+            threads: True to divide the pieces, or without states the samples, among threads.
 
         Raises:
             ArgumentError: a column has another length, or a start lies outside.
@@ -86,12 +91,28 @@ class Simulator:
             raise ArgumentError(f"starts={list(starts)} must lie within the {count} samples")
         out = np.empty((len(self._roots), count))
         if count:
-            run = _Run(self, rows, parameters, widths)
-            for first, last in zip(starts, [*starts[1:], count], strict=True):
-                run.start(first)
-                for at in range(first, last, CHUNK):
-                    run.values(address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
+            pieces = list(zip(starts, [*starts[1:], count], strict=True))
+            shares = self._shares(pieces, count) if threads else [pieces]
+            for _ in map_in_order(
+                lambda share: self._run_over(share, _Run(self, rows, parameters, widths), out), shares
+            ):
+                pass
         return out
+
+    def _shares(self, pieces: Sequence[tuple[int, int]], count: int) -> list[Sequence[tuple[int, int]]]:
+        """Divide pieces among threads."""
+        if self._start is None:
+            length = max(-(-count // available_cores()), SHARE)
+            pieces = [(first, min(first + length, count)) for first in range(0, count, length)]
+        number = min(len(pieces), available_cores())
+        return [pieces[share::number] for share in range(number)]
+
+    def _run_over(self, pieces: Sequence[tuple[int, int]], run: "_Run", out: Float) -> None:
+        count = out.shape[1]
+        for first, last in pieces:
+            run.start(first)
+            for at in range(first, last, CHUNK):
+                run.values(address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
 
     def last(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet) -> Float:
         """Compute the values of the nodes at the last sample, shape (roots,); memory does not grow with the samples.

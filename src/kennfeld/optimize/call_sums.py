@@ -24,7 +24,7 @@ class _Refreshed(Protocol):
     columns: Mapping[str, Float]
 
     def refresh(self, values: Float, widths: Float, slopes: bool) -> None:
-        """Compute the columns for some values; the slopes only if they are needed, else they are finite numbers."""
+        """Compute the columns for some values; the slopes only if they are needed, else they are 0."""
 
 
 class CalledFunctions:
@@ -52,13 +52,15 @@ class CalledFunctions:
     def sums(self, sums_of: SumsFactory, kernel: Kernel, samples: Samples) -> "CallSums":
         """Return the sums over samples, in columns of their own."""
         inputs = kernel.layout.inputs
-        refreshed = self._columns(SampleRows.of(samples, inputs))
+        simulators = [*self.arguments, *([] if self.results is None else [self.results])]
+        needed = {name for simulator in simulators for name in simulator.inputs}
+        refreshed = self._columns(SampleRows.of(samples, inputs, needed), samples.wanted.count)
         own = {inputs[name]: array for each in refreshed for name, array in each.columns.items() if name in inputs}
         return CallSums(sums_of(kernel, samples.with_rows(own)), refreshed)
 
-    def _columns(self, rows: SampleRows) -> Sequence[_Refreshed]:
+    def _columns(self, rows: SampleRows, count: int) -> Sequence[_Refreshed]:
         refreshed: list[_Refreshed] = [
-            _BatchColumns(call, simulator, self.values, self.parameters, rows)
+            _BatchColumns(call, simulator, self.values, self.parameters, rows, count)
             for call, simulator in zip(self.called.batches, self.arguments, strict=True)
         ]
         if self.called.trajectories is not None and self.results is not None:
@@ -71,25 +73,46 @@ class _BatchColumns:
     """Columns of a function that is called for all samples at once."""
 
     def __init__(
-        self, call: BatchCall, simulator: Simulator, layout: ValueLayout, parameters: ParameterSet, rows: SampleRows
+        self,
+        call: BatchCall,
+        simulator: Simulator,
+        layout: ValueLayout,
+        parameters: ParameterSet,
+        rows: SampleRows,
+        count: int,
     ) -> None:
         names = [*call.results, *call.points, *(name for row in call.slopes for name in row)]
-        self.columns: Mapping[str, Float] = {name: np.zeros(rows.count) for name in names}
+        self.columns: Mapping[str, Float] = {name: np.zeros(count) for name in names}
         self._call, self._simulator = call, simulator
         self._layout, self._parameters, self._rows = layout, parameters, rows
+        self._latest: tuple[bytes, Float] | None = None  # arguments at the latest values
 
     def refresh(self, values: Float, widths: Float, slopes: bool) -> None:
         """See `_Refreshed`."""
-        parameters = self._layout.unpack(values, self._parameters)
-        points = self._rows.simulate(self._simulator, parameters, widths)
-        results, derivatives = batch_function(self._call.function).evaluate(points, self._call.moving if slopes else ())
-        for name, column in zip(self._call.results, results, strict=True):
-            self.columns[name][:] = column
-        for name, argument in zip(self._call.points, self._call.moving, strict=True):
-            self.columns[name][:] = points[argument]
-        for number, names in enumerate(self._call.slopes):
+        function, call = batch_function(self._call.function), self._call
+        points, same = self._points(values, widths)
+        results, derivatives = function.evaluate(points, call.moving if slopes else ())
+        if not same:
+            for name, argument in zip(call.points, call.moving, strict=True):
+                self._write(name, points[argument])
+            for name, result in zip(call.results, results, strict=True):
+                self._write(name, result)
+        for number, names in enumerate(call.slopes):
             for position, name in enumerate(names):
-                self.columns[name][:] = derivatives[number, position] if slopes else 0.0
+                self._write(name, derivatives[number, position] if slopes else 0.0)
+
+    def _write(self, name: str, values: Float | float) -> None:
+        self._rows.write(self.columns[name], values)
+
+    def _points(self, values: Float, widths: Float) -> tuple[Float, bool]:
+        """Return the arguments at all samples, and if they are those of the latest call."""
+        key = values.tobytes() + widths.tobytes()
+        if self._latest is not None and self._latest[0] == key:
+            return self._latest[1], True
+        parameters = self._layout.unpack(values, self._parameters)
+        points = self._rows.simulate(self._simulator, parameters, widths, threads=True)
+        self._latest = key, points
+        return points, False
 
 
 class CallSums:
