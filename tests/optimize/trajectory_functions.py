@@ -23,7 +23,13 @@ class _Memory(threading.local):
 _memory = _Memory()
 
 
-def lag(*_: object) -> Callback:
+class Trajectory(Callback):
+    """A callback that keeps memory in each thread."""
+
+    trajectories = 64
+
+
+def lag(*_: object) -> Trajectory:
     """Arguments time, u, k and T; y follows k u with the time constant T, and 2 y + u. Each thread has its memory."""
 
     @ctypes.CFUNCTYPE(None, *POINTERS)
@@ -39,7 +45,7 @@ def lag(*_: object) -> Callback:
             for number in range(8):
                 slopes[number] = float("nan")
 
-    return Callback(call)
+    return Trajectory(call)
 
 
 LAG = ExternalFunction("lag", 4, 2, "trajectory_functions:lag", sequential=True)

@@ -40,6 +40,14 @@ class BatchFunction(LoadedFunction, Protocol):
         """
 
 
+class SequentialFunction(LoadedFunction, Protocol):
+    """A loaded function that keeps memory of trajectories."""
+
+    @property
+    def trajectories(self) -> int:
+        """Number of trajectories that may run at once."""
+
+
 class ExternalFunction(NamedTuple):
     """A function outside of the graph; equal arguments give equal results, unless it is sequential.
 
@@ -49,7 +57,8 @@ class ExternalFunction(NamedTuple):
         outputs: number of results.
         loader: `module:function`, which returns the `LoadedFunction`.
         arguments: arguments of the loader; they determine the function, for example by the digest of a file.
-        sequential: True if it keeps memory of a trajectory, so that its calls must follow each other in time.
+        sequential: True if it keeps memory of a trajectory, so that its calls must follow each other in time; the
+            loader then returns a `SequentialFunction`.
         batched: True if what the loader returns is a `BatchFunction`, which is better called for many samples at once.
     """
 
@@ -92,6 +101,13 @@ def batch_function(function: ExternalFunction) -> BatchFunction:
     loaded = load_function(function)
     assert function.batched
     return cast(BatchFunction, loaded)
+
+
+def trajectories_at_once(function: ExternalFunction) -> int:
+    """Load a sequential function, and return how many of its trajectories may run at once."""
+    loaded = load_function(function)
+    assert function.sequential
+    return cast(SequentialFunction, loaded).trajectories
 
 
 def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, Float]:

@@ -20,6 +20,7 @@ from kennfeld.native.column_table import ColumnTable, Row
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.sample_loop import values_code
 from kennfeld.native.tape import start_code
+from kennfeld.native.trajectory_gate import TrajectoryGate
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.threads import available_cores, map_in_order
 
@@ -41,6 +42,7 @@ class Simulator:
         self._axes = self._layout.breakpoints
         self._roots = tuple(roots)
         load_functions(self._line.nodes)
+        self._gate = TrajectoryGate(self._line.nodes)
         functions = compile_written(_simulator_code, self._line, self._layout, self._roots)
         self._run, self._start = functions["values"], functions.get("start")
 
@@ -109,10 +111,11 @@ class Simulator:
 
     def _run_over(self, pieces: Sequence[tuple[int, int]], run: "_Run", out: Float) -> None:
         count = out.shape[1]
-        for first, last in pieces:
-            run.start(first)
-            for at in range(first, last, CHUNK):
-                run.values(address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
+        with self._gate.room():
+            for first, last in pieces:
+                run.start(first)
+                for at in range(first, last, CHUNK):
+                    run.values(address(out) + at * out.itemsize, count, at, min(at + CHUNK, last))
 
     def last(self, columns: Mapping[str, Float], count: int, parameters: ParameterSet) -> Float:
         """Compute the values of the nodes at the last sample, shape (roots,); memory does not grow with the samples.
@@ -129,9 +132,10 @@ class Simulator:
             raise ArgumentError(f"count={count} must be >= 1")
         run = _Run(self, self._rows(columns, count, parameters), parameters)
         out = np.empty((len(self._roots), STEPS))
-        run.start(0)
-        for first in range(0, count, STEPS):
-            run.values(address(out), STEPS, first, min(first + STEPS, count))
+        with self._gate.room():
+            run.start(0)
+            for first in range(0, count, STEPS):
+                run.values(address(out), STEPS, first, min(first + STEPS, count))
         return out[:, (count - 1) % STEPS].copy()
 
     def _rows(
