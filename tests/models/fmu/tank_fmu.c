@@ -117,7 +117,7 @@ void *fmi2Instantiate(const char *n, int type, const char *guid, const char *r, 
     const Callbacks *callbacks = c;
     return type == 1 && !strcmp(guid, "{tank}") ? create(callbacks->environment, (Log)callbacks->log) : NULL;
 }
-int fmi2SetupExperiment(void *c, int d, double t, double s, int e, double stop) { ((Tank *)c)->time = t; return 0; }
+int fmi2SetupExperiment(void *c, int d, double t, double s, int e, double stop) { ((Tank *)c)->time = s; return 0; }
 int fmi2EnterInitializationMode(void *c) { return 0; }
 int fmi2SetReal(void *c, const unsigned *r, size_t n, const double *v) {
     int s = 0;
@@ -141,7 +141,7 @@ void *fmi3InstantiateCoSimulation(const char *n, const char *token, const char *
                                   const unsigned *required, size_t count, void *environment, Log log, void *update) {
     return !events && !early && !strcmp(token, "{tank}") ? create(environment, log) : NULL;
 }
-int fmi3EnterInitializationMode(void *c, bool d, double t, double s, bool e, double stop) { ((Tank *)c)->time = t; return 0; }
+int fmi3EnterInitializationMode(void *c, bool d, double t, double s, bool e, double stop) { ((Tank *)c)->time = s; return 0; }
 int fmi3SetFloat64(void *c, const unsigned *r, size_t n, const double *v, size_t values) {
     int s = 0;
     for (size_t i = 0, at = 0; i < n; i++)

@@ -3,6 +3,8 @@
 import ctypes
 import logging
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -46,6 +48,14 @@ class StopReports:
         self._said: set[int] = set()
         self._lock = threading.Lock()
         self._callback = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_double)(self._report)
+
+    @contextmanager
+    def muted(self) -> Iterator[None]:
+        """Run a block whose reports do not matter."""
+        said, self._said = self._said, set(_SENTENCES)
+        yield
+        self._library.messages.clear()
+        self._said = said
 
     @property
     def address(self) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kennfeld.arrays import Float
 from kennfeld.errors import InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
@@ -29,6 +30,9 @@ from kennfeld.models.fmu.trajectory_code import (
     write_start,
     write_step,
 )
+
+_TRIAL_SAMPLES, _TRIAL_STEP = 4, 0.1
+_REPEATED = 1e-9  # relative difference of outputs that are repeated
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,7 @@ class FmuTrajectories:
         self._provide_memory()
         self.start = self._compile(write_start(self.layout), "start")
         self.step = self._compile(write_step(self.layout), "step")
+        self._check_reset()
 
     def _load(self) -> FmuLibrary:
         interface = self.description.co_simulation
@@ -125,6 +130,43 @@ class FmuTrajectories:
     def _compile(self, functions: Sequence[Any], name: str) -> TrajectoryFunction:
         call = compile_functions(*functions)[name]
         return TrajectoryFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
+
+    def _check_reset(self) -> None:
+        """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one."""
+        starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
+        others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
+        with self.reports.muted():
+            first, _, again = (self._trial(inputs) for inputs in (starts, others, starts))
+        scale = np.max(np.abs(first), axis=0, initial=0.0)
+        self._memory["control"][REUSED] = np.all(np.abs(again - first) <= _REPEATED * scale)
+
+    def _trial(self, inputs: Float) -> Float:
+        """Return the outputs of the first samples with constant inputs, Float[samples, outputs]."""
+        description, size = self.description, self.layout.results
+        parameters = [_start_of(v, k) for v in description.parameters for k in range(v.size)]
+        ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
+        start = np.array([0.0, 0.0, *inputs, *parameters])
+        self.start.call(start.ctypes.data, ticket.ctypes.data, None)
+        for number, result in enumerate(outputs):
+            point = np.array([ticket[0], number * (description.step or _TRIAL_STEP), *inputs])
+            self.step.call(point.ctypes.data, result.ctypes.data, None)
+        return outputs
+
+    @property
+    def resets(self) -> bool:
+        """True if instances are used again after a reset."""
+        return bool(self._memory["control"][REUSED])
+
+
+def _start_of(variable: FmuVariable, position: int) -> float:
+    return variable.start[position] if variable.start else 0.0
+
+
+def _other_start_of(variable: FmuVariable, position: int) -> float:
+    """Return another value of a real input, within its limits."""
+    start = _start_of(variable, position)
+    moved = start + (variable.nominal or abs(start) or 1.0)
+    return min(max(moved, variable.minimum), variable.maximum) if variable.is_real else start
 
 
 def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
