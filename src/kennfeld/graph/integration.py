@@ -96,6 +96,11 @@ def is_continuous(graph: Graph) -> bool:
     return any(graph.nodes[state.next].op == "advance" for state in graph.states)
 
 
+def has_marks(graph: Graph) -> bool:
+    """Return True if a graph has nodes that only `apply_solver` resolves."""
+    return any(node.op in ("advance", "hold") for node in graph.nodes)
+
+
 def apply_solver(graph: Graph, solver: str, make: type[GraphBuilder] = GraphBuilder) -> Graph:
     """Return the graph whose continuous states are advanced by a solver.
 

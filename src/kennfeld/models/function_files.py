@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kennfeld.errors import Findings, InputError, Location
+from kennfeld.formatting import join_names
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import ModelFunction, as_function
 
@@ -21,6 +22,7 @@ class FunctionKind(NamedTuple):
         reader: `module:function` that reads a file, called as `read_function_file` calls it.
         named: True if the name of the function follows a colon, as in `engine.py:torque`.
         runs: True if the file holds code that the user's machine runs.
+        choices: what may follow a colon to choose how the file is used.
     """
 
     label: str
@@ -28,10 +30,18 @@ class FunctionKind(NamedTuple):
     reader: str
     named: bool
     runs: bool
+    choices: tuple[str, ...] = ()
 
 
 KINDS: tuple[FunctionKind, ...] = (
-    FunctionKind("an FMU", (".fmu",), "kennfeld.models.fmu.importing:read_fmu", named=False, runs=True),
+    FunctionKind(
+        "an FMU",
+        (".fmu",),
+        "kennfeld.models.fmu.importing:read_fmu",
+        named=False,
+        runs=True,
+        choices=("co_simulation", "model_exchange"),
+    ),
     FunctionKind("a C file", (".c",), "kennfeld.models.c_code.importing:read_function", named=True, runs=False),
     FunctionKind(
         "a Python file", (".py",), "kennfeld.models.python_code.importing:read_function", named=True, runs=True
@@ -66,7 +76,8 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
     """Read the function of a file, without running any of its code.
 
     Args:
-        reference: path of the file, relative to `folder`, and for some kinds a colon and the name of the function.
+        reference: path of the file, relative to `folder`, and for some kinds a colon and the name of the function, or
+            of the way in which the file is used.
         folder: folder of the path.
         name: name for calls in formula text, which precedes the names of its parameters; empty for a model of its own.
         step: the step in s at which a function with continuous states is solved.
@@ -83,8 +94,9 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
     if kind.named and not function:
         message = f"{kind.label} may hold several functions"
         raise InputError.of(location, message, f'Name the function: "{reference}:NAME".')
-    if function and not kind.named:
-        raise InputError.of(location, f"{kind.label} holds one function", f'Write "{path}".')
+    if function and not kind.named and function not in kind.choices:
+        forms = [f'"{path}"', *(f'"{path}:{choice}"' for choice in kind.choices)]
+        raise InputError.of(location, f"{kind.label} holds one function", f"Write {join_names(forms, 4, ' or ')}.")
     module, _, reader = kind.reader.partition(":")
     read: ModelFunction = getattr(import_module(module), reader)(folder / path, function, name, step)
     return read

@@ -5,14 +5,17 @@ from dataclasses import field, replace
 from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 from kennfeld.errors import ArgumentError, Finding
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
+from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, has_marks, is_continuous
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.model import Model
 from kennfeld.parameter_set import ParameterSet
+
+Write = Callable[[GraphBuilder, Sequence[int]], Sequence[int]]
 
 
 class FunctionInput(NamedTuple):
@@ -49,7 +52,7 @@ class ModelFunction:
     name: str
     inputs: tuple[FunctionInput, ...]
     outputs: tuple[FunctionOutput, ...]
-    write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]]
+    write: Write
     memory: bool = False
     values: ParameterSet = field(default_factory=ParameterSet)
     source: str = ""
@@ -80,7 +83,7 @@ def as_model(function: ModelFunction, solver: str = DEFAULT_SOLVER) -> Model:
     names = {output.name: node for output, node in zip(function.outputs, results, strict=True)}
     equations = builder.finish(names, {}, tuple(names))
     continuous = is_continuous(equations)
-    graph = apply_solver(equations, solver) if continuous else equations
+    graph = apply_solver(equations, solver) if has_marks(equations) else equations
     stated = {x.name: x.unit for x in function.inputs} | {y.name: y.unit for y in function.outputs}
     units = {name: unit for name, unit in stated.items() if unit and name in {*graph.inputs, *graph.names}}
     return Model(
@@ -125,6 +128,19 @@ def _write_graph(graph: Graph, builder: GraphBuilder, arguments: Sequence[int]) 
         else:
             numbers.append(builder.rebuild(node, tuple(numbers[at] for at in node.args)))
     return [numbers[graph.names[output]] for output in graph.outputs]
+
+
+def share_calls(write: Write) -> Write:
+    """Return a function that adds the nodes of equal calls once to a builder, so that they share their states."""
+    written: WeakKeyDictionary[GraphBuilder, dict[tuple[int, ...], Sequence[int]]] = WeakKeyDictionary()
+
+    def share(builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
+        calls, key = written.setdefault(builder, {}), tuple(arguments)
+        if key not in calls:
+            calls[key] = write(builder, arguments)
+        return calls[key]
+
+    return share
 
 
 def _twice(builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:

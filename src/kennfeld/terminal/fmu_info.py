@@ -22,7 +22,7 @@ def describe_fmu(path: Path) -> FileInfo:
     """
     from kennfeld.models.fmu.fmu_archive import read_archive
     from kennfeld.models.fmu.fmu_parameters import parameters_of
-    from kennfeld.models.fmu.importing import find_obstacles, find_remarks
+    from kennfeld.models.fmu.importing import find_obstacles, find_remarks, usable_interface
 
     description = read_archive(path)
     interfaces = _interfaces(description)
@@ -31,8 +31,9 @@ def describe_fmu(path: Path) -> FileInfo:
     states = [(name, v.unit, _start(v.start, k)) for v in description.states for k, name in enumerate(v.elements)]
     variability = {v.name: v.variability for v in description.parameters}
     parameters = parameters_of(description.parameters).parameters.parameters
-    obstacles = find_obstacles(description, path)
-    notes = [finding.message for finding in obstacles or find_remarks(description, path)]
+    used = usable_interface(description, path)
+    obstacles = find_obstacles(description, path, used)
+    notes = [finding.message for finding in obstacles or find_remarks(description, path, used)]
     platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
     tables: list[Table] = [
         [("input", "unit"), *inputs],

@@ -84,7 +84,7 @@ def test_remarks_name_the_slopes_and_what_is_skipped(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("<ModelExchange", "<CoSimulation"), "co-simulation only"),
+        (("<ModelExchange", "<ScheduledExecution"), "offers scheduled execution only, not model exchange"),
         (('modelIdentifier="lag"', 'modelIdentifier="lag" needsExecutionTool="true"'), "runs only within"),
         (('causality="output"', 'causality="local"'), ""),
         (('modelIdentifier="lag"', 'modelIdentifier="../lag"'), "invalid modelIdentifier"),

@@ -72,12 +72,14 @@ class FmuInterface(NamedTuple):
         directional: True if it states that it provides directional derivatives.
         needs_tool: True if it runs only with the tool that exported it.
         single: True if a process can hold one instance only.
+        variable_step: True if the steps of co-simulation may have different lengths.
     """
 
     identifier: str
     directional: bool
     needs_tool: bool
     single: bool
+    variable_step: bool = False
 
 
 class Dependency(NamedTuple):

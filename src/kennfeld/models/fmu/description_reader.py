@@ -84,7 +84,8 @@ class _Reader:
         if not identifier.replace("_", "a").isalnum():
             self._error(element, f"invalid modelIdentifier {identifier[:60]!r}")
         directional = "providesDirectionalDerivative" + "s" * (self.version == "3.0")
-        names = (directional, "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess")
+        names = [directional, "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess"]
+        names.append("canHandleVariableCommunicationStepSize")
         stated = [element.attributes.get(name) in _TRUE for name in names]
         return FmuInterface(identifier, *stated)
 

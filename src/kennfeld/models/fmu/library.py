@@ -61,7 +61,7 @@ class FmuLibrary:
             InputError: the library refuses.
         """
         pointer, text, second = ctypes.c_void_p, ctypes.c_char_p, self.description.version == "2.0"
-        name, token, where, log = self._prepare(resources)
+        name, token, where, log = self.prepare(resources)
         if second:
             create = self._function("fmi2Instantiate", text, ctypes.c_int, text, text, pointer, *[ctypes.c_int] * 2)
             instance = create(name, _MODEL_EXCHANGE, token, where, log, 0, 0)
@@ -75,8 +75,8 @@ class FmuLibrary:
             raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
         return instance
 
-    def _prepare(self, resources: Path) -> tuple[bytes, bytes, bytes, int]:
-        """Return name, token, place of resources, and the address of the callbacks or of the logger."""
+    def prepare(self, resources: Path) -> tuple[bytes, bytes, bytes, int]:
+        """Return name, token, place of resources, and the address of the callbacks or of the logger; see `creation`."""
         second = self.description.version == "2.0"
         where = resources.as_uri() if second else f"{resources}{os.sep}"
         texts = [text.encode() for text in (self.source.stem, self.description.token, where)]
@@ -123,3 +123,10 @@ def yield_address() -> int:
     if sys.platform == "win32":
         return ctypes.cast(ctypes.WinDLL("kernel32").SwitchToThread, ctypes.c_void_p).value or 0
     return c_function("sched_yield")
+
+
+def thread_address() -> int:
+    """Return the address of the function that returns a number of the thread that calls it."""
+    if sys.platform == "win32":
+        return ctypes.cast(ctypes.WinDLL("kernel32").GetCurrentThreadId, ctypes.c_void_p).value or 0
+    return c_function("pthread_self")

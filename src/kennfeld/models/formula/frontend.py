@@ -11,7 +11,7 @@ from kennfeld.file_errors import convert_errors
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.call_columns import called_in_loops
-from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, is_continuous
+from kennfeld.graph.integration import DEFAULT_SOLVER, apply_solver, has_marks, is_continuous
 from kennfeld.models.formula.functions import FUNCTIONS, functions_of, functions_of_files
 from kennfeld.models.formula.lexer import Source, split
 from kennfeld.models.formula.lowering import build
@@ -125,7 +125,8 @@ def _model(
     equations = merge_equal_states(builder.finish(visible, {}, tuple(names.outputs)))
     equations = replace(equations, units=_units(names, equations))
     used = DEFAULT_SOLVER if solver is None and is_continuous(equations) else "" if solver is None else solver.solver
-    graph = merge_equal_states(apply_solver(equations, used)) if used else equations
+    marked = has_marks(equations)
+    graph = merge_equal_states(apply_solver(equations, used or DEFAULT_SOLVER)) if marked else equations
     return Model(
         graph=graph,
         name=name,

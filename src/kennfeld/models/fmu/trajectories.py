@@ -1,0 +1,216 @@
+"""FMUs for co-simulation in this process: their trajectories, each in an instance, and the functions that run them."""
+
+import ctypes
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kennfeld.arrays import Float
+from kennfeld.errors import InputError, Location
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.machine_code.engine import NativeFunction, compile_functions
+from kennfeld.machine_code.external import provide
+from kennfeld.models.fmu.description import FmuDescription, FmuVariable
+from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
+from kennfeld.models.fmu.library import FmuLibrary, thread_address, yield_address
+from kennfeld.models.fmu.number_types import number_type, type_order
+from kennfeld.models.fmu.stop_reports import StopReports
+from kennfeld.models.fmu.trajectory_code import (
+    REUSED,
+    SLOTS,
+    THREAD,
+    YIELD,
+    SignalGroup,
+    TrajectoryLayout,
+    trajectory_functions,
+    write_start,
+    write_step,
+)
+
+_TRIAL_SAMPLES, _TRIAL_STEP = 4, 0.1
+_REPEATED = 1e-9  # relative difference of outputs that are repeated
+
+
+@dataclass(frozen=True)
+class TrajectoryFunction:
+    """A compiled function in this process, which it keeps there."""
+
+    call: NativeFunction
+    address: int
+    fmu: "FmuTrajectories"
+
+    @property
+    def trajectories(self) -> int:
+        """Number of trajectories that may run at once."""
+        return self.fmu.layout.slots
+
+
+def load_start(path: str, digest: str) -> TrajectoryFunction:
+    """Return (place, t, inputs, parameters) -> ticket of an FMU; its code runs from now on.
+
+    Raises:
+        InputError: the file has changed, or its code cannot be used.
+    """
+    return load_trajectories(path, digest).start
+
+
+def load_step(path: str, digest: str) -> TrajectoryFunction:
+    """Return (ticket, t, inputs) -> outputs of an FMU; its code runs from now on."""
+    return load_trajectories(path, digest).step
+
+
+@cache
+def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
+    """Return the trajectories of an FMU in this process."""
+    source = Path(path)
+    if digest_of(source) != digest:
+        raise InputError.of(Location(path), "has changed since it was read", "Read it again.")
+    return FmuTrajectories(source, read_archive(source), digest)
+
+
+class FmuTrajectories:
+    """The instances of an FMU in this process, and the functions that start trajectories and advance them."""
+
+    def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
+        self.source, self.description = source, description
+        self.layout = trajectory_layout(description, f"fmu_steps_{digest}")
+        self._memory: dict[str, Any] = {}
+        self.library = self._load()
+        self.reports = StopReports(source, self.library)
+        self._provide_memory()
+        self.start = self._compile(write_start(self.layout), "start")
+        self.step = self._compile(write_step(self.layout), "step")
+        self._check_reset()
+
+    def _load(self) -> FmuLibrary:
+        interface = self.description.co_simulation
+        assert interface is not None  # checked by whoever reads the FMU
+        folder = unpack(self.source)
+        path = library_of(folder, self.description.version, interface.identifier)
+        if not path.is_file():
+            message = f"has no library {path.name} for {platform_folder(self.description.version)}"
+            raise InputError.of(Location(str(self.source)), message)
+        library = FmuLibrary(path, self.description, self.source)
+        library.prepare(folder / "resources")
+        for name in trajectory_functions(self.layout):
+            address = library.address(name)
+            if not address:
+                raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
+            self._provide(name, address)
+        for name, address in library.creation.items():
+            self._provide(name, address)
+        return library
+
+    def _provide_memory(self) -> None:
+        layout = self.layout
+        control = np.zeros(16, dtype=np.int64)
+        control[REUSED] = 1
+        self._keep("control", control)
+        self._keep("slots", np.zeros(layout.words * layout.slots, dtype=np.int64))
+        groups = [*_groups("inputs", inputs_of(self.description), layout.version)]
+        groups += _groups("outputs", outputs_of(self.description), layout.version)
+        groups.append((layout.parameters, self.description.parameters))
+        for group, variables in groups:
+            self._keep(group.name, np.array([v.reference for v in variables], dtype=np.uint32))
+        self._provide("report", self.reports.address)
+        provide(YIELD, yield_address())
+        provide(THREAD, thread_address())
+
+    def _keep(self, name: str, array: NDArray[Any]) -> None:
+        self._memory[name] = array if array.size else np.zeros(1, dtype=array.dtype)
+        self._provide(name, self._memory[name].ctypes.data)
+
+    def _provide(self, name: str, address: int) -> None:
+        provide(f"{self.layout.prefix}_{name}", address)
+
+    def _compile(self, functions: Sequence[Any], name: str) -> TrajectoryFunction:
+        call = compile_functions(*functions)[name]
+        return TrajectoryFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
+
+    def _check_reset(self) -> None:
+        """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one."""
+        starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
+        others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
+        with self.reports.muted():
+            first, _, again = (self._trial(inputs) for inputs in (starts, others, starts))
+        scale = np.max(np.abs(first), axis=0, initial=0.0)
+        self._memory["control"][REUSED] = np.all(np.abs(again - first) <= _REPEATED * scale)
+
+    def _trial(self, inputs: Float) -> Float:
+        """Return the outputs of the first samples with constant inputs, Float[samples, outputs]."""
+        description, size = self.description, self.layout.results
+        parameters = [_start_of(v, k) for v in description.parameters for k in range(v.size)]
+        ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
+        start = np.array([0.0, 0.0, *inputs, *parameters])
+        self.start.call(start.ctypes.data, ticket.ctypes.data, None)
+        for number, result in enumerate(outputs):
+            point = np.array([ticket[0], number * (description.step or _TRIAL_STEP), *inputs])
+            self.step.call(point.ctypes.data, result.ctypes.data, None)
+        return outputs
+
+    @property
+    def resets(self) -> bool:
+        """True if instances are used again after a reset."""
+        return bool(self._memory["control"][REUSED])
+
+
+def _start_of(variable: FmuVariable, position: int) -> float:
+    return variable.start[position] if variable.start else 0.0
+
+
+def _other_start_of(variable: FmuVariable, position: int) -> float:
+    """Return another value of a real input, within its limits."""
+    start = _start_of(variable, position)
+    moved = start + (variable.nominal or abs(start) or 1.0)
+    return min(max(moved, variable.minimum), variable.maximum) if variable.is_real else start
+
+
+def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the inputs that are numbers, those of one type next to each other."""
+    return _signals(description, "input")
+
+
+def outputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the outputs that are numbers, those of one type next to each other."""
+    return _signals(description, "output")
+
+
+def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:
+    """Return the numbers of values that the code of an FMU takes and returns."""
+    interface, version = description.co_simulation, description.version
+    assert interface is not None
+    real = number_type(version, "Real" if version == "2.0" else "Float64")
+    assert real is not None
+    parameters = description.parameters
+    return TrajectoryLayout(
+        version=version,
+        prefix=prefix,
+        parameters=SignalGroup("parameters", real, len(parameters), sum(v.size for v in parameters)),
+        inputs=tuple(group for group, _ in _groups("inputs", inputs_of(description), version)),
+        outputs=tuple(group for group, _ in _groups("outputs", outputs_of(description), version)),
+        even=not interface.variable_step,
+        slots=1 if interface.single else SLOTS,
+    )
+
+
+def _signals(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
+    version = description.version
+    signals = [v for v in description.variables if v.causality == causality and number_type(version, v.type)]
+    return tuple(sorted(signals, key=lambda v: type_order(version, v.type)))
+
+
+def _groups(
+    name: str, variables: Sequence[FmuVariable], version: str
+) -> list[tuple[SignalGroup, Sequence[FmuVariable]]]:
+    """Return the groups of variables of one type, with their variables."""
+    members: dict[Any, list[FmuVariable]] = {}
+    for variable in variables:
+        members.setdefault(number_type(version, variable.type), []).append(variable)
+    return [
+        (SignalGroup(f"{name}_{kind.access}", kind, len(own), sum(v.size for v in own)), own)
+        for kind, own in members.items()
+    ]
