@@ -5,8 +5,10 @@ what feeds the function, its memory, and loops around it.
 """
 
 import math
+import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.threads import available_cores
 
+_LONG = 3e-3  # s; a trajectory that is worth a thread
 _LEAST_SIZE = 1e-4  # of a value without limits: its steps are no smaller than those of this value
 _OF_RANGE = 0.01  # of the range between its limits
 
@@ -77,6 +80,12 @@ class SampleRows:
         return simulator.over(self.rows, self.count, parameters, self.starts, widths, threads=threads)
 
 
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """Return threads that last, as instances of FMUs belong to threads."""
+    return ThreadPoolExecutor(available_cores(), "trajectories")
+
+
 class TrajectoryColumns:
     """Results of functions that keep memory, and their slopes along values of tables.
 
@@ -103,6 +112,7 @@ class TrajectoryColumns:
         self._places, self._lower, self._upper = self._limits()
         self._step: float | None = None
         self._latest: tuple[bytes, Float] | None = None
+        self._is_long = False  # known after the first trajectory
 
     def refresh(self, values: Float, widths: Float, slopes: bool) -> None:
         """Compute the results for some values, Float[values]; the slopes only if they are needed, else they are 0."""
@@ -124,8 +134,7 @@ class TrajectoryColumns:
             for place, pair in zip(self._places.tolist(), distances, strict=True)
             for distance in pair
         ]
-        with ThreadPoolExecutor(available_cores()) as pool:
-            simulated = list(pool.map(self._simulate, changed))
+        simulated = list((_pool().map if self._is_long else map)(self._simulate, changed))
         slopes = np.empty((self._places.size, *results.shape))
         for number, (a, b) in enumerate(distances):
             first, second = simulated[2 * number : 2 * number + 2]
@@ -179,7 +188,9 @@ class TrajectoryColumns:
     def _results(self, values: Float) -> Float:
         key = values.tobytes()
         if self._latest is None or self._latest[0] != key:
+            began = time.perf_counter()
             self._latest = key, self._simulate(values)
+            self._is_long = time.perf_counter() - began > _LONG
         return self._latest[1]
 
     def _simulate(self, values: Float) -> Float:
