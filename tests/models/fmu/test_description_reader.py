@@ -69,7 +69,7 @@ def test_reading_runs_no_code(tmp_path, version):
 
 
 def test_remarks_name_the_slopes_and_what_is_skipped(tmp_path):
-    text = description_3("", 1).replace('<UInt64 name="columns"', '<Int32 name="gear" valueReference="30" '
+    text = description_3("", 1).replace('<UInt64 name="columns"', '<String name="gear" valueReference="30" '
                                         'causality="input" start="1"/><UInt64 name="columns"')  # fmt: skip
     broken = tmp_path / "lag.so"
     broken.write_bytes(b"")

@@ -4,12 +4,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from kennfeld.errors import Findings, InputError, Location
-from kennfeld.models.fmu.description import Dependency, FmuDescription, FmuInterface, FmuVariable
+from kennfeld.models.fmu.description import REAL_TYPES, Dependency, FmuDescription, FmuInterface, FmuVariable
+from kennfeld.models.fmu.number_types import number_type
 from kennfeld.xml_document import XmlElement, XmlLimits, parse_xml
 
 MOST_VALUES = 1_000_000  # of all arrays together
 _TYPES_2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _VERSIONS = {"2": "2.0", "3": "3.0"}
+_BOOLEANS = {"false": 0.0, "true": 1.0}
 _EXPORT = "Export the FMU again."
 LIMITS = XmlLimits(
     size=300_000_000,
@@ -132,12 +134,12 @@ class _Reader:
     ) -> FmuVariable:
         whole = {**self.types.get(attributes.get("declaredType", ""), {}), **attributes}
         named = XmlElement(tag, whole, element.line)
-        real = tag in ("Real", "Float64")
+        real, numeric = tag in REAL_TYPES, number_type(self.version, tag) is not None
         name, derivative = attributes.get("name", ""), attributes.get("derivative")
         if not name:
             self._error(element, "a variable has no name")
         shape = self._shape(element, sizes)
-        start = self._start(named, math.prod(shape)) if real else ()
+        start = self._start(named, math.prod(shape)) if numeric else ()
         return FmuVariable(
             name=name,
             reference=int(self._number(named, "valueReference", -1.0)),
@@ -147,10 +149,11 @@ class _Reader:
             start=start,
             shape=shape,
             unit=whole.get("unit", ""),
-            minimum=self._number(named, "min", -math.inf) if real else -math.inf,
-            maximum=self._number(named, "max", math.inf) if real else math.inf,
+            minimum=self._number(named, "min", -math.inf) if numeric else -math.inf,
+            maximum=self._number(named, "max", math.inf) if numeric else math.inf,
             nominal=abs(self._number(named, "nominal", 0.0)) if real else 0.0,
             derivative=int(self._number(named, "derivative", 0.0)) if derivative is not None and real else None,
+            initial=attributes.get("initial", ""),
             line=element.line,
         )
 
@@ -169,7 +172,7 @@ class _Reader:
     def _start(self, element: XmlElement, size: int) -> tuple[float, ...]:
         texts = element.attributes.get("start", "").split()
         try:
-            values = tuple(float(text) for text in texts)
+            values = tuple(_BOOLEANS[text] if text in _BOOLEANS else float(text) for text in texts)
         except ValueError:
             self._error(element, f"start={element.attributes['start'][:60]!r} must be a number")
             return ()

@@ -1,9 +1,12 @@
 """Import of FMUs for model exchange as functions and models; nothing of their code runs here."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from weakref import WeakKeyDictionary
+
+import numpy as np
 
 from kennfeld.errors import Finding, Findings, Location
 from kennfeld.formatting import join_names
@@ -11,31 +14,37 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.fmu.description import FmuDescription
 from kennfeld.models.fmu.fmu_archive import digest_of, platform_folder, read_archive
-from kennfeld.models.fmu.fmu_parameters import FmuParameters, parameters_of
+from kennfeld.models.fmu.fmu_parameters import ParameterValue, parameters_of, start_values_of
 from kennfeld.models.fmu.instance import layout_of
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, as_model
+from kennfeld.parameter_set import ParameterSet
 
 _MODULE = "kennfeld.models.fmu.instance"
 _UNLIMITED = float("inf")
 _MOST_NAMES = 4
 
 
-def fmu(path: str | Path, step: float | None = None, solver: str = "ode4") -> Model:
+def fmu(path: str | Path, step: float | None = None, solver: str = "ode4", *, fit_starts: bool = False) -> Model:
     """Read an FMU for model exchange (FMI 2.0 or 3.0) as a model.
 
     Its inputs are channels, its outputs nodes, its parameters scalars, curves and maps, and its continuous states are
-    advanced by a solver with a fixed step. Its code runs when the model is first evaluated, not here.
+    advanced by a solver with a fixed step. Start values of states that the FMU lets others set are parameters
+    `STATE.start`. Its code runs when the model is first evaluated, not here.
 
     Args:
         path: the `.fmu` file.
         step: the step in s, by default that of its default experiment.
         solver: a name in `graph.integration.SOLVERS`.
+        fit_starts: True if a calibration may change start values of states; otherwise they are locked.
 
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
     """
-    return as_model(read_fmu(Path(path), "", "", step), solver)
+    model = as_model(read_fmu(Path(path), "", "", step), solver)
+    if not fit_starts:
+        return model
+    return replace(model, values=ParameterSet(p.changed(locked=np.False_) for p in model.values.parameters))
 
 
 def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelFunction:
@@ -48,15 +57,18 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
     description = read_archive(path)
     findings = Findings(find_obstacles(description, path))
     findings.finish()
-    parameters = parameters_of(description.parameters, f"{name}." if name else "")
-    calls = _FmuCalls(description, parameters, path, digest_of(path))
+    prefix = f"{name}." if name else ""
+    parameters = parameters_of(description.parameters, prefix)
+    starts = start_values_of(description.started_states, prefix)
+    timed = takes_time(description, step)
+    calls = _FmuCalls(description, parameters.values, starts.values, (str(path.resolve()), digest_of(path), int(timed)))
     return ModelFunction(
         name=name or path.stem,
-        inputs=tuple(FunctionInput(element, v.unit) for v in description.inputs for element in v.elements),
-        outputs=tuple(FunctionOutput(element, v.unit) for v in description.real_outputs for element in v.elements),
+        inputs=tuple(FunctionInput(element, v.unit) for v in description.number_inputs for element in v.elements),
+        outputs=tuple(FunctionOutput(element, v.unit) for v in description.number_outputs for element in v.elements),
         write=calls.write,
         memory=bool(description.states),
-        values=parameters.parameters,
+        values=parameters.parameters.merged(starts.parameters),
         source=str(path),
         step=step or (description.step if description.states else None),
         remarks=tuple(find_remarks(description, path)),
@@ -66,16 +78,25 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
 class _FmuCalls:
     """Writes the nodes of calls; equal calls within a builder share their states."""
 
-    def __init__(self, description: FmuDescription, parameters: FmuParameters, path: Path, digest: str) -> None:
+    def __init__(
+        self,
+        description: FmuDescription,
+        values: Sequence[ParameterValue],
+        start_values: Sequence[ParameterValue],
+        arguments: tuple[str, str, int],
+    ) -> None:
         layout = layout_of(description, "")
-        arguments = (str(path.resolve()), digest)
+        name, self.timed = Path(arguments[0]).stem, arguments[2] == 1
         taken, self.states = layout.arguments, layout.states
-        self.values = parameters.values
-        self.outputs = [(output.reference, output.size) for output in description.real_outputs]
-        self.state_sizes = [(state.reference, state.size) for state in description.states]
-        self.equations = ExternalFunction(path.stem, taken, layout.results, f"{_MODULE}:load_equations", arguments)
-        started = taken - layout.states
-        self.start = ExternalFunction(f"{path.stem} start", started, layout.states, f"{_MODULE}:load_start", arguments)
+        self.values, self.start_values = values, start_values
+        self.description = description
+        self.order = _input_order(description)
+        self.jumps = layout.jumps
+        self.equations = ExternalFunction(name, taken, layout.results, f"{_MODULE}:load_equations", arguments)
+        started = layout.start_arguments
+        self.start = ExternalFunction(f"{name} start", started, layout.states, f"{_MODULE}:load_start", arguments[:2])
+        loader = f"{_MODULE}:load_events"
+        self.events = ExternalFunction(f"{name} events", taken, layout.states, loader, arguments[:2])
         self._written: WeakKeyDictionary[GraphBuilder, dict[tuple[int, ...], Sequence[int]]] = WeakKeyDictionary()
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
@@ -87,25 +108,51 @@ class _FmuCalls:
         return calls[key]
 
     def _write(self, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
-        time = builder.input("t")
-        parameters = [builder.lookup(v.parameter, *map(builder.const, v.coordinates)) for v in self.values]
+        time = builder.input("t") if self.timed else builder.const(0.0)
+        inputs = [arguments[number] for number in self.order]
+        parameters, starts = (_look_up(builder, values) for values in (self.values, self.start_values))
         states = [builder.state() for _ in range(self.states)]
-        results = builder.external(self.equations, time, *states, *arguments, *parameters)
+        x: Sequence[int] = states
+        if self.jumps:  # events change the states at samples, not within steps
+            x = builder.external(self.events, time, *states, *inputs, *parameters)
+        results = builder.external(self.equations, time, *x, *inputs, *parameters)
         limits = builder.const(-_UNLIMITED), builder.const(_UNLIMITED)
-        starts = builder.external(self.start, time, *arguments, *parameters) if states else ()
-        for state, start, derivative in zip(states, starts, results, strict=False):
-            builder.close(state, start, builder.node("advance", (state, derivative, *limits)))
-        return self._outputs(states, results[self.states :])
+        first = builder.external(self.start, time, *inputs, *parameters, *starts) if states else ()
+        for state, start, now, derivative in zip(states, first, x, results, strict=False):
+            builder.close(state, start, builder.node("advance", (now, derivative, *limits)))
+        return self._outputs(x, results[self.states :])
 
     def _outputs(self, states: Sequence[int], computed: Sequence[int]) -> Sequence[int]:
         """Return the nodes of the outputs, of which some are states."""
         nodes, remaining = iter(states), iter(computed)
-        own = {reference: list(islice(nodes, size)) for reference, size in self.state_sizes}
-        return [
-            node
-            for reference, size in self.outputs
-            for node in (own[reference] if reference in own else islice(remaining, size))
-        ]
+        own = {state.reference: list(islice(nodes, state.size)) for state in self.description.states}
+        others = {output.name: list(islice(remaining, output.size)) for output in self.description.computed_outputs}
+        outputs = self.description.number_outputs
+        return [node for y in outputs for node in (others[y.name] if y.name in others else own[y.reference])]
+
+
+def _look_up(builder: GraphBuilder, values: Sequence[ParameterValue]) -> list[int]:
+    return [builder.lookup(value.parameter, *map(builder.const, value.coordinates)) for value in values]
+
+
+def _input_order(description: FmuDescription) -> list[int]:
+    """Return the numbers of the elements of inputs in the order in which the code takes them."""
+    inputs = description.number_inputs
+    numbers, sizes = iter(range(sum(v.size for v in inputs))), {v.name: v.size for v in inputs}
+    places = {name: list(islice(numbers, size)) for name, size in sizes.items()}
+    return [number for variable in description.sorted_by_type(inputs) for number in places[variable.name]]
+
+
+def takes_time(description: FmuDescription, step: float | None) -> bool:
+    """Return True if the outputs may depend on the time; points without time stamps then cannot be evaluated.
+
+    Without states, they do if the description says so; if it does not state dependencies, a given step decides.
+    """
+    if description.states:
+        return True
+    clocks = {v.reference for v in description.variables if v.causality == "independent"}
+    stated = [dependency.references for dependency in description.outputs]
+    return any(step is not None if used is None else used & clocks for used in stated)
 
 
 def find_obstacles(description: FmuDescription, path: Path) -> tuple[Finding, ...]:
@@ -126,8 +173,8 @@ def find_obstacles(description: FmuDescription, path: Path) -> tuple[Finding, ..
         names = join_names(description.discrete, _MOST_NAMES, " and ")
         message = f"has clocks or discrete states, which are not supported: {names}"
         findings.error(location, message, "Export the continuous part of the model.")
-    if not description.real_outputs:
-        findings.error(location, "has no output that is a real number", "Export the FMU with such an output.")
+    if not description.number_outputs:
+        findings.error(location, "has no output that is a number", "Export the FMU with such an output.")
     return tuple(findings)
 
 
@@ -137,19 +184,17 @@ def find_remarks(description: FmuDescription, path: Path) -> list[Finding]:
     sentences = [f"runs code of {path.name}"]
     if interface is not None and interface.directional:
         sentences.append(
-            "slopes are the directional derivatives of the FMU along arguments where they agree with differences, "
-            "otherwise central differences"
+            "slopes are the directional derivatives of the FMU where they agree with differences, otherwise differences"
         )
     else:
-        sentences.append("slopes are central differences, because the FMU offers no directional derivatives")
+        sentences.append("slopes are differences, because the FMU offers no directional derivatives")
     if description.indicators:
         sentences.append(
-            f"{description.indicators} event indicators: conditions are updated at each evaluation; "
-            "an event that changes states gives NaN, and a condition must not depend on earlier ones"
+            f"{description.indicators} event indicators: conditions are updated at each evaluation, and events change "
+            "states at the samples that follow them, with errors of the order of the step; slopes do not include that "
+            "events move with parameters"
         )
     if description.unused:
         names = join_names([v.name for v in description.unused], _MOST_NAMES, " and ")
-        sentences.append(
-            f"inputs keep their start values and outputs are skipped if they are not real numbers: {names}"
-        )
+        sentences.append(f"inputs keep their start values and outputs are skipped if they are not numbers: {names}")
     return [Finding(location, sentence, severity="remark") for sentence in sentences]
