@@ -63,9 +63,26 @@ def test_parameters_of_an_fmu_are_calibrated(tmp_path, built, capsys, text, pref
 
 def test_an_fmu_that_cannot_run_is_a_finding(tmp_path, built, capsys):
     project = written(tmp_path, built, PLANT)
-    (tmp_path / "lag.fmu").write_bytes(build(tmp_path, 2, "-DTIME_EVENT").read_bytes())
+    (tmp_path / "lag.fmu").write_bytes(build(tmp_path, 2, "-DMEMORY").read_bytes())
     assert cli.run(["calibrate", project]) == 2
-    assert "has events at times that its code sets" in capsys.readouterr().err
+    assert "its equations depend on earlier evaluations" in capsys.readouterr().err
+
+
+def test_check_names_the_slopes(tmp_path, built, capsys):
+    assert cli.run(["check", written(tmp_path, built, PLANT)]) == 0
+    text = "".join(capsys.readouterr())
+    assert "slopes of lag.fmu: directional derivatives along x, u; differences along tau" in text
+
+
+def test_start_values_are_fitted_if_a_section_frees_them(tmp_path, capsys):
+    path = build(tmp_path, 2, "-DSTART", start='start="1.5"')
+    section = '[parameters."plant.x.start"]\nfree = true\ninitial = 2.0\nbounds = [0.0, 5.0]\n'
+    project = written(tmp_path, path, TEXT + section)
+    assert cli.run(["calibrate", project]) == 0
+    capsys.readouterr()
+    result = read(tmp_path / "results/parameters.json")
+    assert result["plant.tau"].value == pytest.approx(0.7, rel=1e-6)
+    assert result["plant.x.start"].value == pytest.approx(1.5, rel=1e-6)
 
 
 def test_info_runs_no_code(built, capsys, monkeypatch):

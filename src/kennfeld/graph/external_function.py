@@ -96,6 +96,13 @@ def load_functions(nodes: Iterable[Node]) -> None:
             load_function(node.payload.function)
 
 
+def function_remarks(nodes: Iterable[Node]) -> tuple[str, ...]:
+    """Load the functions that nodes call and that keep no memory, and return what they say about their derivatives."""
+    functions = dict.fromkeys(node.payload.function for node in nodes if node.op == "external")
+    loaded = [load_function(f) for f in functions if not (f.batched or f.sequential)]
+    return tuple(dict.fromkeys(text for function in loaded for text in getattr(function, "remarks", ())))
+
+
 def batch_function(function: ExternalFunction) -> BatchFunction:
     """Load an external function that is batched."""
     loaded = load_function(function)

@@ -205,7 +205,7 @@ class FunctionWriter:
 
 
 def _alignment(kind: str) -> int:
-    return 4 if kind == "i32" else 8
+    return {"i8": 1, "i16": 2, "i32": 4, "float": 4}.get(kind, 8)
 
 
 class StackVariable:

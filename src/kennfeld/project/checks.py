@@ -19,6 +19,7 @@ from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.events import Event, events
+from kennfeld.graph.external_function import function_remarks
 from kennfeld.graph.factors import factors
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
@@ -133,6 +134,12 @@ def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
         message = f"the initial value is 0, so the gradient of {others} is zero and no step can change it"
         remedy = f"Write initial = {off.levels[name]:g}, or all values. By default, a calibration starts at this value."
         yield Finding(file.location("parameters", name, "initial"), message, remedy, severity="warning")
+
+
+def check_slopes(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
+    """Remark how the derivatives of functions of other tools are computed; these are loaded."""
+    for text in function_remarks(problem.graph.nodes):
+        yield Finding(file.location("model", "file"), text, severity="remark")
 
 
 class _Gap(NamedTuple):
@@ -288,7 +295,8 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
-    return [*warnings, *check_events(file, problem), *check_step(file, problem), *check_start(file, problem)]
+    checks = (check_slopes, check_events, check_step, check_start)
+    return [*warnings, *(finding for check in checks for finding in check(file, problem))]
 
 
 def _clocks(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> Iterator[Finding]:

@@ -26,8 +26,8 @@ def describe_fmu(path: Path) -> FileInfo:
 
     description = read_archive(path)
     interfaces = _interfaces(description)
-    inputs = [(name, v.unit) for v in description.inputs for name in v.elements]
-    outputs = [(name, v.unit) for v in description.real_outputs for name in v.elements]
+    inputs = [(name, v.unit) for v in description.number_inputs for name in v.elements]
+    outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
     states = [(name, v.unit, _start(v.start, k)) for v in description.states for k, name in enumerate(v.elements)]
     variability = {v.name: v.variability for v in description.parameters}
     parameters = parameters_of(description.parameters).parameters.parameters

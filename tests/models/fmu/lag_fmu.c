@@ -3,8 +3,8 @@
  *   der(x) = (u - x) / tau,  x(0) = k,  y = k x + sum of (10 i + j) table[i,j],  2 rows, 3 columns
  *
  * tau is fixed: it takes effect at initialization only, and tau <= 0 is an error. Directional derivatives are right along
- * x and u, and 0 along parameters. With -DTIME_EVENT it announces an event, with -DSTATE_EVENT it sets x to 1 at x > 2,
- * and with -DMEMORY y is higher once x was above 1.5.
+ * x and u, and 0 along parameters. With -DSTATE_EVENT x becomes 1 at x > 2, with -DENDING the simulation ends there, with
+ * -DMEMORY y is higher once x was above 1.5, and with -DSTART the value of x at the start is set instead of k.
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -43,6 +43,9 @@ static int set(Lag *m, unsigned reference, double value) {
     else if (reference == TAU && !m->initialized) m->tau = value;
     else if (reference == K) m->k = value;
     else if (reference >= TABLE && reference < TABLE + 6) m->table[reference - TABLE] = value;
+#ifdef START
+    else if (reference == X && !m->initialized) m->x = value;
+#endif
     else return reference == TAU ? 0 : 3;
     return 0;
 }
@@ -56,7 +59,9 @@ static double partial(Lag *m, unsigned unknown, unsigned known) {
 static int finish_initialization(Lag *m) {
     m->initialized = 1;
     m->used_tau = m->tau;
+#ifndef START
     m->x = m->k;
+#endif
     return 0;
 }
 
@@ -67,11 +72,14 @@ static int update(Lag *m) {
     (void)m;
     return 0;
 }
-#ifdef TIME_EVENT
-#define TIMED 1
-#else
-#define TIMED 0
+
+static int is_ended(Lag *m) {
+#ifdef ENDING
+    return m->x > 2.0;
 #endif
+    (void)m;
+    return 0;
+}
 
 #define LAG(c) ((Lag *)(c))
 #if FMI == 2
@@ -86,7 +94,7 @@ void *fmi2Instantiate(const char *n, int type, const char *guid, const char *r, 
 int fmi2SetupExperiment(void *c, int d, double t, double s, int e, double stop) { return 0; }
 int fmi2EnterInitializationMode(void *c) { return 0; }
 int fmi2NewDiscreteStates(void *c, EventInfo *info) {
-    EventInfo result = {0, 0, 0, update(c), TIMED, 1.0};
+    EventInfo result = {0, is_ended(c), 0, update(c), 0, 1.0};
     *info = result;
     return 0;
 }
@@ -119,9 +127,9 @@ void *fmi3InstantiateModelExchange(const char *n, const char *token, const char 
 }
 int fmi3EnterInitializationMode(void *c, bool d, double t, double s, bool e, double stop) { return 0; }
 int fmi3UpdateDiscreteStates(void *c, bool *needed, bool *end, bool *nominals, bool *values, bool *timed, double *t) {
-    *needed = *end = *nominals = false;
+    *needed = *nominals = *timed = false;
+    *end = is_ended(c);
     *values = update(c);
-    *timed = TIMED;
     return 0;
 }
 int fmi3GetContinuousStateDerivatives(void *c, double *d, size_t n) { return get(c, DER_X, d); }

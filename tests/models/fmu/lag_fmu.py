@@ -11,10 +11,11 @@ import pytest
 from kennfeld.models.fmu.fmu_archive import platform_folder
 
 TABLE = list(product((1, 2), (1, 2, 3)))
+_EXACT = 'initial="exact"'
 SOURCE = Path(__file__).with_name("lag_fmu.c")
 
 
-def description_2(head='providesDirectionalDerivative="true"', indicators=0):
+def description_2(head='providesDirectionalDerivative="true"', indicators=0, start=""):
     def variable(reference, name, rest, real=""):
         return f'<ScalarVariable name="{name}" valueReference="{reference}" {rest}><Real {real}/></ScalarVariable>'
 
@@ -25,7 +26,7 @@ def description_2(head='providesDirectionalDerivative="true"', indicators=0):
     ]
     variables = [
         variable(0, "time", 'causality="independent"'),
-        variable(1, "x", 'causality="local"'),
+        variable(1, "x", f'causality="local" {_EXACT if start else ""}', start),
         variable(2, "der(x)", 'causality="local"', 'derivative="2"'),
         variable(3, "u", 'causality="input"', 'start="0" unit="Nm"'),
         variable(4, "y", 'causality="output"', 'declaredType="Torque"'),
@@ -44,7 +45,7 @@ def description_2(head='providesDirectionalDerivative="true"', indicators=0):
 </fmiModelDescription>"""
 
 
-def description_3(head='providesDirectionalDerivatives="true"', indicators=0):
+def description_3(head='providesDirectionalDerivatives="true"', indicators=0, start=""):
     fixed, tunable = (f'causality="parameter" variability="{word}"' for word in ("fixed", "tunable"))
     return f"""<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="3.0" modelName="lag" instantiationToken="{{lag}}">
@@ -53,7 +54,7 @@ def description_3(head='providesDirectionalDerivatives="true"', indicators=0):
 <DefaultExperiment stepSize="0.1"/>
 <ModelVariables>
 <Float64 name="time" valueReference="0" causality="independent"/>
-<Float64 name="x" valueReference="1" causality="local"/>
+<Float64 name="x" valueReference="1" causality="local" {_EXACT if start else ""} {start}/>
 <Float64 name="der(x)" valueReference="2" causality="local" derivative="1"/>
 <Float64 name="u" valueReference="3" causality="input" start="0" unit="Nm"/>
 <Float64 name="y" valueReference="4" causality="output" declaredType="Torque"/>
@@ -80,16 +81,21 @@ def pack(path, description, members=(), library=None, version=2):
         for name, content in dict(members).items():
             archive.writestr(name, content)
         if library is not None:
-            archive.write(library, f"binaries/{folder}/lag{library.suffix}")
+            archive.write(library, f"binaries/{folder}/{library.name}")
     return path
+
+
+def compile_library(source, library, version, *options):
+    """Compile a library; skip the test if there is no compiler."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler")
+    command = [compiler, "-shared", "-fPIC", "-O1", "-w", f"-DFMI={version}", *options, "-o", library, source]
+    subprocess.run(command, check=True)
+    return library
 
 
 def build(folder, version, *options, **description):
     """Compile the FMU; skip the test if there is no compiler."""
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        pytest.skip("needs a C compiler")
-    library = folder / "lag.so"
-    command = [compiler, "-shared", "-fPIC", "-O1", "-w", f"-DFMI={version}", *options, "-o", library, SOURCE]
-    subprocess.run(command, check=True)
+    library = compile_library(SOURCE, folder / "lag.so", version, *options)
     return pack(folder / "lag.fmu", DESCRIPTIONS[version](**description), library=library, version=version)

@@ -6,7 +6,7 @@ import pytest
 from lag_fmu import DESCRIPTIONS, description_2, description_3, pack
 
 from kennfeld.errors import InputError
-from kennfeld.models.fmu import xml_elements
+from kennfeld.models.fmu import description_reader
 from kennfeld.models.fmu.fmu_archive import digest_of, read_archive
 from kennfeld.models.fmu.fmu_parameters import parameters_of
 from kennfeld.models.fmu.importing import fmu, read_fmu
@@ -69,7 +69,7 @@ def test_reading_runs_no_code(tmp_path, version):
 
 
 def test_remarks_name_the_slopes_and_what_is_skipped(tmp_path):
-    text = description_3("", 1).replace('<UInt64 name="columns"', '<Int32 name="gear" valueReference="30" '
+    text = description_3("", 1).replace('<UInt64 name="columns"', '<String name="gear" valueReference="30" '
                                         'causality="input" start="1"/><UInt64 name="columns"')  # fmt: skip
     broken = tmp_path / "lag.so"
     broken.write_bytes(b"")
@@ -131,10 +131,10 @@ def test_zip_bombs_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("limit", "message"),
-    [("MOST_ELEMENTS", "more than 12 elements"), ("MOST_CHILDREN", "ModelVariables has more than 12 elements")],
+    [("elements", "has more than 12 elements"), ("children", "ModelVariables has more than 12 elements")],
 )
 def test_numbers_of_variables_are_limited(tmp_path, monkeypatch, limit, message):
-    monkeypatch.setattr(xml_elements, limit, 12)
+    monkeypatch.setattr(description_reader, "LIMITS", description_reader.LIMITS._replace(**{limit: 12}))
     with pytest.raises(InputError, match=message):
         described(tmp_path, 2)
 

@@ -7,7 +7,7 @@ from lag_fmu import TABLE, build
 
 import kennfeld as kf
 from kennfeld.errors import InputError
-from kennfeld.graph.external_function import evaluate_points
+from kennfeld.graph.external_function import evaluate_points, function_remarks
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.fmu.fmu_archive import digest_of
 from kennfeld.models.fmu.importing import fmu, read_fmu
@@ -28,9 +28,8 @@ def lag(request, tmp_path_factory):
 
 def equations_of(path):
     model = fmu(path)
-    return next(
-        n.payload.function for n in model.graph.nodes if n.op == "external" and "start" not in n.payload[0].name
-    )
+    functions = [node.payload.function for node in model.graph.nodes if node.op == "external"]
+    return next(function for function in functions if "load_equations" in function.loader)
 
 
 def closed_form(u, tau, k, table):
@@ -86,6 +85,11 @@ def test_wrong_directional_derivatives_give_way_to_differences(lag):
     slopes = load_instance(str(lag.resolve()), digest_of(lag)).slopes
     assert {slopes["x"], slopes["u"]} == {"directional derivatives"}
     assert {slopes["tau"], slopes["k"], slopes["table[2,3]"]} == {"differences"}
+
+
+def test_a_remark_names_the_slopes_along_each_argument(lag):
+    (remark,) = function_remarks(fmu(lag).graph.nodes)
+    assert remark.startswith("slopes of lag.fmu: directional derivatives along x, u; differences along tau, k, table[")
 
 
 def test_slopes_are_those_of_the_equations(lag):
@@ -145,13 +149,6 @@ def test_formula_text_calls_an_fmu_with_its_own_solver(lag):
     np.testing.assert_array_equal(nodes["z"].values, 2 * alone["y"].values)
 
 
-@pytest.mark.parametrize("version", [2, 3])
-def test_events_at_times_are_refused(tmp_path, version):
-    path = build(tmp_path, version, "-DTIME_EVENT")
-    with pytest.raises(InputError, match="events at times"):
-        load_instance(str(path), digest_of(path))
-
-
 @pytest.mark.parametrize(("capability", "count"), [("", 16), ('canBeInstantiatedOnlyOncePerProcess="true"', 0)])
 @pytest.mark.parametrize("version", [2, 3])
 def test_differences_along_parameters_have_instances_of_their_own(tmp_path, version, capability, count):
@@ -182,8 +179,8 @@ def test_slopes_that_are_not_needed_are_not_computed(lag):
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_an_event_that_changes_states_is_nan_there_alone(tmp_path, version):
-    path = build(tmp_path, version, "-DSTATE_EVENT", indicators=1)
+def test_a_simulation_that_ends_is_nan_there_alone(tmp_path, version):
+    path = build(tmp_path, version, "-DENDING", indicators=1)
     points = np.array([[0.0, x, 3.0, 0.8, 1.2, *range(6)] for x in (1.0, 2.5, 1.0)])
     results, _ = evaluate_points(equations_of(path), points)
     assert np.isnan(results[1]).all()

@@ -11,10 +11,10 @@ from kennfeld.ascet.amd.diagram import BlockDiagram, read_diagram
 from kennfeld.ascet.amd.diagram_code import RESULT, DiagramCode, DiagramReferences
 from kennfeld.ascet.amd.element_code import ElementCode
 from kennfeld.ascet.amd.state_machine import MACHINE, state_machine
-from kennfeld.ascet.amd.xml_document import XmlElement
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.errors import Finding, Location
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.xml_document import XmlElement
 
 _CASTS: Final = ("cast", "implementationCast")
 _HEAD: Final = "class C { void m() {"

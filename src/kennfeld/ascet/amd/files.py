@@ -16,10 +16,11 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from kennfeld.archives import find_oversized
-from kennfeld.ascet.amd.xml_document import MAX_BYTES, XmlElement, parse_amd
+from kennfeld.ascet.amd.xml_document import MAX_BYTES, parse_amd
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.xml_document import XmlElement
 
 ARCHIVE: Final = ".axl"
 ENDING: Final = ".amd"

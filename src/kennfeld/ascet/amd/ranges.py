@@ -3,8 +3,8 @@
 import math
 from typing import TypeAlias
 
-from kennfeld.ascet.amd.xml_document import XmlElement
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.xml_document import XmlElement
 
 
 @dataclass(frozen=True)

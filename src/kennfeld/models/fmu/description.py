@@ -1,9 +1,11 @@
 """`FmuDescription`: what the model description of an FMU states, in the terms of the standard."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.models.fmu.number_types import number_type, type_order
 
 REAL_TYPES = ("Real", "Float64")
 
@@ -24,6 +26,7 @@ class FmuVariable(NamedTuple):
         maximum: largest value.
         nominal: its order of magnitude; 0 if it is not stated.
         derivative: value reference of the state of which it is the derivative, or None.
+        initial: `exact` if its value at the start can be set, `approx`, `calculated`, or empty.
         line: line in the model description.
     """
 
@@ -39,6 +42,7 @@ class FmuVariable(NamedTuple):
     maximum: float = math.inf
     nominal: float = 0.0
     derivative: int | None = None
+    initial: str = ""
     line: int = 0
 
     @property
@@ -136,6 +140,21 @@ class FmuDescription:
         return tuple(v for v in self.variables if v.causality == "input" and v.is_real)
 
     @property
+    def number_inputs(self) -> tuple[FmuVariable, ...]:
+        """The inputs that are numbers or booleans."""
+        return tuple(v for v in self.variables if v.causality == "input" and self._is_number(v))
+
+    @property
+    def number_outputs(self) -> tuple[FmuVariable, ...]:
+        """The outputs that are numbers or booleans."""
+        return tuple(output.variable for output in self.outputs if self._is_number(output.variable))
+
+    @property
+    def started_states(self) -> tuple[FmuVariable, ...]:
+        """The states whose values at the start can be set."""
+        return tuple(state for state in self.states if state.initial == "exact" and state.start)
+
+    @property
     def parameters(self) -> tuple[FmuVariable, ...]:
         """The parameters that are doubles and may be set."""
         return tuple(v for v in self.variables if v.causality == "parameter" and v.is_real and v.start)
@@ -147,11 +166,18 @@ class FmuDescription:
 
     @property
     def computed_outputs(self) -> tuple[FmuVariable, ...]:
-        """The outputs that are doubles and no states."""
+        """The outputs that are numbers and no states, sorted by type; doubles come first."""
         states = {state.reference for state in self.states}
-        return tuple(output for output in self.real_outputs if output.reference not in states)
+        return self.sorted_by_type([v for v in self.number_outputs if not (v.is_real and v.reference in states)])
 
     @property
     def unused(self) -> tuple[FmuVariable, ...]:
-        """Inputs and outputs that are not doubles."""
-        return tuple(v for v in self.variables if v.causality in ("input", "output") and not v.is_real)
+        """Inputs and outputs that are not numbers."""
+        return tuple(v for v in self.variables if v.causality in ("input", "output") and not self._is_number(v))
+
+    def sorted_by_type(self, variables: Sequence[FmuVariable]) -> tuple[FmuVariable, ...]:
+        """Return variables so that those of one type follow each other, doubles first."""
+        return tuple(sorted(variables, key=lambda v: type_order(self.version, v.type)))
+
+    def _is_number(self, variable: FmuVariable) -> bool:
+        return number_type(self.version, variable.type) is not None

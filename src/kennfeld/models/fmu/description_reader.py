@@ -4,13 +4,23 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from kennfeld.errors import Findings, InputError, Location
-from kennfeld.models.fmu.description import Dependency, FmuDescription, FmuInterface, FmuVariable
-from kennfeld.models.fmu.xml_elements import DescriptionElement, parse_elements
+from kennfeld.models.fmu.description import REAL_TYPES, Dependency, FmuDescription, FmuInterface, FmuVariable
+from kennfeld.models.fmu.number_types import number_type
+from kennfeld.xml_document import XmlElement, XmlLimits, parse_xml
 
 MOST_VALUES = 1_000_000  # of all arrays together
 _TYPES_2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _VERSIONS = {"2": "2.0", "3": "3.0"}
-_TRUE = ("true", "1")
+_BOOLEANS = {"false": 0.0, "true": 1.0}
+_EXPORT = "Export the FMU again."
+LIMITS = XmlLimits(
+    size=300_000_000,
+    levels=50,
+    elements=1_000_000,  # several for each variable
+    children=200_000,
+    reduced="Export the FMU without its local variables.",
+    complete=_EXPORT,
+)
 
 
 def read_description(raw: bytes, file: str, platforms: Sequence[str]) -> FmuDescription:
@@ -24,12 +34,12 @@ def read_description(raw: bytes, file: str, platforms: Sequence[str]) -> FmuDesc
     Raises:
         InputError: the description is of another version, is damaged, or exceeds the limits.
     """
-    root = parse_elements(raw, f"{file}/modelDescription.xml")
+    root = parse_xml(raw, f"{file}/modelDescription.xml", LIMITS)
     return _Reader(root, f"{file}/modelDescription.xml").description(tuple(platforms))
 
 
 class _Reader:
-    def __init__(self, root: DescriptionElement, file: str) -> None:
+    def __init__(self, root: XmlElement, file: str) -> None:
         self.root, self.file = root, file
         self.findings = Findings()
         version = root.attributes.get("fmiVersion", "")
@@ -42,9 +52,9 @@ class _Reader:
     def description(self, platforms: tuple[str, ...]) -> FmuDescription:
         root, second = self.root.attributes, self.version == "2.0"
         variables = self._variables()
-        structure = self.root.first("ModelStructure") or DescriptionElement("ModelStructure", 0, {}, [])
-        outputs = ("Outputs", "Unknown") if second else ("Output",)
-        derivatives = ("Derivatives", "Unknown") if second else ("ContinuousStateDerivative",)
+        structure = self.root.first("ModelStructure") or XmlElement("ModelStructure", {}, 0)
+        outputs = _unknowns(structure, "Outputs") if second else structure.all("Output")
+        derivatives = _unknowns(structure, "Derivatives") if second else structure.all("ContinuousStateDerivative")
         experiment = self.root.first("DefaultExperiment")
         step = None if experiment is None else self._number(experiment, "stepSize", math.nan)
         description = FmuDescription(
@@ -55,8 +65,8 @@ class _Reader:
             model_exchange=self._interface("ModelExchange"),
             co_simulation=self._interface("CoSimulation"),
             variables=variables,
-            outputs=self._dependencies(structure.all(*outputs), variables),
-            derivatives=self._dependencies(structure.all(*derivatives), variables),
+            outputs=self._dependencies(outputs, variables),
+            derivatives=self._dependencies(derivatives, variables),
             indicators=self._indicators(structure),
             step=step if step is not None and 0 < step < math.inf else None,
             discrete=self._discrete() if self.version == "3.0" else (),
@@ -67,7 +77,7 @@ class _Reader:
         self.findings.finish()
         return description
 
-    def _indicators(self, structure: DescriptionElement) -> int:
+    def _indicators(self, structure: XmlElement) -> int:
         if self.version == "2.0":
             return int(self._number(self.root, "numberOfEventIndicators", 0.0))
         return sum(1 for _ in structure.all("EventIndicator"))
@@ -84,10 +94,13 @@ class _Reader:
         if not identifier.replace("_", "a").isalnum():
             self._error(element, f"invalid modelIdentifier {identifier[:60]!r}")
         directional = "providesDirectionalDerivative" + "s" * (self.version == "3.0")
-        names = [directional, "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess"]
-        names.append("canHandleVariableCommunicationStepSize")
-        stated = [element.attributes.get(name) in _TRUE for name in names]
-        return FmuInterface(identifier, *stated)
+        names = (
+            directional,
+            "needsExecutionTool",
+            "canBeInstantiatedOnlyOncePerProcess",
+            "canHandleVariableCommunicationStepSize",
+        )
+        return FmuInterface(identifier, *map(element.is_true, names))
 
     def _declared_types(self) -> Iterator[tuple[str, Mapping[str, str]]]:
         for element in (child for types in self.root.all("TypeDefinitions") for child in types.children):
@@ -102,7 +115,7 @@ class _Reader:
         sizes = {e.attributes.get("valueReference"): e.attributes.get("start", "") for e in elements}
         return tuple(self._variable(e, e.tag, e.attributes, sizes) for e in elements)
 
-    def _variables_2(self, elements: Sequence[DescriptionElement]) -> tuple[FmuVariable, ...]:
+    def _variables_2(self, elements: Sequence[XmlElement]) -> tuple[FmuVariable, ...]:
         variables = []
         for element in elements:
             typed = next((child for child in element.children if child.tag in _TYPES_2), None)
@@ -122,16 +135,16 @@ class _Reader:
         return -1
 
     def _variable(
-        self, element: DescriptionElement, tag: str, attributes: Mapping[str, str], sizes: Mapping[str | None, str]
+        self, element: XmlElement, tag: str, attributes: Mapping[str, str], sizes: Mapping[str | None, str]
     ) -> FmuVariable:
         whole = {**self.types.get(attributes.get("declaredType", ""), {}), **attributes}
-        named = element._replace(attributes=whole)
-        real = tag in ("Real", "Float64")
+        named = XmlElement(tag, whole, element.line)
+        real, numeric = tag in REAL_TYPES, number_type(self.version, tag) is not None
         name, derivative = attributes.get("name", ""), attributes.get("derivative")
         if not name:
             self._error(element, "a variable has no name")
         shape = self._shape(element, sizes)
-        start = self._start(named, math.prod(shape)) if real else ()
+        start = self._start(named, math.prod(shape)) if numeric else ()
         return FmuVariable(
             name=name,
             reference=int(self._number(named, "valueReference", -1.0)),
@@ -141,14 +154,15 @@ class _Reader:
             start=start,
             shape=shape,
             unit=whole.get("unit", ""),
-            minimum=self._number(named, "min", -math.inf) if real else -math.inf,
-            maximum=self._number(named, "max", math.inf) if real else math.inf,
+            minimum=self._number(named, "min", -math.inf) if numeric else -math.inf,
+            maximum=self._number(named, "max", math.inf) if numeric else math.inf,
             nominal=abs(self._number(named, "nominal", 0.0)) if real else 0.0,
             derivative=int(self._number(named, "derivative", 0.0)) if derivative is not None and real else None,
+            initial=attributes.get("initial", ""),
             line=element.line,
         )
 
-    def _shape(self, element: DescriptionElement, sizes: Mapping[str | None, str]) -> tuple[int, ...]:
+    def _shape(self, element: XmlElement, sizes: Mapping[str | None, str]) -> tuple[int, ...]:
         shape = []
         for dimension in element.all("Dimension"):
             reference = dimension.attributes.get("valueReference")
@@ -160,18 +174,16 @@ class _Reader:
             return ()
         return tuple(shape)
 
-    def _start(self, element: DescriptionElement, size: int) -> tuple[float, ...]:
+    def _start(self, element: XmlElement, size: int) -> tuple[float, ...]:
         texts = element.attributes.get("start", "").split()
         try:
-            values = tuple(float(text) for text in texts)
+            values = tuple(_BOOLEANS[text] if text in _BOOLEANS else float(text) for text in texts)
         except ValueError:
             self._error(element, f"start={element.attributes['start'][:60]!r} must be a number")
             return ()
         return values * size if len(values) == 1 else values[:size] if len(values) >= size else ()
 
-    def _dependencies(
-        self, unknowns: Iterator[DescriptionElement], variables: Sequence[FmuVariable]
-    ) -> tuple[Dependency, ...]:
+    def _dependencies(self, unknowns: Iterator[XmlElement], variables: Sequence[FmuVariable]) -> tuple[Dependency, ...]:
         key = "index" if self.version == "2.0" else "valueReference"
         if self.version == "2.0":
             numbered = dict(enumerate(variables, start=1))
@@ -194,9 +206,9 @@ class _Reader:
         for variable, _ in description.derivatives:
             if variable.derivative not in known:
                 message = f"{variable.name} is listed as a derivative, but of no state"
-                self.findings.error(Location(self.file, variable.line), message, "Export the FMU again.")
+                self.findings.error(Location(self.file, variable.line), message, _EXPORT)
 
-    def _number(self, element: DescriptionElement, key: str, default: float) -> float:
+    def _number(self, element: XmlElement, key: str, default: float) -> float:
         text = element.attributes.get(key)
         try:
             number = default if text is None else float(text)
@@ -207,5 +219,9 @@ class _Reader:
             return 0.0
         return number
 
-    def _error(self, element: DescriptionElement, message: str) -> None:
-        self.findings.error(Location(self.file, element.line), message, "Export the FMU again.")
+    def _error(self, element: XmlElement, message: str) -> None:
+        self.findings.error(Location(self.file, element.line), message, _EXPORT)
+
+
+def _unknowns(structure: XmlElement, group: str) -> Iterator[XmlElement]:
+    return (unknown for part in structure.all(group) for unknown in part.all("Unknown"))

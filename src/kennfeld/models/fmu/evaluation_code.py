@@ -2,11 +2,12 @@
 
 All memory belongs to `FmuInstance`, whose addresses the code knows by name. A lock lets one thread at a time use it.
 
-The equations take (t, states, inputs, parameters) and return (derivatives, outputs); the start takes (t, inputs,
-parameters) and returns the states. Parameters that differ from those of the last call are set first: `tunable` ones in
-event mode, `fixed` ones by a reset, because they take effect at initialization only. So that differences along a
-parameter do not set it at each sample, further instances keep its two other values; they are created when first
-needed, up to `MOST_INSTANCES`.
+The equations take (t, states, inputs, parameters) and return (derivatives, outputs); events take the same and return
+the states, which an event may have changed; the start takes (t, inputs, parameters, start values) and returns the
+states. Of inputs and outputs, doubles come first. Parameters that differ from those of the last call are set first:
+`tunable` ones in event mode, `fixed` ones by a reset, because they take effect at initialization only. So that
+differences along a parameter do not set it at each sample, further instances keep its two other values; they are
+created when first needed, up to `MOST_INSTANCES`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,12 +16,14 @@ from typing import NamedTuple
 
 from kennfeld.machine_code.external import c_pointer
 from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
+from kennfeld.models.fmu.number_access import NumberGroup, get_numbers, real_count, set_numbers
 
 NONE, TUNED, RESET = 0, 1, 2  # what a change of parameters requires
 SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
 LOCK, TIMED, USED = range(3)  # places in the memory `control`; USED counts further instances
 MOST_INSTANCES = 17  # the first one, and two for each of eight parameters
 _MOST_UPDATES = 100  # of discrete states until they must be stable
+_MOVED, _ENDED = 1, 2  # what an event did: changed states, ended the simulation
 _WARNING, _DISCARD = 1, 2  # the last status of success, the last one that leaves the instance usable
 YIELD = "yield_processor"
 _NAN = literal(float("nan"))
@@ -35,12 +38,16 @@ class CallLayout(NamedTuple):
     inputs: int
     parameters: int
     outputs: int
-    input_references: int
+    starts: int
+    input_groups: tuple[NumberGroup, ...]
+    output_groups: tuple[NumberGroup, ...]
     parameter_references: int
-    output_references: int
+    start_references: int
     unknowns: int
     events: bool
+    jumps: bool  # events may change states, at samples
     single: bool
+    directional: bool
 
     @property
     def arguments(self) -> int:
@@ -52,6 +59,16 @@ class CallLayout(NamedTuple):
         """Number of results of the equations."""
         return self.states + self.outputs
 
+    @property
+    def start_arguments(self) -> int:
+        """Number of arguments of the start."""
+        return 1 + self.inputs + self.parameters + self.starts
+
+    @property
+    def real_results(self) -> int:
+        """Number of results that are doubles, which come first; the slopes of others are 0."""
+        return self.states + real_count(self.output_groups)
+
 
 def write_equations(layout: CallLayout) -> list[FunctionWriter]:
     """Return the functions for the equations of an FMU; the last one is to be called."""
@@ -60,9 +77,16 @@ def write_equations(layout: CallLayout) -> list[FunctionWriter]:
     return [*parts, _evaluate(layout, shape)]
 
 
+def write_events(layout: CallLayout) -> list[FunctionWriter]:
+    """Return the functions for the states after events; the last one is to be called."""
+    shape = _FunctionShape("events", layout.arguments, layout.states)
+    parts = [_iterate(layout), _reset(layout), _events_point(layout), _choose_instance(layout)]
+    return [*parts, _evaluate(layout, shape)]
+
+
 def write_start(layout: CallLayout) -> list[FunctionWriter]:
     """Return the functions for the states at the start; the last one is to be called."""
-    shape = _FunctionShape("start", layout.arguments - layout.states, layout.states)
+    shape = _FunctionShape("start", layout.start_arguments, layout.states)
     return [_iterate(layout), _reset(layout), _start_point(layout), _evaluate(layout, shape)]
 
 
@@ -98,8 +122,24 @@ class _InstanceCalls:
             name = f"{access}{'Real' if self.second else 'Float64'}"
             self(name, f"ptr {self.memory(group)}", f"i64 {references}", f"ptr {values}", *lengths)
 
-    def initialize(self, parameters: str, inputs: str | None) -> None:
-        """Initialize the instance anew with parameters and inputs, and enter continuous-time mode."""
+    def set_inputs(self, values: str) -> None:
+        """Set the inputs; NaN for an integer or boolean counts as a value that is refused."""
+        undefined = set_numbers(self.f, self.layout.input_groups, values, lambda *each: self._access("Set", *each))
+        if undefined != "false":
+            with self.f.when(undefined):
+                self.f.store(str(_DISCARD), self.worst, kind="i32")
+
+    def get_outputs(self, values: str) -> None:
+        """Read the outputs."""
+        get_numbers(self.f, self.layout.output_groups, values, lambda *each: self._access("Get", *each))
+
+    def _access(self, access: str, group: NumberGroup, values: str) -> None:
+        lengths = () if self.second else (f"i64 {group.size}",)
+        references = f"ptr {self.memory(group.name)}", f"i64 {group.references}"
+        self(f"{access}{group.type.access}", *references, f"ptr {values}", *lengths)
+
+    def initialize(self, parameters: str, inputs: str | None, starts: str | None = None) -> None:
+        """Initialize the instance anew with parameters, inputs and start values; enter continuous-time mode."""
         layout, experiment = self.layout, (f"double {ZERO}", f"double {ZERO}", "{0}", f"double {ZERO}")
         false = "i32 0" if self.second else "i1 zeroext false"
         times = [false, *(text.format(false) for text in experiment)]
@@ -107,9 +147,11 @@ class _InstanceCalls:
         if self.second:
             self("SetupExperiment", *times)
         self.numbers("Set", "parameters", layout.parameter_references, parameters, layout.parameters)
+        if starts is not None:
+            self.numbers("Set", "starts", layout.start_references, starts, layout.starts)
         self("EnterInitializationMode", *(() if self.second else times))
         if inputs is not None:
-            self.numbers("Set", "inputs", layout.input_references, inputs, layout.inputs)
+            self.set_inputs(inputs)
         self("ExitInitializationMode")
         self.update()
 
@@ -133,8 +175,12 @@ def _iterate(layout: CallLayout) -> FunctionWriter:
         else:
             calls("UpdateDiscreteStates", *(f"ptr {f.at(flags, k, kind)}" for k in range(5)), f"ptr {at}")
         needed, terminate, _, changed, timed = (_is_set(f, f.at(flags, k, kind), kind) for k in range(5))
-        _mark(f, change, "%number", f.new(f"or i1 {terminate}, {changed}"))
+        _mark(f, change, "%number", changed, _MOVED)
+        _mark(f, change, "%number", terminate, _ENDED)
         _mark(f, control, TIMED, timed)
+        with f.when(timed):
+            f.store(f.load(flags, 3) if calls.second else f.load(at), calls.memory("next_event"))
+        needed = f.new(f"and i1 {needed}, {f.new(f'xor i1 {terminate}, true')}")
         position.set(f.new(f"select i1 {needed}, i64 {f.add(index, 1)}, i64 {_MOST_UPDATES}"))
     return f
 
@@ -143,9 +189,9 @@ def _is_set(f: FunctionWriter, pointer: str, kind: str) -> str:
     return f.new(f"icmp ne {kind} {f.new(f'load {kind}, ptr {pointer}, align 1')}, 0")
 
 
-def _mark(f: FunctionWriter, flags: str, place: int | str, condition: str) -> None:
+def _mark(f: FunctionWriter, flags: str, place: int | str, condition: str, value: int = 1) -> None:
     with f.when(condition):
-        f.store("1", flags, place, "i32")
+        f.store(str(value), flags, place, "i32")
 
 
 def _reset(layout: CallLayout) -> FunctionWriter:
@@ -155,27 +201,43 @@ def _reset(layout: CallLayout) -> FunctionWriter:
 
 
 def _equations_point(layout: CallLayout) -> FunctionWriter:
+    f, calls = _enter_point(layout, layout.events)
+    if layout.jumps:  # the step goes on with its own states; events change them at samples only
+        changed = f.load(calls.memory("changed"), "%number", "i32")
+        with f.when(f.new(f"icmp ne i32 {changed}, 0")):
+            calls("SetContinuousStates", f"ptr {f.at('%x', 1)}", f"i64 {layout.states}")
+    if layout.states:
+        derivatives = "GetDerivatives" if calls.second else "GetContinuousStateDerivatives"
+        calls(derivatives, "ptr %y", f"i64 {layout.states}")
+    calls.get_outputs(f.at("%y", layout.states))
+    _finish_point(calls, layout.results)
+    return f
+
+
+def _events_point(layout: CallLayout) -> FunctionWriter:
+    f, calls = _enter_point(layout, True)
+    calls("GetContinuousStates", "ptr %y", f"i64 {layout.states}")
+    _finish_point(calls, layout.states)
+    return f
+
+
+def _enter_point(layout: CallLayout, events: bool) -> tuple[FunctionWriter, _InstanceCalls]:
+    """Begin a function that sets parameters, time, states and inputs, and processes events at this time."""
     f = FunctionWriter("point", [("ptr", "x"), ("ptr", "y"), ("i64", "number")], "noinline")
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
     calls = _InstanceCalls(f, layout, worst, "%number")
-    inputs = f.at("%x", 1 + layout.states)
     _set_parameters(calls, f.at("%x", 1 + layout.states + layout.inputs))
     calls("SetTime", f"double {f.load('%x')}")
     if layout.states:
         calls("SetContinuousStates", f"ptr {f.at('%x', 1)}", f"i64 {layout.states}")
     f.store("0", calls.memory("changed"), "%number", "i32")
-    if layout.events:
+    if events:
         calls("EnterEventMode")
-    calls.numbers("Set", "inputs", layout.input_references, inputs, layout.inputs)
-    if layout.events:
+    calls.set_inputs(f.at("%x", 1 + layout.states))
+    if events:
         calls.update()
-    if layout.states:
-        derivatives = "GetDerivatives" if calls.second else "GetContinuousStateDerivatives"
-        calls(derivatives, "ptr %y", f"i64 {layout.states}")
-    calls.numbers("Get", "outputs", layout.output_references, f.at("%y", layout.states), layout.outputs)
-    _finish_point(calls, layout.results)
-    return f
+    return f, calls
 
 
 def _start_point(layout: CallLayout) -> FunctionWriter:
@@ -184,7 +246,8 @@ def _start_point(layout: CallLayout) -> FunctionWriter:
     f.store("0", worst, kind="i32")
     calls = _InstanceCalls(f, layout, worst, "%number")
     parameters = f.at("%x", 1 + layout.inputs)
-    calls.initialize(parameters, f.at("%x", 1))
+    starts = f.at("%x", 1 + layout.inputs + layout.parameters) if layout.starts else None
+    calls.initialize(parameters, f.at("%x", 1), starts)
     calls("GetContinuousStates", "ptr %y", f"i64 {layout.states}")
     _keep_parameters(calls, parameters)
     f.store("0", calls.memory("changed"), "%number", "i32")
@@ -226,12 +289,14 @@ def _cache(calls: _InstanceCalls) -> str:
 
 
 def _finish_point(calls: _InstanceCalls, results: int) -> None:
-    """Return NaN after an error, or after an event that changed states, and start again by a reset."""
+    """Return NaN after an error or the end of the simulation; reset before the next use after these and events."""
     f = calls.f
     status = f.load(calls.worst, kind="i32")
     failed = f.new(f"icmp sgt i32 {status}, {_WARNING}")
-    changed = f.new(f"icmp ne i32 {f.load(calls.memory('changed'), calls.number, 'i32')}, 0")
-    unusable = f.new(f"or i1 {failed}, {changed}")
+    change = f.load(calls.memory("changed"), calls.number, "i32")
+    changed = f.new(f"icmp ne i32 {change}, 0")
+    ended = f.new(f"icmp eq i32 {change}, {_ENDED}") if calls.layout.jumps else changed
+    unusable = f.new(f"or i1 {failed}, {ended}")
     with f.when(unusable), f.loop(0, results) as i:
         f.store(_NAN, "%y", i)
     damaged = f.new(f"icmp sgt i32 {status}, {_DISCARD}")
@@ -248,9 +313,15 @@ def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
     _acquire(f, lock)
     f.call("point", [("ptr", "%x"), ("ptr", "%y"), ("i64", "0")])
     with f.when(f.new("icmp ne ptr %slopes, null")):
-        if shape.name == "equations":
+        if shape.name == "equations" and layout.directional:
             _directional_slopes(calls, shape)
-        _difference_slopes(calls, shape)
+        if shape.name == "events":
+            _slopes_of_events(calls, shape)
+        else:
+            _difference_slopes(calls, shape)
+        if shape.name == "equations" and layout.real_results < shape.results:
+            with f.loop(layout.real_results * shape.arguments, shape.results * shape.arguments) as i:
+                f.store(ZERO, "%slopes", i)
     f.do(f"store atomic i32 0, ptr {lock} release, align 4")
     return f
 
@@ -273,7 +344,7 @@ def _directional_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
         size, place = f.load(sizes, j, "i64"), f.load(positions, j, "i64")
         f.store(literal(1.0), seed, place)
         f.store("0", calls.worst, kind="i32")
-        lengths = ("", "") if second else (f", i64 {size}", f", i64 {shape.results}")
+        lengths = ("", "") if second else (f", i64 {size}", f", i64 {calls.layout.real_results}")
         calls(
             "GetDirectionalDerivative",
             *(f"ptr {unknowns}", f"i64 {calls.layout.unknowns}", f"ptr {f.at(known, j, 'i32')}", "i64 1"),
@@ -281,9 +352,22 @@ def _directional_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
         )
         f.store(ZERO, seed, place)
         failed = f.new(f"icmp sgt i32 {f.load(calls.worst, kind='i32')}, {_WARNING}")
-        with f.loop(0, shape.results) as i:
+        with f.loop(0, calls.layout.real_results) as i:
             value = f.select(failed, _NAN, f.load(column, i))
             f.store(value, "%slopes", f.add(f.mul(i, shape.arguments), j))
+
+
+def _slopes_of_events(calls: _InstanceCalls, shape: _FunctionShape) -> None:
+    """Write the slopes of the states after events: those of the identity if there was none."""
+    f = calls.f
+    changed = f.new(f"icmp ne i32 {f.load(calls.memory('changed'), 0, 'i32')}, 0")
+    with f.when(changed):
+        _difference_slopes(calls, shape)
+    with f.unless(changed):
+        with f.loop(0, shape.results * shape.arguments) as i:
+            f.store(ZERO, "%slopes", i)
+        with f.loop(0, shape.results) as i:
+            f.store(literal(1.0), "%slopes", f.add(f.mul(i, shape.arguments + 1), 1))
 
 
 def _difference_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:
@@ -393,8 +477,11 @@ def equation_functions(layout: CallLayout) -> Sequence[str]:
     """Return the names of the functions of the library that the code calls."""
     second, number = layout.version == "2.0", layout.version[0]
     names = ["Reset", "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "EnterContinuousTimeMode"]
-    names += ["SetTime", "SetContinuousStates", "GetContinuousStates", "GetDirectionalDerivative"]
+    names += ["SetTime", "SetContinuousStates", "GetContinuousStates"]
+    names += ["GetDirectionalDerivative"] if layout.directional else []
     names += ["Instantiate" if second else "InstantiateModelExchange"]
     names += ["SetupExperiment", "NewDiscreteStates", "GetDerivatives", "SetReal", "GetReal"] if second else []
     names += [] if second else ["UpdateDiscreteStates", "GetContinuousStateDerivatives", "SetFloat64", "GetFloat64"]
+    names += [f"Set{group.type.access}" for group in layout.input_groups if not group.type.is_real]
+    names += [f"Get{group.type.access}" for group in layout.output_groups if not group.type.is_real]
     return [f"fmi{number}{name}" for name in names]

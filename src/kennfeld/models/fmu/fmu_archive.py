@@ -14,10 +14,9 @@ from kennfeld.archives import find_oversized
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.models.fmu.description import FmuDescription
-from kennfeld.models.fmu.description_reader import read_description
+from kennfeld.models.fmu.description_reader import LIMITS, read_description
 
 _DESCRIPTION = "modelDescription.xml"
-_MOST_DESCRIPTION = 300_000_000  # bytes
 _MOST_FILES = 100_000
 _EXTENSIONS = {"win32": ".dll", "darwin": ".dylib"}
 
@@ -36,13 +35,10 @@ def read_archive(path: Path) -> FmuDescription:
                 if _DESCRIPTION not in names:
                     raise InputError.of(Location(str(path)), f"has no {_DESCRIPTION}", "Use an FMU of FMI 2.0 or 3.0.")
                 with archive.open(_DESCRIPTION) as stream:
-                    raw = stream.read(_MOST_DESCRIPTION + 1)
+                    raw = stream.read(LIMITS.size + 1)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
             message = f"is not a readable ZIP archive: {error}"
             raise InputError.of(Location(str(path)), message, "Use a complete copy.") from None
-    if len(raw) > _MOST_DESCRIPTION:
-        message = f"{_DESCRIPTION} is larger than {_MOST_DESCRIPTION / 1e6:.0f} MB"
-        raise InputError.of(Location(str(path)), message, "Export the FMU without its local variables.")
     parts = [PurePosixPath(name).parts for name in names]
     platforms = sorted({part[1] for part in parts if len(part) == 3 and part[0] == "binaries"})
     return read_description(raw, path.name, platforms)

@@ -17,6 +17,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, parameter
 
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6}(?:,\s*\d{1,6}){0,3})\]")
+_START = re.compile(r"^(.+?)((?:\[[\d, ]+\])?)$")
 _MOST_AXES = 4
 
 
@@ -61,6 +62,20 @@ def parameters_of(variables: Sequence[FmuVariable], prefix: str = "") -> FmuPara
             parameters.append(_array(prefix + name, variable))
             values += [ParameterValue(prefix + name, each) for each in _coordinates(variable.shape)]
     return FmuParameters(ParameterSet(parameters), tuple(values))
+
+
+def start_values_of(states: Sequence[FmuVariable], prefix: str = "") -> FmuParameters:
+    """Return the start values of states as parameters `NAME.start`, which are locked.
+
+    >>> states = [FmuVariable("x[1]", 1, "Real", "local", "continuous", (3.0,))]
+    >>> (value,) = start_values_of(states).parameters.parameters
+    >>> value.name, value.values, value.locked
+    ('x.start', array([3.]), array([ True]))
+    """
+    renamed = [state._replace(name=_START.sub(r"\1.start\2", state.name)) for state in states]
+    parameters, values = parameters_of(renamed, prefix)
+    locked = [each.changed(locked=np.ones(each.values.shape, dtype=bool)) for each in parameters.parameters]
+    return FmuParameters(ParameterSet(locked), values)
 
 
 def _families(variables: Sequence[FmuVariable]) -> Mapping[str, tuple[str, tuple[int, ...]]]:

@@ -1,40 +1,48 @@
 """Import of FMUs as functions and models; nothing of their code runs here."""
 
-from collections.abc import Iterator, Sequence
-from itertools import islice
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from kennfeld.errors import ArgumentError, Finding, Findings, Location
 from kennfeld.formatting import join_names
-from kennfeld.graph.builder import GraphBuilder
-from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.fmu.description import FmuDescription, FmuInterface
+from kennfeld.models.fmu.equation_calls import EquationCalls
 from kennfeld.models.fmu.fmu_archive import digest_of, platform_folder, read_archive
-from kennfeld.models.fmu.fmu_parameters import FmuParameters, parameters_of
-from kennfeld.models.fmu.instance import layout_of
-from kennfeld.models.fmu.trajectory_calls import TrajectoryCalls, signals
+from kennfeld.models.fmu.fmu_parameters import parameters_of, start_values_of
+from kennfeld.models.fmu.trajectory_calls import TrajectoryCalls
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, as_model, share_calls
+from kennfeld.parameter_set import ParameterSet
 
 MODEL_EXCHANGE, CO_SIMULATION = "model_exchange", "co_simulation"
 INTERFACES = {MODEL_EXCHANGE: "model exchange", CO_SIMULATION: "co-simulation"}
-_MODULE = "kennfeld.models.fmu.instance"
-_UNLIMITED = float("inf")
 _MOST_NAMES = 4
 
 
-def fmu(path: str | Path, step: float | None = None, solver: str = "ode4", interface: str = "") -> Model:
+def fmu(
+    path: str | Path,
+    step: float | None = None,
+    solver: str = "ode4",
+    interface: str = "",
+    *,
+    fit_starts: bool = False,
+) -> Model:
     """Read an FMU (FMI 2.0 or 3.0) as a model.
 
     Its inputs are channels, its outputs nodes, and its parameters scalars, curves and maps. For model exchange, its
-    continuous states are advanced by a solver with a fixed step; for co-simulation, it advances itself. Its code runs
-    when the model is first evaluated, not here.
+    continuous states are advanced by a solver with a fixed step, and start values of states that the FMU lets others
+    set are parameters `STATE.start`; for co-simulation, it advances itself. Its code runs when the model is first
+    evaluated, not here.
 
     Args:
         path: the `.fmu` file.
         step: the step in s, by default that of its default experiment.
         solver: a name in `graph.integration.SOLVERS`, for model exchange.
         interface: `model exchange` or `co-simulation`; by default model exchange if the FMU can be used so.
+        fit_starts: True if a calibration may change start values of states; otherwise they are locked.
 
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
@@ -43,7 +51,10 @@ def fmu(path: str | Path, step: float | None = None, solver: str = "ode4", inter
     if interface not in ("", *INTERFACES.values()):
         raise ArgumentError(f"interface={interface!r} must be {join_names(list(INTERFACES.values()), 2, ' or ')}")
     words = {text: word for word, text in INTERFACES.items()}
-    return as_model(read_fmu(Path(path), words.get(interface, ""), "", step), solver)
+    model = as_model(read_fmu(Path(path), words.get(interface, ""), "", step), solver)
+    if not fit_starts:
+        return model
+    return replace(model, values=ParameterSet(p.changed(locked=np.False_) for p in model.values.parameters))
 
 
 def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelFunction:
@@ -55,60 +66,40 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
     description = read_archive(path)
     interface = function or usable_interface(description, path)
     Findings(find_obstacles(description, path, interface)).finish()
-    parameters = parameters_of(description.parameters, f"{name}." if name else "")
-    together = interface == CO_SIMULATION
-    inputs = signals(description, "input") if together else description.inputs
-    outputs = signals(description, "output") if together else description.real_outputs
-    writer = (TrajectoryCalls if together else _FmuCalls)(description, parameters, path, digest_of(path))
-    memory = together or bool(description.states)
+    prefix = f"{name}." if name else ""
+    parameters = parameters_of(description.parameters, prefix)
+    known = (str(path.resolve()), digest_of(path))
+    if interface == CO_SIMULATION:
+        write = TrajectoryCalls(description, parameters, path, known[1]).write
+        memory, values = True, parameters.parameters
+    else:
+        starts = start_values_of(description.started_states, prefix)
+        timed = int(takes_time(description, step))
+        write = EquationCalls(description, parameters.values, starts.values, (*known, timed)).write
+        memory, values = bool(description.states), parameters.parameters.merged(starts.parameters)
     return ModelFunction(
         name=name or path.stem,
-        inputs=tuple(FunctionInput(element, v.unit) for v in inputs for element in v.elements),
-        outputs=tuple(FunctionOutput(element, v.unit) for v in outputs for element in v.elements),
-        write=share_calls(writer.write),
+        inputs=tuple(FunctionInput(element, v.unit) for v in description.number_inputs for element in v.elements),
+        outputs=tuple(FunctionOutput(element, v.unit) for v in description.number_outputs for element in v.elements),
+        write=share_calls(write),
         memory=memory,
-        values=parameters.parameters,
+        values=values,
         source=str(path),
         step=step or (description.step if memory else None),
         remarks=tuple(find_remarks(description, path, interface)),
     )
 
 
-class _FmuCalls:
-    """Writes the nodes of calls of the equations."""
+def takes_time(description: FmuDescription, step: float | None) -> bool:
+    """Return True if the outputs may depend on the time; points without time stamps then cannot be evaluated.
 
-    def __init__(self, description: FmuDescription, parameters: FmuParameters, path: Path, digest: str) -> None:
-        layout = layout_of(description, "")
-        arguments = (str(path.resolve()), digest)
-        taken, self.states = layout.arguments, layout.states
-        self.values = parameters.values
-        self.outputs = [(output.reference, output.size) for output in description.real_outputs]
-        self.state_sizes = [(state.reference, state.size) for state in description.states]
-        self.equations = ExternalFunction(path.stem, taken, layout.results, f"{_MODULE}:load_equations", arguments)
-        started = taken - layout.states
-        self.start = ExternalFunction(f"{path.stem} start", started, layout.states, f"{_MODULE}:load_start", arguments)
-
-    def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
-        """Add the nodes of one step, and return those of the outputs."""
-        time = builder.input("t")
-        parameters = [builder.lookup(v.parameter, *map(builder.const, v.coordinates)) for v in self.values]
-        states = [builder.state() for _ in range(self.states)]
-        results = builder.external(self.equations, time, *states, *arguments, *parameters)
-        limits = builder.const(-_UNLIMITED), builder.const(_UNLIMITED)
-        starts = builder.external(self.start, time, *arguments, *parameters) if states else ()
-        for state, start, derivative in zip(states, starts, results, strict=False):
-            builder.close(state, start, builder.node("advance", (state, derivative, *limits)))
-        return self._outputs(states, results[self.states :])
-
-    def _outputs(self, states: Sequence[int], computed: Sequence[int]) -> Sequence[int]:
-        """Return the nodes of the outputs, of which some are states."""
-        nodes, remaining = iter(states), iter(computed)
-        own = {reference: list(islice(nodes, size)) for reference, size in self.state_sizes}
-        return [
-            node
-            for reference, size in self.outputs
-            for node in (own[reference] if reference in own else islice(remaining, size))
-        ]
+    Without states, they do if the description says so; if it does not state dependencies, a given step decides.
+    """
+    if description.states:
+        return True
+    clocks = {v.reference for v in description.variables if v.causality == "independent"}
+    stated = [dependency.references for dependency in description.outputs]
+    return any(step is not None if used is None else used & clocks for used in stated)
 
 
 def usable_interface(description: FmuDescription, path: Path) -> str:
@@ -144,10 +135,8 @@ def find_obstacles(description: FmuDescription, path: Path, interface: str) -> t
             location, f"has libraries for {platforms}, not for {folder}", "Export the FMU for this platform."
         )
     _find_discrete(description, interface, location, findings)
-    outputs = signals(description, "output") if interface == CO_SIMULATION else description.real_outputs
-    if not outputs:
-        kind = "number" if interface == CO_SIMULATION else "real number"
-        findings.error(location, f"has no output that is a {kind}", "Export the FMU with such an output.")
+    if not description.number_outputs:
+        findings.error(location, "has no output that is a number", "Export the FMU with such an output.")
     return tuple(findings)
 
 
@@ -163,31 +152,28 @@ def _find_discrete(description: FmuDescription, interface: str, location: Locati
 
 def find_remarks(description: FmuDescription, path: Path, interface: str) -> list[Finding]:
     """Return what runs differently from the source, and that code will run."""
-    location = Location(path.name)
     differing = _trajectory_remarks if interface == CO_SIMULATION else _equation_remarks
-    return [
-        Finding(location, sentence, severity="remark")
-        for sentence in (f"runs code of {path.name}", *differing(description))
-    ]
+    sentences = [f"runs code of {path.name}", *differing(description)]
+    if description.unused:
+        names = join_names([v.name for v in description.unused], _MOST_NAMES, " and ")
+        sentences.append(f"inputs keep their start values and outputs are skipped if they are not numbers: {names}")
+    return [Finding(Location(path.name), sentence, severity="remark") for sentence in sentences]
 
 
 def _equation_remarks(description: FmuDescription) -> Iterator[str]:
     interface = description.model_exchange
     if interface is not None and interface.directional:
         yield (
-            "slopes are the directional derivatives of the FMU along arguments where they agree with differences, "
-            "otherwise central differences"
+            "slopes are the directional derivatives of the FMU where they agree with differences, otherwise differences"
         )
     else:
-        yield "slopes are central differences, because the FMU offers no directional derivatives"
+        yield "slopes are differences, because the FMU offers no directional derivatives"
     if description.indicators:
         yield (
-            f"{description.indicators} event indicators: conditions are updated at each evaluation; "
-            "an event that changes states gives NaN, and a condition must not depend on earlier ones"
+            f"{description.indicators} event indicators: conditions are updated at each evaluation, and events change "
+            "states at the samples that follow them, with errors of the order of the step; slopes do not include that "
+            "events move with parameters"
         )
-    if description.unused:
-        names = join_names([v.name for v in description.unused], _MOST_NAMES, " and ")
-        yield f"inputs keep their start values and outputs are skipped if they are not real numbers: {names}"
 
 
 def _trajectory_remarks(description: FmuDescription) -> Iterator[str]:
@@ -198,8 +184,3 @@ def _trajectory_remarks(description: FmuDescription) -> Iterator[str]:
         yield "one simulation runs at a time, because the FMU allows one instance in a process"
     if interface is not None and not interface.variable_step:
         yield "all steps must have the same length"
-    used = {*signals(description, "input"), *signals(description, "output")}
-    others = [v.name for v in description.variables if v.causality in ("input", "output") and v not in used]
-    if others:
-        names = join_names(others, _MOST_NAMES, " and ")
-        yield f"inputs keep their start values and outputs are skipped if they are not numbers: {names}"

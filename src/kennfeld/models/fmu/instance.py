@@ -3,6 +3,7 @@
 import ctypes
 from collections.abc import Sequence
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError, Location
 from kennfeld.finite_differences import difference_step
+from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.machine_code.external import provide
@@ -29,12 +31,18 @@ from kennfeld.models.fmu.evaluation_code import (
     CallLayout,
     equation_functions,
     write_equations,
+    write_events,
     write_start,
 )
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
 from kennfeld.models.fmu.library import FmuLibrary, yield_address
+from kennfeld.models.fmu.number_access import group_numbers
 from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
 
+_TIME_EVENTS = 4  # to be checked
+_OTHER_TIMES = (0.37, 1.0, 12.3, 4567.0, 0.0)  # in s, back to the start
+_CONTINUOUS = "Export the continuous part of the model."
+_MOST_NAMES = 6  # in a remark
 _REPEATED = 1e-4  # tolerance of repeated results, for FMUs that solve equations by iteration
 _SMALLEST = 0.1  # of the order of magnitude of an argument, below which steps no longer shrink with it
 
@@ -46,6 +54,11 @@ class FmuFunction:
     call: NativeFunction
     address: int
     instance: "FmuInstance"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """How slopes are computed."""
+        return (self.instance.slope_remark,)
 
 
 class _Argument(NamedTuple):
@@ -65,18 +78,31 @@ class _Argument(NamedTuple):
         return nominal or abs(self.start) or 1.0
 
 
-def load_equations(path: str, digest: str) -> FmuFunction:
+def load_equations(path: str, digest: str, timed: int = 1) -> FmuFunction:
     """Return (t, states, inputs, parameters) -> (derivatives, outputs) of an FMU; its code runs from now on.
+
+    Args:
+        path: the `.fmu` file.
+        digest: digest of its contents.
+        timed: 0 if it is always evaluated at time 0.
 
     Raises:
         InputError: the file has changed, or its code cannot be used.
     """
-    return load_instance(path, digest).equations
+    instance = load_instance(path, digest)
+    if not timed:
+        instance.check_independence_of_time()
+    return instance.equations
 
 
 def load_start(path: str, digest: str) -> FmuFunction:
-    """Return (t, inputs, parameters) -> states at the start of an FMU; its code runs from now on."""
+    """Return (t, inputs, parameters, start values) -> states at the start of an FMU; its code runs from now on."""
     return load_instance(path, digest).start
+
+
+def load_events(path: str, digest: str) -> FmuFunction:
+    """Return (t, states, inputs, parameters) -> states after events of an FMU; its code runs from now on."""
+    return load_instance(path, digest).events
 
 
 @cache
@@ -96,13 +122,17 @@ class FmuInstance:
         self.layout = layout_of(description, f"fmu_{digest}")
         self._memory: dict[str, Any] = {}
         self.arguments = _arguments(description)
-        start = [a for a in self.arguments if a.variable is None or a.variable not in description.states]
+        states = set(description.states)
+        start = [a for a in self.arguments if a.variable is None or a.variable not in states]
+        start += _elements(description.started_states)
         self.library = self._load()
         self._provide_variables()
         self._provide_tables("equations", self.arguments)
         self._provide_tables("start", start)
+        self._provide_tables("events", self.arguments)
         self.equations = self._compile(write_equations(self.layout), "equations")
         self.start = self._compile(write_start(self.layout), "start") if self.layout.states else self.equations
+        self.events = self._compile(write_events(self.layout), "events") if self.layout.jumps else self.equations
         self._memory["control"][USED] = MOST_INSTANCES  # further instances are for the parameters that are fitted
         self._choose_slopes(np.array([argument.start for argument in start]))
         self._memory["control"][USED] = 0
@@ -110,15 +140,38 @@ class FmuInstance:
     @property
     def slopes(self) -> dict[str, str]:
         """Kind of the slopes along each argument but the time, by its name."""
-        words = {DIRECTIONAL: "directional derivatives", DIFFERENCES: "differences"}
+        words = {DIRECTIONAL: "directional derivatives", DIFFERENCES: "differences", SKIPPED: "0"}
         kinds = self._memory["equations_kinds"]
         return {a.name: words[int(kind)] for a, kind in zip(self.arguments[1:], kinds[1:], strict=True)}
+
+    @property
+    def slope_remark(self) -> str:
+        """A sentence that names the arguments along which slopes are directional derivatives or differences."""
+        kinds = dict.fromkeys(self.slopes.values())
+        groups = {kind: [name for name, own in self.slopes.items() if own == kind] for kind in kinds}
+        parts = [f"{kind} along {join_names(names, _MOST_NAMES)}" for kind, names in groups.items()]
+        return f"slopes of {self.source.name}: {'; '.join(parts)}"
 
     @property
     def further_instances(self) -> int:
         """Number of instances that differences along parameters use, in addition to the first one."""
         slots: NDArray[Any] = self._memory["slots"]
         return int(np.count_nonzero(slots))
+
+    def check_independence_of_time(self) -> None:
+        """Check that outputs do not depend on the time.
+
+        Raises:
+            InputError: they do, which the description does not say.
+        """
+        start = np.array([argument.start for argument in self.arguments])
+        results = self._evaluate(start)[0]
+        for time in _OTHER_TIMES:
+            start[0] = time
+            if self._memory["control"][TIMED] or not self._is_repeated(self._evaluate(start)[0], results):
+                message = "its outputs depend on the time, which its description does not say"
+                remedy = "Give a step, such as `step` of [model], so that it is evaluated at the times of the data."
+                raise InputError.of(Location(str(self.source)), message, remedy)
 
     def _load(self) -> FmuLibrary:
         interface = self.description.model_exchange
@@ -130,9 +183,11 @@ class FmuInstance:
             raise InputError.of(Location(str(self.source)), message)
         library = FmuLibrary(path, self.description, self.source)
         prefix = self.layout.prefix
+        if not library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative"):
+            self.layout = self.layout._replace(directional=False)
         for name in equation_functions(self.layout):
             address = library.address(name)
-            if not address and "Directional" not in name:
+            if not address:
                 raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
             provide(f"{prefix}_{name}", address)
         self._provide("instances", [library.instantiate(folder / "resources")] + [0] * (MOST_INSTANCES - 1), np.uint64)
@@ -150,27 +205,33 @@ class FmuInstance:
         description = self.description
         parameters = description.parameters
         levels = [TUNED if v.variability == "tunable" else RESET for v in parameters for _ in range(v.size)]
-        unknowns = [d.variable for d in description.derivatives] + list(description.computed_outputs)
+        unknowns = [d.variable for d in description.derivatives]
+        unknowns += [output for output in description.computed_outputs if output.is_real]
         self._provide("control", [0, 0, 0], np.int32)
         self._provide("stale", [RESET] * MOST_INSTANCES, np.int32)
         self._provide("changed", [0] * MOST_INSTANCES, np.int32)
         self._provide("slots", [0] * (2 * len(levels)), np.int64)
         self._provide("cache", [np.nan] * (len(levels) * MOST_INSTANCES), np.float64)
         self._provide("levels", levels, np.int32)
-        self._provide("inputs", [v.reference for v in description.inputs], np.uint32)
+        self._provide("next_event", [np.nan], np.float64)
+        inputs, outputs = description.sorted_by_type(description.number_inputs), description.computed_outputs
+        for groups, variables in ((self.layout.input_groups, inputs), (self.layout.output_groups, outputs)):
+            references = iter([variable.reference for variable in variables])
+            for group in groups:
+                self._provide(group.name, list(islice(references, group.references)), np.uint32)
+        self._provide("starts", [v.reference for v in description.started_states], np.uint32)
         self._provide("parameters", [v.reference for v in parameters], np.uint32)
-        self._provide("outputs", [v.reference for v in description.computed_outputs], np.uint32)
         self._provide("unknowns", [v.reference for v in unknowns], np.uint32)
-        variables = [argument.variable for argument in self.arguments]
-        self._provide("known", [0 if v is None else v.reference for v in variables], np.uint32)
+        named = [argument.variable for argument in self.arguments]
+        self._provide("known", [0 if v is None else v.reference for v in named], np.uint32)
         self._provide("positions", [argument.position for argument in self.arguments], np.int64)
-        sizes = [1 if v is None else v.size for v in variables]
+        sizes = [1 if v is None else v.size for v in named]
         self._provide("sizes", sizes, np.int64)
         self._provide("seed", np.zeros(max(sizes)), np.float64)
 
     def _provide_tables(self, name: str, arguments: Sequence[_Argument]) -> None:
         limited = [a.variable if a.variable is not None else None for a in arguments]
-        kinds = [SKIPPED, *[DIFFERENCES] * (len(arguments) - 1)]
+        kinds = [DIFFERENCES if v is not None and v.is_real else SKIPPED for v in limited]
         self._provide(f"{name}_kinds", kinds, np.int32)
         self._provide(f"{name}_steps", [difference_step(0.0)] * len(arguments), np.float64)
         self._provide(f"{name}_least", [_SMALLEST * a.magnitude for a in arguments], np.float64)
@@ -196,38 +257,56 @@ class FmuInstance:
             self.start.call(start.ctypes.data, values.ctypes.data, None)
             point[states] = values
         results = self._evaluate(point)[0]
-        if self._memory["control"][TIMED]:
-            message = "has events at times that its code sets, which a fixed step does not hit"
-            raise InputError.of(Location(str(self.source)), message, "Use an FMU without time events.")
         if not np.all(np.isfinite(results)):
             said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
             message = f"its code cannot be evaluated with its start values{said}"
             raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
         magnitudes = np.array([argument.magnitude for argument in self.arguments])
+        if self._memory["control"][TIMED]:
+            results = self._include_time_events(point)
         noise = noise_near(lambda x: self._evaluate(x)[0], point, magnitudes)
         self._check_memory(point, magnitudes, results)
-        self._memory["equations_steps"][:] = self._memory["start_steps"][:] = difference_step(noise)
-        interface = self.description.model_exchange
-        if interface is not None and interface.directional and self._has_directional():
+        for name in ("equations", "start", "events"):
+            self._memory[f"{name}_steps"][:] = difference_step(noise)
+        if self.layout.directional:
             kinds = self._memory["equations_kinds"]
             kinds[agreeing_columns(self._evaluate, kinds, point, magnitudes)] = DIRECTIONAL
 
-    def _has_directional(self) -> bool:
-        return self.library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative") != 0
+    def _include_time_events(self, point: Float) -> Float:
+        """Process events at each evaluation, check that they depend on the time alone, and return the results."""
+        self.layout = self.layout._replace(events=True)
+        self.equations = self._compile(write_equations(self.layout), "equations")
+        results, later = self._evaluate(point)[0], point.copy()
+        for _ in range(_TIME_EVENTS):
+            following = float(self._memory["next_event"][0])
+            if not later[0] < following < np.inf:
+                break
+            later[0] = following
+            finite = np.all(np.isfinite(self._evaluate(later)[0]))
+            if not finite or not self._is_repeated(self._evaluate(point)[0], results):
+                message = "has events at times, such as those of a sampled part, that change more than conditions"
+                raise InputError.of(Location(str(self.source)), message, _CONTINUOUS)
+            self._evaluate(later)  # announces the following event
+        return results
 
     def _check_memory(self, point: Float, magnitudes: Float, results: Float) -> None:
         """Check that results do not depend on earlier evaluations, which would make slopes and sums wrong."""
         for side in (1.0, -1.0):
             self._evaluate(point + side * magnitudes * (np.arange(len(point)) > 0))
-        again = self._evaluate(point)[0]
-        if not np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0)):
+        if not self._is_repeated(self._evaluate(point)[0], results):
             message = "its equations depend on earlier evaluations, such as a hysteresis does"
             raise InputError.of(Location(str(self.source)), message, "Use an FMU whose memory is in its states.")
+
+    def _is_repeated(self, again: Float, results: Float) -> bool:
+        return np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0))
 
 
 def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
     """Return the numbers of values that the code of an FMU takes and returns."""
-    inputs, outputs, parameters = description.inputs, description.computed_outputs, description.parameters
+    inputs, parameters = description.sorted_by_type(description.number_inputs), description.parameters
+    outputs, starts = description.computed_outputs, description.started_states
+    events = description.indicators > 0 or any(v.variability == "discrete" for v in inputs)
+    interface = description.model_exchange
     return CallLayout(
         version=description.version,
         prefix=prefix,
@@ -235,18 +314,23 @@ def layout_of(description: FmuDescription, prefix: str) -> CallLayout:
         inputs=sum(v.size for v in inputs),
         parameters=sum(v.size for v in parameters),
         outputs=sum(v.size for v in outputs),
-        input_references=len(inputs),
+        starts=sum(v.size for v in starts),
+        input_groups=group_numbers("inputs", description.version, inputs),
+        output_groups=group_numbers("outputs", description.version, outputs),
         parameter_references=len(parameters),
-        output_references=len(outputs),
-        unknowns=len(description.derivatives) + len(outputs),
-        single=description.model_exchange is not None and description.model_exchange.single,
-        events=description.indicators > 0 or any(v.variability == "discrete" for v in inputs),
+        start_references=len(starts),
+        unknowns=len(description.derivatives) + sum(output.is_real for output in outputs),
+        single=interface is not None and interface.single,
+        directional=interface is not None and interface.directional,
+        events=events,
+        jumps=events and bool(description.states),
     )
 
 
 def _arguments(description: FmuDescription) -> tuple[_Argument, ...]:
-    variables = (*description.states, *description.inputs, *description.parameters)
-    named = (
-        _Argument(name, variable, position) for variable in variables for position, name in enumerate(variable.elements)
-    )
-    return (_Argument("time", None, 0), *named)
+    inputs = description.sorted_by_type(description.number_inputs)
+    return (_Argument("time", None, 0), *_elements((*description.states, *inputs, *description.parameters)))
+
+
+def _elements(variables: Sequence[FmuVariable]) -> list[_Argument]:
+    return [_Argument(name, variable, k) for variable in variables for k, name in enumerate(variable.elements)]

@@ -17,7 +17,7 @@ from kennfeld.machine_code.external import provide
 from kennfeld.models.fmu.description import FmuDescription, FmuVariable
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
 from kennfeld.models.fmu.library import FmuLibrary, thread_address, yield_address
-from kennfeld.models.fmu.number_types import number_type, type_order
+from kennfeld.models.fmu.number_types import number_type
 from kennfeld.models.fmu.stop_reports import StopReports
 from kennfeld.models.fmu.trajectory_code import (
     REUSED,
@@ -171,12 +171,12 @@ def _other_start_of(variable: FmuVariable, position: int) -> float:
 
 def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
     """Return the inputs that are numbers, those of one type next to each other."""
-    return _signals(description, "input")
+    return description.sorted_by_type(description.number_inputs)
 
 
 def outputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
     """Return the outputs that are numbers, those of one type next to each other."""
-    return _signals(description, "output")
+    return description.sorted_by_type(description.number_outputs)
 
 
 def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:
@@ -195,12 +195,6 @@ def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLay
         even=not interface.variable_step,
         slots=1 if interface.single else SLOTS,
     )
-
-
-def _signals(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
-    version = description.version
-    signals = [v for v in description.variables if v.causality == causality and number_type(version, v.type)]
-    return tuple(sorted(signals, key=lambda v: type_order(version, v.type)))
 
 
 def _groups(

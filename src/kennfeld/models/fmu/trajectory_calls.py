@@ -12,7 +12,6 @@ from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.fmu.description import FmuDescription, FmuVariable
 from kennfeld.models.fmu.fmu_parameters import FmuParameters
-from kennfeld.models.fmu.number_types import number_type
 from kennfeld.models.fmu.trajectories import inputs_of, outputs_of, trajectory_layout
 
 _MODULE = "kennfeld.models.fmu.trajectories"
@@ -25,8 +24,8 @@ class TrajectoryCalls:
         layout = trajectory_layout(description, "")
         arguments = (str(path.resolve()), digest)
         self.path, self.values, self.single = path, parameters.values, layout.slots == 1
-        self.inputs = _order(signals(description, "input"), inputs_of(description))
-        self.outputs = _order(outputs_of(description), signals(description, "output"))
+        self.inputs = _order(description.number_inputs, inputs_of(description))
+        self.outputs = _order(outputs_of(description), description.number_outputs)
         taken = 2 + layout.arguments
         self.start = ExternalFunction(
             f"{path.stem} start", taken + layout.parameters.size, 1, f"{_MODULE}:load_start", arguments
@@ -58,12 +57,6 @@ class TrajectoryCalls:
             message = "allows one instance in a process, so that formula text can call it with the same inputs only"
             raise InputError.of(Location(self.path.name), message, "Name its inputs, and call it with these.")
         return int(max(places, default=-1.0)) + 1
-
-
-def signals(description: FmuDescription, causality: str) -> tuple[FmuVariable, ...]:
-    """Return the inputs or outputs that are numbers, in the order of the file."""
-    version = description.version
-    return tuple(v for v in description.variables if v.causality == causality and number_type(version, v.type))
 
 
 def _order(variables: Sequence[FmuVariable], other: Sequence[FmuVariable]) -> list[int]:
