@@ -1,5 +1,6 @@
 // The editor of formula text, with the parser's messages at their characters. Loaded when it is first shown: it is large.
 
+import { completionKeymap } from "@codemirror/autocomplete";
 import { defaultKeymap, history, historyKeymap, indentWithTab } from "@codemirror/commands";
 import { lintGutter, lintKeymap, setDiagnostics, type Action, type Diagnostic } from "@codemirror/lint";
 import { EditorState } from "@codemirror/state";
@@ -9,6 +10,7 @@ import { newest } from "../connection";
 import { jump } from "../jump";
 import { settings } from "../settings";
 import { request, state, type Finding } from "../store";
+import { completions } from "./completions";
 import { split } from "./error-split";
 import { formulaHighlighting } from "./formula-highlighting";
 import { nodeOf, nodeValues, valuesChanged } from "./node-values";
@@ -28,8 +30,8 @@ export function TextEditor({ file, choose }: { file: string; choose?: (node: str
       state: EditorState.create({
         doc: textOf(file),
         extensions: [
-          lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
-          ...(file ? [nodeValues, formulaHighlighting, EditorView.lineWrapping] : []),
+          lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...completionKeymap, ...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
+          ...(file ? [nodeValues, formulaHighlighting, completions, EditorView.lineWrapping] : []),
           EditorView.cspNonce.of(document.querySelector<HTMLMetaElement>("meta[name=nonce]")?.content ?? ""),
           EditorView.contentAttributes.of({ "aria-label": file ? "Formula text" : "Project file" }),
           EditorView.updateListener.of((update) => {

@@ -16,7 +16,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.node import CLOCK
 from kennfeld.models import Model
 from kennfeld.models.formula import to_lines
-from kennfeld.models.formula.functions import FUNCTIONS, functions_of_files
+from kennfeld.models.formula.functions import FUNCTIONS, BuiltinFunction, functions_of_files
 from kennfeld.models.formula.lexer import is_plain
 from kennfeld.models.function_files import kind_of
 from kennfeld.models.model_function import ModelFunction, as_model
@@ -166,16 +166,21 @@ def _calls(source: FunctionSource) -> dict[str, Any]:
     except InputError as error:
         return {"calls": [], "parameters": [], "notes": [], "problems": _problems(error.findings)}
     units = [output.unit for output in function.outputs]
-    signatures = [(call, rule.signature) for call, rule in functions_of_files([function]).items()]
-    shown = signatures[-1:] if len(units) == 1 else signatures  # a single output has two names
+    rules = _rules(function)
     return {
-        "calls": [{"signature": signature, "unit": units[function.calls[call]]} for call, signature in shown],
+        "calls": [{"signature": rule.signature, "unit": units[function.calls[rule.name]]} for rule in rules],
         "memory": function.memory,
         "runs": runs,
         "parameters": [asdict(calibratable(p)) for p in function.values.parameters],
         "notes": [str(remark) for remark in function.remarks],
         "problems": [],
     }
+
+
+def _rules(function: ModelFunction) -> Sequence[BuiltinFunction]:
+    """Return how formula text calls the outputs; of the two names of a single output, the short one."""
+    rules = list(functions_of_files([function]).values())
+    return rules[-1:] if len(function.outputs) == 1 else rules
 
 
 def add_functions(session: Session, given: Given) -> Answer:
@@ -224,8 +229,9 @@ def completions(session: Session, given: Given) -> Answer:
 
 
 def _completions(session: Session) -> Iterator[tuple[str, str, str]]:
-    called = functions_of_files(read_called(session.settings, session.path.parent))
-    for rule in (*FUNCTIONS.values(), *called.values()):
+    called = read_called(session.settings, session.path.parent)
+    calls = functions_of_files(called)
+    for rule in (*FUNCTIONS.values(), *(rule for each in called for rule in _rules(each))):
         yield rule.name, "function", rule.signature
     for name in _keys(session, "surrogates"):
         yield name, "function", "surrogate"
@@ -234,7 +240,7 @@ def _completions(session: Session) -> Iterator[tuple[str, str, str]]:
         return
     graph = function.graph
     for name, axes in graph.parameters.items():
-        if name not in called:
+        if name not in calls:
             yield name, "parameter", _KINDS[axes] if axes < len(_KINDS) else f"{axes} axes"
     for kind, names in (("node", graph.names), ("input", graph.inputs)):
         for name in names:

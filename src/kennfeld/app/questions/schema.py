@@ -19,6 +19,7 @@ from kennfeld.project.schema import ESDL, SIMULINK
 MAX_FILES = 2000  # of the folder that are listed
 _FILES = {
     "function file": (".kf", *SIMULINK, *ESDL, *(suffix for kind in KINDS for suffix in kind.suffixes)),
+    "file of functions": tuple(suffix for kind in KINDS for suffix in kind.suffixes),
     "surrogate file": (".json",),
     "recording": RECORDINGS,
     "CAN database": (".dbc",),

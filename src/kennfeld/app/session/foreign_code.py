@@ -10,7 +10,7 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.function_files import split_reference
 from kennfeld.project.schema import ProjectFile
 
-_REMEDY = "Allow it on the screen Function, if you trust this file."
+_REMEDY = "Allow it if you trust this file."
 
 
 @dataclass(frozen=True)
