@@ -154,6 +154,24 @@ def test_code_runs_only_once_it_is_allowed(tmp_path: Path) -> None:
     assert (tmp_path / "ran").exists()
 
 
+@pytest.mark.parametrize(
+    "key", ['lock = "no-data"\nx = { input = "s", begin = 0, end = 20, count = 5 }', 'x = { input = "s", count = 3 }']
+)
+def test_code_does_not_run_to_find_breakpoints_or_grid_points_without_data(tmp_path: Path, key: str) -> None:
+    project = write_functions(tmp_path, "s = table(u)\ny = K * M(s)\n", CALLS)
+    project.write_text(f"{project.read_text()}[parameters.M]\ninitial = 1.0\n{key}\n")
+    session = Session(project)
+    assert "runs code of table.py" in errors(session)[0]
+    assert not (tmp_path / "ran").exists()
+    allow(session)
+    assert errors(session) == []
+    assert (tmp_path / "ran").exists()
+
+
+def test_code_of_functions_that_are_not_called_is_not_asked_for(tmp_path: Path) -> None:
+    assert Session(write_functions(tmp_path, functions=CALLS)).undecided == ()
+
+
 def test_what_was_allowed_is_remembered_until_the_file_changes(tmp_path: Path) -> None:
     project = write_functions(tmp_path, "y = K * table(u)\n", CALLS)
     allow(Session(project))

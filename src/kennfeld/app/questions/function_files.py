@@ -101,7 +101,7 @@ def _of_function(source: FunctionSource, function: ModelFunction, model: Model) 
         "notes": [str(remark) for remark in function.remarks],
         "step": source.step or model.step,
         "solver": model.solver,
-        "runs": any(node.op == "external" for node in model.graph.nodes),
+        "runs": source.runs,
         "lines": _lines(model) if is_formula(model.graph) else [],
     }
 
@@ -162,7 +162,6 @@ def called_functions(session: Session, given: Given) -> Answer:
 def _calls(source: FunctionSource) -> dict[str, Any]:
     try:
         function = source.read()
-        runs = any(node.op == "external" for node in as_model(function).graph.nodes)
     except InputError as error:
         return {"calls": [], "parameters": [], "notes": [], "problems": _problems(error.findings)}
     units = [output.unit for output in function.outputs]
@@ -170,7 +169,7 @@ def _calls(source: FunctionSource) -> dict[str, Any]:
     return {
         "calls": [{"signature": rule.signature, "unit": units[function.calls[rule.name]]} for rule in rules],
         "memory": function.memory,
-        "runs": runs,
+        "runs": source.runs,
         "parameters": [asdict(calibratable(p)) for p in function.values.parameters],
         "notes": [str(remark) for remark in function.remarks],
         "problems": [],

@@ -1,13 +1,12 @@
 """Code of other tools that the function of a project runs, and whether the user has allowed it."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 from kennfeld.app.code_consent import content_digest, is_allowed
+from kennfeld.app.session.function_source import FunctionSource
 from kennfeld.errors import Finding, Location
-from kennfeld.graph import Graph
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.models.function_files import split_reference
+from kennfeld.models.function_files import kind_of
 from kennfeld.project.schema import ProjectFile
 
 _REMEDY = "Allow it if you trust this file."
@@ -27,31 +26,36 @@ class ForeignCode:
         return Finding(self.location, f"runs code of {self.file}, which has not been allowed", _REMEDY)
 
 
-def undecided_code(graph: Graph, file: ProjectFile) -> tuple[ForeignCode, ...]:
-    """Return the files whose code the graph runs and that the user has not allowed, with their present contents."""
-    codes = [_foreign_code(path, file) for path in dict.fromkeys(_sources(graph))]
-    return tuple(code for code in codes if not is_allowed(code.digest))
+def undecided_code(file: ProjectFile, text: str | None) -> tuple[ForeignCode, ...]:
+    """Return the files whose code the function may run and that the user has not allowed, with their present contents.
+
+    Args:
+        file: the project file. Its problem is not built, because that can evaluate nodes.
+        text: the formula text; functions whose names it does not contain are not called. None if it is unknown.
+    """
+    codes = {source.path.resolve(): code for source, code in _codes(file, text) if not is_allowed(code.digest)}
+    return tuple(codes.values())
 
 
-def _sources(graph: Graph) -> Iterator[Path]:
-    """Yield the files of external functions, whose first argument is the path by convention."""
-    for node in graph.nodes:
-        if node.op == "external":
-            yield Path(str(node.payload.function.arguments[0]))
+def _codes(file: ProjectFile, text: str | None) -> Iterator[tuple[FunctionSource, ForeignCode]]:
+    for source in _sources(file, text):
+        if source.runs:
+            location = file.location("functions", source.name) if source.name else file.location("model", "file")
+            yield source, ForeignCode(source.path.name, _digest(source), location)
 
 
-def _foreign_code(path: Path, file: ProjectFile) -> ForeignCode:
+def _sources(file: ProjectFile, text: str | None) -> Iterator[FunctionSource]:
+    step = file.model.step
+    if kind_of(file.model.file) is not None:
+        yield FunctionSource(file.folder, file.model.file, step=step)
+        return
+    for name, reference in file.functions.items():
+        if text is None or name in text:
+            yield FunctionSource(file.folder, reference, name, step)
+
+
+def _digest(source: FunctionSource) -> str:
     try:
-        digest = content_digest(path)
+        return content_digest(source.path)
     except OSError:
-        digest = ""  # nobody has allowed that
-    return ForeignCode(path.name, digest, _location(path, file))
-
-
-def _location(path: Path, file: ProjectFile) -> Location:
-    """Return the place of the project file that names a file of code."""
-    references = [("model", "file", file.model.file), *(("functions", *item) for item in file.functions.items())]
-    for section, key, reference in references:
-        if (file.folder / split_reference(reference)[0]).resolve() == path:
-            return file.location(section, key)
-    return file.location("functions")
+        return ""  # nobody has allowed that

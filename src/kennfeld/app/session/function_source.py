@@ -11,7 +11,7 @@ from kennfeld.app.session.simulink_source import stamps
 from kennfeld.errors import InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.function_files import FunctionKind, kind_of, read_function_file, split_reference
-from kennfeld.models.model_function import ModelFunction
+from kennfeld.models.model_function import ModelFunction, as_model
 from kennfeld.optional_packages import optional_package
 
 _MAX_LISTED = 2_000_000  # bytes of a source file whose functions are listed
@@ -72,6 +72,17 @@ class FunctionSource:
     def names(self) -> tuple[str, ...]:
         """The functions of the file that can be chosen; empty if it holds one, or cannot be read."""
         return function_names(self.path) if self.kind is not None and self.kind.named else ()
+
+    @property
+    def runs(self) -> bool:
+        """True if code of the file runs with the function; False if it is translated, or cannot be read."""
+        if self.kind is None or not self.kind.runs:
+            return False
+        try:
+            graph = as_model(self.read()).graph
+        except InputError:
+            return False
+        return any(node.op == "external" for node in graph.nodes)
 
     def read(self) -> ModelFunction:
         """Read the function without running its code; files that have not changed are read once.

@@ -474,11 +474,8 @@ class Session:
 
     def _require_consent(self, project: Project) -> None:
         """Raise `InputError` if the function runs code that the user has not allowed."""
-        try:
-            graph = project.problem().graph
-        except InputError:
-            return  # reported with the other findings
-        self.undecided = undecided_code(graph, project.file)
+        file = self.formula_file
+        self.undecided = undecided_code(project.file, self.text_of(file) if file else None)
         if self.undecided:
             raise InputError(code.finding for code in self.undecided)
 
