@@ -1,6 +1,5 @@
 // The editor of formula text, with the parser's messages at their characters. Loaded when it is first shown: it is large.
 
-import { completionKeymap } from "@codemirror/autocomplete";
 import { defaultKeymap, history, historyKeymap, indentWithTab } from "@codemirror/commands";
 import { lintGutter, lintKeymap, setDiagnostics, type Action, type Diagnostic } from "@codemirror/lint";
 import { EditorState } from "@codemirror/state";
@@ -30,7 +29,7 @@ export function TextEditor({ file, choose }: { file: string; choose?: (node: str
       state: EditorState.create({
         doc: textOf(file),
         extensions: [
-          lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...completionKeymap, ...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
+          lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
           ...(file ? [nodeValues, formulaHighlighting, completions, EditorView.lineWrapping] : []),
           EditorView.cspNonce.of(document.querySelector<HTMLMetaElement>("meta[name=nonce]")?.content ?? ""),
           EditorView.contentAttributes.of({ "aria-label": file ? "Formula text" : "Project file" }),
