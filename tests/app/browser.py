@@ -68,3 +68,12 @@ def browser_page(address: str, size: Sequence[int] = (1280, 800)) -> Iterator[An
         assert not unexpected, unexpected
     finally:
         context.close()
+
+
+@contextmanager
+def function_screen(project: Path) -> Iterator[Any]:
+    """Open the Function screen of a project."""
+    with started(project, project.parent) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=function]")
+        page.wait_for_selector(READY)
+        yield page

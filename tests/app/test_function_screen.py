@@ -1,24 +1,13 @@
 """The Function screen in a browser: formula text, a Simulink model, and a data-driven model."""
 
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from browser import READY, browser_page, started
+from browser import READY, browser_page, function_screen, started
 from esdl_projects import BATTERY, LIBRARY, write_project
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
-
-
-@contextmanager
-def function_screen(project: Path) -> Iterator[Any]:
-    """Open the Function screen of a project."""
-    with started(project, project.parent) as (address, _), browser_page(address) as page:
-        page.click("[data-screen=function]")
-        page.wait_for_selector(READY)
-        yield page
 
 
 def row(page: Any, table: str) -> list[str]:

@@ -63,6 +63,21 @@ def test_a_value_set_and_reset_in_the_page_leaves_the_file_byte_for_byte(torque:
     assert torque.read_bytes() == before
 
 
+def test_a_comment_has_paragraphs(torque: Path, tmp_path: Path) -> None:
+    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+        jump(page, "report.comment")
+        page.keyboard.type("Bench 3.")
+        page.keyboard.press("Enter")
+        page.keyboard.press("Enter")
+        page.keyboard.type("Second paragraph.")
+        page.keyboard.press("Control+Enter")
+        page.wait_for_selector("#unsaved.dirty")
+        page.click("#save")
+        page.wait_for_selector("#save[disabled]")
+        assert page.input_value("textarea[aria-label='report.comment']") == "Bench 3.\n\nSecond paragraph."
+    assert b'comment = "Bench 3.\\n\\nSecond paragraph."' in torque.read_bytes()
+
+
 def test_a_message_stands_at_its_field(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, _), browser_page(address) as page:
         jump(page, "dataset.where")

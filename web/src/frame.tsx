@@ -91,7 +91,7 @@ function dataDetail(): string {
 
 const STEPS: Step[] = [
   { screen: "data", key: 1, title: "Data", detail: dataDetail },
-  { screen: "function", key: 2, title: "Function", detail: () => `${state.value.nodes.length} nodes` },
+  { screen: "function", key: 2, title: "Function", detail: () => (state.value.nodes.length === 1 ? "1 node" : `${state.value.nodes.length} nodes`) },
   { screen: "parameters", key: 3, title: "Parameters", detail: () => { const changed = state.value.parameters.filter((p) => p.changed).length; return `${state.value.parameters.length}${changed ? ` · ${changed} changed` : ""}`; } },
   { screen: "optimization", key: 4, title: "Optimization", detail: () => state.value.runs.length ? `run ${state.value.runs.length} ${state.value.job.state}` : "no run yet" },
   { screen: "results", key: 5, title: "Results", detail: () => state.value.runs.length ? `${state.value.runs.length} run${state.value.runs.length > 1 ? "s" : ""}` : MISSING },

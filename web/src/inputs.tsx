@@ -9,31 +9,44 @@ import { move } from "./store";
 
 export interface InputProps { label: string; placeholder?: string; mono?: boolean; numeric?: boolean; holds?: string; words?: string[]; id?: string }
 
-/** A line of text; `enter` gets what was typed, if it differs. */
-export function LineInput(props: InputProps & { text: string; enter: (text: string) => void }) {
+/** What is typed into a field of text, until it is entered; `keys` handles undo and Escape. */
+function useTyped(text: string, enter: (text: string) => void) {
   const typed = useSignal<string | null>(null);
-  const list = props.holds ? names.value[props.holds] : props.words;
   const commit = () => {
     const entered = typed.value;
     typed.value = null;
-    if (entered !== null && entered.trim() !== props.text) props.enter(entered.trim());
+    if (entered !== null && entered.trim() !== text) enter(entered.trim());
   };
-  const key = (event: KeyboardEvent & { currentTarget: HTMLInputElement }) => {
-    if (event.key === "Enter") commit();
+  const keys = (event: KeyboardEvent) => {
     const undo = (event.ctrlKey || event.metaKey) && typed.value === null ? { z: "undo", y: "redo" }[event.key.toLowerCase()] : undefined;
     if (undo) { event.preventDefault(); void move(undo as "undo" | "redo"); }
     if (event.key !== "Escape" || typed.value === null) return;
     typed.value = null;
     event.stopPropagation();
   };
+  return { typed, commit, keys, shown: typed.value ?? text };
+}
+
+/** A line of text; `enter` gets what was typed, if it differs. */
+export function LineInput(props: InputProps & { text: string; enter: (text: string) => void }) {
+  const { typed, commit, keys, shown } = useTyped(props.text, props.enter);
+  const list = props.holds ? names.value[props.holds] : props.words;
   const listName = list?.length ? `list-${(props.holds || list.join()).replace(/\W/g, "-")}` : undefined;
   return (
     <>
-      <input id={props.id} aria-label={props.label} value={typed.value ?? props.text} placeholder={props.placeholder} list={listName} inputMode={props.numeric ? "decimal" : undefined} spellcheck={false} autocomplete="off"
-        onInput={(event) => { typed.value = event.currentTarget.value; }} onBlur={commit} onKeyDown={key} />
+      <input id={props.id} aria-label={props.label} value={shown} placeholder={props.placeholder} list={listName} inputMode={props.numeric ? "decimal" : undefined} spellcheck={false} autocomplete="off"
+        onInput={(event) => { typed.value = event.currentTarget.value; }} onBlur={commit} onKeyDown={(event) => { if (event.key === "Enter") commit(); keys(event); }} />
       {listName && <datalist id={listName}>{list!.map((each) => <option value={each} />)}</datalist>}
     </>
   );
+}
+
+const FEWEST = 3; // lines of a text area
+
+/** Lines of text, entered when they are left, or with Ctrl+Enter. */
+export function LinesInput({ label, text, placeholder, enter }: { label: string; text: string; placeholder?: string; enter: (text: string) => void }) {
+  const { typed, commit, keys, shown } = useTyped(text, enter);
+  return <textarea aria-label={label} value={shown} placeholder={placeholder} rows={Math.max(FEWEST, Math.min(12, shown.split("\n").length))} onInput={(event) => { typed.value = event.currentTarget.value; }} onBlur={commit} onKeyDown={(event) => { if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) commit(); keys(event); }} />;
 }
 
 /** A number as one would type it. */

@@ -1,10 +1,11 @@
 // What lies over the page: the command palette, the list of keys, and notices that ask for a decision.
 
 import { useComputed, useSignal } from "@preact/signals";
+import { CodeConsent } from "./code-consent";
 import { COMMANDS, overlay, searchable, type Command } from "./commands";
 import { Icon } from "./icons";
 import { foreign } from "./restart";
-import { connected, request, state } from "./store";
+import { connected, request, screen, state } from "./store";
 
 export function Overlays() {
   return (
@@ -82,6 +83,7 @@ function Notices() {
     <div class="notices" role="status">
       {!connected.value && foreign.value && <div class="note bad" id="restarted"><span class="grow">Kennfeld was restarted, and this page cannot prove that it is yours. Open the address that <b>kennfeld app</b> printed in its terminal; edits that were not saved are offered there.</span></div>}
       {recoverable && <div class="note warn"><span class="grow">Kennfeld ended without saving. Its edits were kept.</span><button class="btn small" onClick={() => request("recover")}>Recover</button><button class="btn bare small" onClick={() => request("recover", { discard: true })}>Discard</button></div>}
+      {screen.value !== "function" && <CodeConsent />}
       {changedOnDisk && <div class="note warn" id="changed-on-disk"><span class="grow">Another program has changed the files of this project.</span><button class="btn small" onClick={() => request("reload")}>Show the change</button></div>}
     </div>
   );

@@ -1,6 +1,7 @@
 // Projects on the start page: recent ones, the demos, and new ones from files that are dropped.
 
 import { computed, effect, signal } from "@preact/signals";
+import { holdsFunctions } from "./function-files";
 import { message, request, screen, state, type Screen } from "./store";
 import { upload } from "./uploads";
 
@@ -57,7 +58,8 @@ export async function projectFrom(files: File[]): Promise<void> {
   const reply = await request("add-files", { files: names });
   if (reply !== null) message.value = `Added ${files.length === 1 ? first.name : `${files.length} files`}`;
   const kinds = Object.values((reply?.head.kinds ?? {}) as Record<string, string>);
-  if (kinds.includes("program") && !kinds.includes("recording")) screen.value = "function";
+  const isFunction = kinds.includes("program") || files.some((file) => holdsFunctions(file.name));
+  if (isFunction && !kinds.includes("recording")) screen.value = "function";
 }
 
 /** A date as one says it: today 16:52, yesterday, 14 Nov. */

@@ -60,6 +60,7 @@ export interface AppState {
   redo: string;
   scores: Score[];
   findings: Finding[];
+  code: { file: string; digest: string }[]; // files whose code has not been allowed to run
   job: { state: string; message: string; seconds: number; run: number; iterations: number };
   training: { state: "idle" | "running" | "trained" | "failed" | "stopped"; file: string; seconds: number; lines: string[] }; // of a surrogate
   parameters: Parameter[];
@@ -102,7 +103,7 @@ export const SCREENS = ["data", "function", "parameters", "optimization", "resul
 export type Screen = (typeof SCREENS)[number];
 
 const EMPTY: AppState = {
-  project: null, revision: 0, textRevision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [],
+  project: null, revision: 0, textRevision: 0, unsaved: [], undo: "", redo: "", scores: [], findings: [], code: [],
   job: { state: "idle", message: "", seconds: 0, run: 0, iterations: 0 }, training: { state: "idle", file: "", seconds: 0, lines: [] }, parameters: [], freeValues: 0, datasets: [], criteria: [], inputs: [],
   nodes: [], runs: [], seconds: 0, changedOnDisk: false, recoverable: false,
 };

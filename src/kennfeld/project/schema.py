@@ -69,8 +69,9 @@ class ModelEntry:
     """`[model]`; the keys after `step` are for Simulink models and ASCET projects."""
 
     file: str = key(
-        "the function: a `.kf` file, a [Simulink model](formats.md#simulink), `.slx` or `.mdl`, or a class or an "
-        "application of an [ASCET project](ascet.md), `.esdl` or `.app`, `.axl` or `.amd`",
+        "the function: a `.kf` file, a [Simulink model](formats.md#simulink), `.slx` or `.mdl`, a class or an "
+        "application of an [ASCET project](ascet.md), `.esdl` or `.app`, `.axl` or `.amd`, or a "
+        "[function from another tool](functions.md): `plant.fmu`, `knock.onnx`, `engine.c:torque`, `engine.py:torque`",
         holds="function file",
         missing='Write file = "....kf", the formula text.',
     )
@@ -391,7 +392,7 @@ class ReportEntry:
 
     title: str = key("heading of the report", "", default_text="the name of the project")
     author: str = key("who made the calibration", "")
-    comment: str = key("text below the heading; an empty line begins a new paragraph", "")
+    comment: str = key("text below the heading; an empty line begins a new paragraph", "", holds="paragraphs")
 
 
 class ChannelsForm(TableOfForm):
@@ -477,7 +478,7 @@ class ProjectFile(SectionsFile):
     functions: Mapping[str, str] = key(
         "the [file of each function](functions.md) that the formula text calls and that is not formula text itself",
         factory=dict,
-        holds="function file",
+        holds="file of functions",
         by="function",
     )
     axes: Mapping[str, GroupAxisEntry] = key(

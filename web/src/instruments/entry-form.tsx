@@ -58,7 +58,7 @@ const unknownKey = (name: string): Key => ({ name, help: "not a key of this sect
 /** Put the cursor into the field of a key; false if it is not on the page yet. */
 export function focusSetting(host: Element | null, name: string): boolean {
   const row = host?.querySelector(`[data-setting="${name}"]`);
-  const field = row?.querySelector<HTMLElement>("input, select, button");
+  const field = row?.querySelector<HTMLElement>("input, textarea, select, button");
   if (!field) return false;
   row!.scrollIntoView({ block: "center" });
   field.focus();

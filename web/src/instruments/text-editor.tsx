@@ -9,6 +9,7 @@ import { newest } from "../connection";
 import { jump } from "../jump";
 import { settings } from "../settings";
 import { request, state, type Finding } from "../store";
+import { completions } from "./completions";
 import { split } from "./error-split";
 import { formulaHighlighting } from "./formula-highlighting";
 import { nodeOf, nodeValues, valuesChanged } from "./node-values";
@@ -29,7 +30,7 @@ export function TextEditor({ file, choose }: { file: string; choose?: (node: str
         doc: textOf(file),
         extensions: [
           lineNumbers(), history(), highlightActiveLine(), lintGutter(), keymap.of([...lintKeymap, ...defaultKeymap, ...historyKeymap, indentWithTab]),
-          ...(file ? [nodeValues, formulaHighlighting, EditorView.lineWrapping] : []),
+          ...(file ? [nodeValues, formulaHighlighting, completions, EditorView.lineWrapping] : []),
           EditorView.cspNonce.of(document.querySelector<HTMLMetaElement>("meta[name=nonce]")?.content ?? ""),
           EditorView.contentAttributes.of({ "aria-label": file ? "Formula text" : "Project file" }),
           EditorView.updateListener.of((update) => {

@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { ask } from "../connection";
-import { ChoiceInput, LineInput, NumberInput, NumbersInput, PairInput } from "../inputs";
+import { ChoiceInput, LineInput, LinesInput, NumberInput, NumbersInput, PairInput } from "../inputs";
 import { asToml, brief, directionsOf, names, shows, type Form, type Key } from "../schema";
 import type { Path, Toml } from "../settings";
 
@@ -40,6 +40,7 @@ function TextValue(props: ValueProps) {
   const { holds } = props.known;
   const few = ["variant", "group axis"].includes(holds) ? names.value[holds] ?? [] : [];
   if (few.length) return <ChoiceInput own={props.own as string | undefined} options={few} none={props.known.default || "none"} label={props.label} bad={props.bad} choose={(option) => props.change(option || null)} />;
+  if (holds === "paragraphs") return <span class={box(props, "wide lines")}><LinesInput label={props.label} placeholder={props.known.default || "none"} text={props.own === undefined ? "" : String(props.own)} enter={(text) => props.change(text === "" ? null : text)} /></span>;
   const mono = ["condition", "formula"].includes(holds);
   return <span class={box(props, `wide ${mono ? "mono" : ""}`)}><LineInput label={props.label} holds={holds} placeholder={props.known.default || (props.known.required ? "" : "none")} text={props.own === undefined ? "" : String(props.own)} enter={(text) => props.change(text === "" ? null : text)} /></span>;
 }

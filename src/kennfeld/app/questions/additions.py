@@ -7,11 +7,13 @@ from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import confined
 from kennfeld.app.questions.program_files import main_program, place_by_package
 from kennfeld.app.session.esdl_source import EsdlSource
+from kennfeld.app.session.function_source import completed_reference
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.calfiles import endings, recognise
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError
+from kennfeld.models import function_files
 from kennfeld.project.schema import is_esdl_file
 
 FUNCTIONS = (".kf", ".slx", ".mdl")
@@ -34,7 +36,7 @@ def add_files(session: Session, given: Given) -> Answer:
     placed = place_by_package(folder, folder if present is None else present.root, programs)
     kinds = {name: kind_of(folder / name) for name in (*placed, *(name for name in names if name not in programs))}
     settings = session.settings
-    changes = [*_datasets(settings, kinds), *_function(kinds), *_initial(settings, kinds)]
+    changes = [*_datasets(settings, kinds), *_function(folder, kinds), *_initial(settings, kinds)]
     if placed and (present is None or not present.path.is_file()) and (main := main_program(folder, placed)):
         changes.append((("model", "file"), main))
     if changes:
@@ -49,7 +51,7 @@ def kind_of(path: Path) -> str:
     ending = path.suffix.lower()
     if is_esdl_file(path.name):
         return "program"
-    if ending in FUNCTIONS:
+    if ending in FUNCTIONS or function_files.kind_of(path.name) is not None:
         return "function"
     if ending == ".a2l":
         return "description"
@@ -86,8 +88,8 @@ def _with(entry: Any, databases: list[str]) -> list[Any]:
     return [*own, *(name for name in databases if name not in own)]
 
 
-def _function(kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
-    return [(("model", "file"), name) for name in _named(kinds, "function")[:1]]
+def _function(folder: Path, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
+    return [(("model", "file"), completed_reference(folder, name)) for name in _named(kinds, "function")[:1]]
 
 
 def _initial(settings: Any, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:

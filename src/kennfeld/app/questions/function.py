@@ -1,4 +1,4 @@
-"""The function of the project: formula text, a Simulink or an ASCET model, and the way from one to the other."""
+"""The function of the project: formula text or a file of another tool, and the way from one to the other."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import free_path
 from kennfeld.app.questions.esdl_program import converted as converted_program
+from kennfeld.app.questions.function_files import converted as converted_function
 from kennfeld.app.questions.program_files import program_files
 from kennfeld.app.questions.recordings import channel_ranges
+from kennfeld.app.session.function_source import completed_reference, read_called
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import Command, SetKeys, SetText, Several
@@ -20,6 +22,7 @@ from kennfeld.formatting import most_similar, nearest
 from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
 from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
+from kennfeld.models.function_files import KINDS, kind_of
 from kennfeld.project.schema import is_esdl_file, is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only
@@ -29,7 +32,7 @@ if TYPE_CHECKING:  # half a second, for Simulink models only
 
 SIMULINK_KEYS = ("subsystem", "parameters", "bind")  # of [model], for Simulink models only
 ESDL_KEYS = ("class", "methods", "startup", "task")  # for ASCET models only
-FUNCTIONS = (".kf", ".slx", ".mdl")
+FUNCTIONS = (".kf", ".slx", ".mdl", *(suffix for kind in KINDS for suffix in kind.suffixes))
 _WORD = re.compile(r"[A-Za-z_][\w.]*")
 NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 
@@ -50,7 +53,7 @@ def _model(session: Session) -> Mapping[str, Any]:
 
 def choose_function(session: Session, given: Given) -> Answer:
     """Use a `file` as the function; keys for the import of another model are removed."""
-    session.do(_choice(session, str(given["file"])))
+    session.do(_choice(session, completed_reference(session.path.parent, str(given["file"]))))
     return Answer()
 
 
@@ -67,6 +70,12 @@ def _choice(session: Session, file: str, *further: tuple[tuple[str, ...], Any]) 
 def reread_function(session: Session, given: Given) -> Answer:
     """Read the function again, with libraries and files of values that have changed or come to its folder."""
     session.refresh()
+    return Answer()
+
+
+def allow_code(session: Session, given: Given) -> Answer:
+    """Allow the code of files with these `digests` to run, now and later, and evaluate the project."""
+    session.allow_code([str(digest) for digest in given["digests"]])
     return Answer()
 
 
@@ -87,12 +96,17 @@ def _free_name(session: Session, name: str) -> str:
 
 
 def convert_function(session: Session, given: Given) -> Answer:
-    """Turn the Simulink or ASCET model of the project into formula text, and use it as the function.
+    """Turn the model of the project into formula text, and use that as the function.
 
     The values of its parameters are written to a file that becomes the first of the initial files.
     """
-    is_esdl = is_esdl_file(str(_model(session).get("file", "")))
-    name, model, text = converted_program(session) if is_esdl else _converted_diagram(session)
+    present = str(_model(session).get("file", ""))
+    if is_esdl_file(present):
+        name, model, text = converted_program(session)
+    elif kind_of(present) is not None:
+        name, model, text = converted_function(session)
+    else:
+        name, model, text = _converted_diagram(session)
     file = _free_name(session, f"{Path(name).stem}.kf")
     lines = [f"# {Path(name).name}, converted by Kennfeld", *text, ""]
     initial: list[tuple[tuple[str, ...], Any]] = []
@@ -156,18 +170,19 @@ def diagram(session: Session, given: Given) -> Answer:
             "lines": lines,
             "problems": _problems(own.findings),
             "files": files,
-            **({} if own.report is None else _of_report(own.report)),
+            **({} if own.report is None else _of_report(own.report, own.model)),
         }
     )
 
 
-def _of_report(report: "ImportReport") -> dict[str, Any]:
+def _of_report(report: "ImportReport", model: "Model | None") -> dict[str, Any]:
+    integrates = model is None or model.equations is not None  # without continuous states, no solver is used
     return {
         "total": report.total,
         "supported": report.supported,
         "unreached": len(report.unreached),
         "whole": report.whole,
-        "solver": report.solver,
+        "solver": report.solver if integrates else "",
         "step": report.step,
         "blocking": [asdict(block) for block in report.unsupported if not block.undefined],
         "undefined": [
@@ -213,7 +228,8 @@ def _known_names(session: Session) -> set[str]:
     function, view = session.function, session.view
     own = () if function is None else (*function.graph.names, *function.graph.inputs)
     last = () if view is None else (*view.model.problem.model.graph.inputs, *view.model.problem.model.graph.names)
-    return {*FUNCTION_NAMES, *session.initial_names, *session.settings.get("parameters", {}), *own, *last}
+    called = (name for each in read_called(session.settings, session.path.parent) for name in each.calls)
+    return {*FUNCTION_NAMES, *called, *session.initial_names, *session.settings.get("parameters", {}), *own, *last}
 
 
 def flow(session: Session, given: Given) -> Answer:

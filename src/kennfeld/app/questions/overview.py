@@ -11,6 +11,7 @@ from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session, View
 from kennfeld.errors import Finding, Location
 from kennfeld.graph import Graph
+from kennfeld.models.function_files import kind_of
 
 MAX_PIECES = 200  # of a dataset whose begins are drawn
 
@@ -26,6 +27,7 @@ def overview(session: Session) -> dict[str, Any]:
         "undo": session.history.undoable,
         "redo": session.history.redoable,
         "findings": [_finding(finding) for finding in session.findings],
+        "code": [{"file": code.file, "digest": code.digest} for code in session.undecided],
         "job": {
             "state": job.state,
             "message": job.message,
@@ -117,6 +119,7 @@ SCREENS = {
     "units": "data",
     "model": "function",
     "surrogates": "function",
+    "functions": "function",
     "criterion": "optimization",
     "limit": "optimization",
     "equality": "optimization",
@@ -129,7 +132,7 @@ SCREENS = {
 
 def _screen_of(location: Location) -> str:
     """Return the screen on which a problem is solved."""
-    if location.file.lower().endswith((".kf", ".slx", ".mdl", ".esdl", ".app")):
+    if location.file.lower().endswith((".kf", ".slx", ".mdl", ".esdl", ".app")) or kind_of(location.file) is not None:
         return "function"
     if location.file.lower().endswith(RECORDINGS) and not location.path:
         return "data"

@@ -12,12 +12,14 @@ from kennfeld.app.session.session import Session
 from kennfeld.calfiles import describe, endings
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import InputError
+from kennfeld.models.function_files import KINDS
 from kennfeld.project.key_descriptions import describe_sections
 from kennfeld.project.schema import ESDL, SIMULINK
 
 MAX_FILES = 2000  # of the folder that are listed
 _FILES = {
-    "function file": (".kf", *SIMULINK, *ESDL),
+    "function file": (".kf", *SIMULINK, *ESDL, *(suffix for kind in KINDS for suffix in kind.suffixes)),
+    "file of functions": tuple(suffix for kind in KINDS for suffix in kind.suffixes),
     "surrogate file": (".json",),
     "recording": RECORDINGS,
     "CAN database": (".dbc",),

@@ -1,13 +1,14 @@
 """Proposals for what a project lacks: tables with axes from the data, scalars, the channel of the criterion."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from kennfeld.errors import InputError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.formula import formula
+from kennfeld.models.model_function import ModelFunction
 from kennfeld.project.model import coordinates_of
 from kennfeld.project.value_forms import DIRECTIONS
 
@@ -46,10 +47,10 @@ class Proposal:
     choice: Choice | None = None
 
 
-def read_function(text: str) -> Model | None:
+def read_function(text: str, functions: Collection[ModelFunction] = ()) -> Model | None:
     """Return the function with every unknown name as table or input; None if the text has errors."""
     try:
-        return formula(text)
+        return formula(text, functions=functions)
     except InputError:
         return None
 
@@ -69,7 +70,7 @@ def propose(
         channels: channels of the files, by name.
     """
     mapped: Mapping[str, str] = settings.get("channels", {})
-    own = {*known, *settings.get("parameters", {})}
+    own = {*known, *function.values, *settings.get("parameters", {})}
     for name, count in function.graph.parameters.items():
         if name not in own:
             yield _table(function, name, count, mapped, channels)

@@ -14,7 +14,10 @@ import numpy as np
 
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
+from kennfeld.app.code_consent import allow
 from kennfeld.app.session.evidence import Evidence
+from kennfeld.app.session.foreign_code import ForeignCode, undecided_code
+from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
@@ -163,6 +166,7 @@ class Session:
         self.findings: tuple[Finding, ...] = ()
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
+        self.undecided: tuple[ForeignCode, ...] = ()  # code that may not run yet, so that nothing is evaluated
         self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last edit
         self.revision = next(_REVISIONS)  # changes with the values and the texts
@@ -345,7 +349,7 @@ class Session:
             return self.view.model.problem.model
         file = self.formula_file
         try:
-            return read_function(self.text_of(file)) if file else None
+            return read_function(self.text_of(file), read_called(self.settings, self.path.parent)) if file else None
         except InputError:
             return None
 
@@ -445,12 +449,21 @@ class Session:
         """Read the project again, after files that it names have changed."""
         self._assemble()
 
+    def allow_code(self, digests: Collection[str]) -> None:
+        """Keep that the user allows to run files with these contents, and evaluate the project."""
+        for code in self.undecided:
+            if code.digest and code.digest in digests:
+                allow(code.digest)
+        self.refresh()
+
     def _assemble(self) -> None:
         """Read the project again and build its model."""
         self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
+        self.undecided = ()
         try:
             project = self._with_data(Project.read(self.path, self._unsaved()))
+            self._require_consent(project)
             self.project, self.findings = project, tuple(project.check())
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
@@ -458,6 +471,13 @@ class Session:
             return
         if self.state.values:
             self._evaluate()
+
+    def _require_consent(self, project: Project) -> None:
+        """Raise `InputError` if the function runs code that the user has not allowed."""
+        file = self.formula_file
+        self.undecided = undecided_code(project.file, self.text_of(file) if file else None)
+        if self.undecided:
+            raise InputError(code.finding for code in self.undecided)
 
     def _with_data(self, project: Project) -> Project:
         """Return a project that reads its recordings again only if they have changed; an excerpt, if in partitions."""

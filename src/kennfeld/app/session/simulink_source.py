@@ -66,7 +66,7 @@ class SimulinkSource:
 
     @property
     def _stamps(self) -> tuple[object, ...]:
-        return _stamps(self.folder, (".", self.file, *self.parameters, *self.folders))
+        return stamps(self.folder, (".", self.file, *self.parameters, *self.folders))
 
 
 def texts(value: Any) -> tuple[str, ...]:
@@ -79,7 +79,7 @@ def texts(value: Any) -> tuple[str, ...]:
     return tuple(each for each in values if isinstance(each, str))
 
 
-def _stamps(folder: Path, names: Iterable[str]) -> tuple[object, ...]:
+def stamps(folder: Path, names: Iterable[str]) -> tuple[object, ...]:
     """Return the time of change and the size of files of a folder; None for those that do not exist."""
     return tuple(_stamp(folder / name) for name in names)
 
@@ -106,8 +106,8 @@ def _scalars(sections: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
 
 
 @lru_cache(maxsize=4)
-def _diagram(source: SimulinkSource, stamps: tuple[object, ...]) -> "Diagram":
-    """Import a model; `stamps` tell whether its files have changed."""
+def _diagram(source: SimulinkSource, stamp: tuple[object, ...]) -> "Diagram":
+    """Import a model; `stamp` tells whether its files have changed."""
     from kennfeld.models.simulink.diagram import read_diagram
 
     scalars = {name: value for name, value in source.scalars if value is not None}
@@ -123,8 +123,8 @@ def _diagram(source: SimulinkSource, stamps: tuple[object, ...]) -> "Diagram":
 
 
 @lru_cache(maxsize=4)
-def _parts(source: SimulinkSource, stamps: tuple[object, ...]) -> "Sequence[ImportableSubsystem]":
-    """Search a model; `stamps` tell whether its files have changed."""
+def _parts(source: SimulinkSource, stamp: tuple[object, ...]) -> "Sequence[ImportableSubsystem]":
+    """Search a model; `stamp` tells whether its files have changed."""
     from kennfeld.models.simulink.importable_subsystems import find_subsystems
 
     files = [source.folder / name for name in source.parameters]

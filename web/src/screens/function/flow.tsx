@@ -4,6 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
 import { shown, split } from "../../instruments/error-split";
 import { request, screen, settled, state } from "../../store";
+import { isFileFunction } from "./file-source";
 import { chosen, esdl, simulink } from "./source";
 
 interface FlowNode { name: string; sources: string[]; tables: string[]; kind: string }
@@ -31,7 +32,7 @@ const load = newest(async (_: number) => {
 const textRevision = computed(() => state.value.textRevision);
 effect(() => {
   const revision = textRevision.value;
-  if (screen.value === "function" && !simulink.value && !esdl.value && settled.value.nodes.length > 0) load(revision);
+  if (screen.value === "function" && !simulink.value && !esdl.value && !isFileFunction.value && settled.value.nodes.length > 0) load(revision);
 });
 
 /** The nodes and inputs that are drawn. */

@@ -11,22 +11,22 @@ const filter = signal("all");
 interface Props {
   lines: Line[] | undefined;
   tables: string[];
-  part: string; // what a line comes from: this block, this variable
-  alone: string; // why a part has no line
-  lit: (line: Line) => boolean;
-  go: (path: string) => void; // shows where a line comes from
+  part?: string; // what a line comes from: this block, this variable
+  alone?: string; // why a part has no line
+  lit?: (line: Line) => boolean;
+  go?: (path: string) => void; // shows where a line comes from
 }
 
-export function FormulaLines({ lines: own, tables, part, alone, lit, go }: Props) {
+export function FormulaLines({ lines: own, tables, part = "", alone, lit = () => false, go = () => {} }: Props) {
   useSplit();
   const list = useRef<HTMLDivElement>(null);
   const values = new Map((split.value?.nodes ?? []).map((node) => [node.name, node]));
   const lines = (own ?? []).map((line, k) => ({ ...line, number: k + 1, lit: lit(line) }));
-  const drawn = filter.value !== "all" ? lines.filter((line) => line.lit) : lines;
+  const drawn = part && filter.value !== "all" ? lines.filter((line) => line.lit) : lines;
   useEffect(() => { list.current?.querySelector(".lit-line")?.scrollIntoView({ block: "nearest" }); }, [chosen.value, own]);
   return (
     <>
-      <div class="head"><h2>Formula text</h2><span class="sub">what will be calculated</span><span class="right"><Segment label="Lines" options={["all", part]} chosen={filter.value === "all" ? "all" : part} choose={(next) => { filter.value = next; }} /></span></div>
+      <div class="head"><h2>Formula text</h2><span class="sub">what will be calculated</span>{part && <span class="right"><Segment label="Lines" options={["all", part]} chosen={filter.value === "all" ? "all" : part} choose={(next) => { filter.value = next; }} /></span>}</div>
       <div class="ln hd"><i /><code>node [unit] = expression</code><span class="num">start</span><span class="num">now</span></div>
       <div class="code mono" ref={list} role="list" aria-label="Formula text">
         {drawn.map((line) => <LineRow key={line.number} line={line} tables={tables} go={go} value={defines(line) ? values.get(line.node) : undefined} />)}

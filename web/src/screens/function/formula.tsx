@@ -3,10 +3,12 @@
 import { signal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useState } from "preact/hooks";
+import { CodeConsent } from "../../code-consent";
 import { Corrections, split } from "../../instruments/error-split";
 import { Proposals } from "../../instruments/proposals";
 import { settings } from "../../settings";
 import { open, request, screen, state } from "../../store";
+import { CalledFunctions } from "./called-functions";
 import { CursorPane, step } from "./cursor-pane";
 import { SignalFlow } from "./flow";
 import { Fold } from "./fold";
@@ -38,6 +40,7 @@ export function FormulaText() {
         </div>
         {own !== "" && <div class="ln hd"><i /><code>node [unit] = expression</code><span class="u">unit</span><span class="num">start</span><span class="num">now</span></div>}
         {text.value === "function" && file === "" ? <NoFunction /> : <LazyEditor key={own} file={own} />}
+        <CodeConsent />
         <Messages />
       </section>
       <CursorPane />
@@ -51,6 +54,7 @@ export function FormulaText() {
         <Fold title="Parameters" sub="what the function looks up" name="parameters">
           <table class="list"><tbody>{state.value.parameters.map((p) => <tr key={p.name} onClick={() => { open(p.name); screen.value = "parameters"; }}><td><b>{p.name}</b></td><td class="q">{p.kind} {p.shape.join(" × ")}</td><td class="q">{p.unit}</td></tr>)}</tbody></table>
         </Fold>
+        <CalledFunctions />
         <Surrogates />
         <FunctionSettings />
       </section>
@@ -69,9 +73,9 @@ function key(event: KeyboardEvent): void {
 function NoFunction() {
   return (
     <div class="pad empty">
-      <p>The function calculates what the criterion compares with the measurement. Write it as formula text, a line a node, or take a Simulink or an ASCET model.</p>
+      <p>The function calculates what the criterion compares with the measurement. Write it as formula text, a line a node, or take a Simulink or an ASCET model, an FMU, an ONNX network, or a function in C or Python.</p>
       <p class="row"><button class="btn primary" onClick={() => request("new-function")}>New formula</button><OpenModel text="Open a model…" kind="" /></p>
-      <p class="q">Files can be dropped here: .kf, .slx, .mdl, .esdl, .app, and folders of ASCET projects.</p>
+      <p class="q">Files can be dropped here: .kf, .slx, .mdl, .esdl, .app, .fmu, .onnx, .c, .py, and folders of ASCET projects.</p>
     </div>
   );
 }

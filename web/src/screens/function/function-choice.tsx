@@ -1,12 +1,13 @@
 // Which file is the function, and how to begin another one.
 
+import { fileOf, FUNCTION_FILES } from "../../function-files";
 import { request } from "../../store";
 import { choose, files, functionFile, takeFiles } from "./source";
 
 const NEW = "\0new"; // cannot be the name of a file
 
 export function FunctionChoice() {
-  const own = functionFile.value;
+  const own = fileOf(functionFile.value);
   const known = own === "" || files.value.includes(own) ? files.value : [own, ...files.value];
   return (
     <span class="row choice">
@@ -25,11 +26,11 @@ export function FunctionChoice() {
   );
 }
 
-/** Open a Simulink or an ASCET model from the user's machine. */
+/** Open a model from the user's machine. */
 export function OpenModel({ text, kind = "small" }: { text: string; kind?: string }) {
   return (
-    <label class={`btn ${kind}`} title="Open a Simulink model, .slx or .mdl, or files of an ASCET project, .esdl and .app. They are stored beside the project. Or drop them on the page.">
-      {text}<input type="file" accept=".slx,.mdl,.slxp,.esdl,.app" multiple hidden onChange={(event) => { void takeFiles([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />
+    <label class={`btn ${kind}`} title="Open a Simulink model, .slx or .mdl, files of an ASCET project, .esdl and .app, an FMU, a network, .onnx, or a function in C or Python, .c or .py. They are stored beside the project. Or drop them on the page.">
+      {text}<input type="file" accept={`.slx,.mdl,.slxp,.esdl,.app,${FUNCTION_FILES}`} multiple hidden onChange={(event) => { void takeFiles([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />
     </label>
   );
 }

@@ -101,7 +101,7 @@ function Notes({ own }: { own: Diagram }) {
   const notes = own.notes ?? [];
   return (
     <>
-      {own.solver !== undefined && <div class="note"><span class="q">?</span><span>Runs with solver {own.solver || "–"} and {step}.</span></div>}
+      {own.solver !== undefined && <div class="note"><span class="q">?</span><span>Runs with {own.solver && `solver ${own.solver} and `}{step}.</span></div>}
       {notes.length > 0 && <details class="more"><summary>{notes.length} {notes.length === 1 ? "remark" : "remarks"} on differences from Simulink</summary><ul>{notes.map((note) => <li>{note}</li>)}</ul></details>}
     </>
   );

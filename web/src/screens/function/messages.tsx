@@ -1,12 +1,13 @@
 // The messages about the function; a click goes to the character.
 
+import { isAsked } from "../../code-consent";
 import { Icon } from "../../icons";
 import { jump } from "../../jump";
 import { correct, spellings } from "../../instruments/spellings";
 import { state } from "../../store";
 
 export function Messages() {
-  const own = state.value.findings.filter((each) => each.screen === "function");
+  const own = state.value.findings.filter((each) => each.screen === "function" && !isAsked(each));
   if (own.length === 0) return null;
   return (
     <div class="cks" role="list" aria-label="Messages">{own.map((each) => (

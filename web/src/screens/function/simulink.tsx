@@ -24,7 +24,7 @@ export function Simulink() {
     <main class="function simulink">
       <section class="pane blocks">
         <div class="head"><FunctionChoice />
-          {own?.total !== undefined && <span class="right"><span class={`tag ${own.whole ? "g" : "w"}`} title={`${own.solver}, ${own.version ?? ""}`}>{own.supported} of {count(own.total)} supported{own.unreached ? `, ${own.unreached} not reached` : ""}</span></span>}</div>
+          {own?.total !== undefined && <span class="right"><span class={`tag ${own.whole ? "g" : "w"}`} title={[own.solver, own.version].filter(Boolean).join(", ")}>{own.supported} of {count(own.total)} supported{own.unreached ? `, ${own.unreached} not reached` : ""}</span></span>}</div>
         <BlockTree />
         <BlockActions />
         <PartChoice />

@@ -2,6 +2,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
+import { holdsFunctions } from "../../function-files";
 import { setKeys, valueAt, type Path, type Toml } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
@@ -86,12 +87,12 @@ export function setTexts(path: Path, names: string[], title: string): void {
 
 export const choose = (file: string): void => { void request("choose-function", { file }); };
 
-const MODEL = /\.(slx|mdl|slxp)$/i;
+const MODEL = /\.(slx|mdl|slxp|kf)$/i;
 const ESDL = /\.(esdl|app)$/i;
 
 /** Take over files from the user's machine: a model or formula becomes the function, others give values to a model. */
 export async function takeFiles(dropped: File[]): Promise<void> {
-  const function_ = dropped.find((file) => MODEL.test(file.name) || /\.kf$/i.test(file.name));
+  const function_ = dropped.find((file) => MODEL.test(file.name)) ?? dropped.find((file) => holdsFunctions(file.name));
   const sources = dropped.filter((file) => ESDL.test(file.name));
   const others = dropped.filter((file) => file !== function_ && !sources.includes(file));
   if (function_ !== undefined && state.value.project === null) return newFrom(function_);
@@ -99,7 +100,7 @@ export async function takeFiles(dropped: File[]): Promise<void> {
   if (sources.length > 0 && !(await addSources(sources))) return;
   if (others.length === 0) return;
   if (!simulink.value && function_ === undefined) {
-    failure.value = `${others[0]!.name}: drop recordings on Data; here, formula text, Simulink and ASCET models can be dropped.`;
+    failure.value = `${others[0]!.name}: drop recordings on Data; here, formula text, models, and functions of other tools can be dropped.`;
     return;
   }
   await addValueFiles(others);

@@ -16,7 +16,7 @@ export function NewProject() {
       <div class="pad">
         <label class={`drop-zone ${over.value ? "over-it" : ""}`} id="drop" onDragOver={(event) => { event.preventDefault(); over.value = true; }} onDragLeave={() => { over.value = false; }} onDrop={() => { over.value = false; }}>
           <Icon name="file" kind="big" />
-          <span><b>Drop recordings, a model or values here</b><br /><span class="q">MDF, CSV, Excel, MAT, Parquet; .kf, .slx, .mdl; .esdl, .app or a folder of ASCET; DCM, CDFX, A2L with HEX. Or click to choose files.</span></span>
+          <span><b>Drop recordings, a model or values here</b><br /><span class="q">MDF, CSV, Excel, MAT, Parquet; .kf, .slx, .mdl, .fmu, .onnx, .c, .py; .esdl, .app or a folder of ASCET; DCM, CDFX, A2L with HEX. Or click to choose files.</span></span>
           {!opening.value && <input type="file" multiple aria-label="Files of a new project" onChange={(event) => projectFrom([...(event.currentTarget.files ?? [])])} />}
         </label>
         <form class="open-path" onSubmit={(event) => { event.preventDefault(); void openProject("new", { name: name.value }, "data"); }}>

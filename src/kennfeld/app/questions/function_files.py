@@ -1,0 +1,246 @@
+"""Functions in files of other tools: as the function of the project, and as functions that formula text calls."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from kennfeld.app.answer import Answer, Given, finite
+from kennfeld.app.folders import confined
+from kennfeld.app.session.function_source import FunctionSource, completed_reference, read_called
+from kennfeld.app.session.session import Session
+from kennfeld.app.session.state import SetKeys
+from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.formatting import count_noun
+from kennfeld.graph import Graph
+from kennfeld.graph.node import CLOCK
+from kennfeld.models import Model
+from kennfeld.models.formula import to_lines
+from kennfeld.models.formula.functions import FUNCTIONS, BuiltinFunction, functions_of_files
+from kennfeld.models.formula.lexer import is_plain
+from kennfeld.models.function_files import kind_of
+from kennfeld.models.model_function import ModelFunction, as_model
+from kennfeld.models.quantities import calibratable
+
+MAX_CHARACTERS = 2_000_000  # of a source text
+_TEXTS = (".c", ".py")
+_KINDS = ("scalar", "curve", "map")  # by number of axes
+
+
+def function_file(session: Session, given: Given) -> Answer:
+    """Return the function of the project in a file of another tool: its source, ports, parameters, states, problems."""
+    source = require_function(session)
+    head = {**_file_of(source), "source": _text(source), "facts": []}
+    refused = [f for f in session.findings if f.location.path == "[model] file" and f.severity == "error"]
+    try:
+        function = source.read()
+        model = as_model(function)
+        head["facts"] = list(_facts(source))
+    except InputError as error:
+        missing = source.kind is not None and source.kind.named and not source.function
+        findings = [f for f in refused if not source.path.is_file()] or error.findings
+        return Answer({**head, "whole": False, "problems": [] if missing and source.names else _problems(findings)})
+    return Answer({**head, **_of_function(source, function, model), "whole": True, "problems": []})
+
+
+def require_function(session: Session) -> FunctionSource:
+    """Return the function of the project. Raises `ArgumentError` if it is not in a file of another tool."""
+    source = FunctionSource.of(session.settings, session.path.parent)
+    if source is None:
+        raise ArgumentError("the function of the project is not an FMU, a network, or a function in C or Python")
+    return source
+
+
+def converted(session: Session) -> tuple[str, Model, list[str]]:
+    """Return the file of the function, its model, and its formula text; raises `InputError` if it has none."""
+    source = require_function(session)
+    model = as_model(source.read())
+    if not is_formula(model.graph):
+        raise ArgumentError(f"{source.reference} cannot be written as formula text")
+    return source.file, model, [line["text"] for line in _lines(model)]
+
+
+def is_formula(graph: Graph) -> bool:
+    """Return if formula text can express a graph: it calls no foreign code, and has no layers of networks."""
+    return not any(node.op in ("external", "dense") for node in graph.nodes)
+
+
+def _lines(model: Model) -> list[dict[str, str]]:
+    lines = to_lines(model.equations or model.graph, model.step, solver=model.solver)
+    return [{"text": line.text, "node": line.node, "path": ""} for line in lines]
+
+
+def _file_of(source: FunctionSource) -> dict[str, Any]:
+    kind = source.kind
+    return {
+        "file": source.file,
+        "reference": source.reference,
+        "kind": "" if kind is None else kind.label.partition(" ")[2],
+        "named": kind is not None and kind.named,
+        "function": source.function,
+        "functions": list(source.names),
+    }
+
+
+def _text(source: FunctionSource) -> str:
+    if source.path.suffix.casefold() not in _TEXTS:
+        return ""
+    try:
+        text = source.path.read_text("utf-8-sig", errors="replace")
+    except OSError:
+        return ""
+    return text if len(text) <= MAX_CHARACTERS else ""
+
+
+def _of_function(source: FunctionSource, function: ModelFunction, model: Model) -> dict[str, Any]:
+    return {
+        "inputs": [x._asdict() for x in function.inputs if x.name not in CLOCK],
+        "outputs": [y._asdict() for y in function.outputs],
+        "parameters": [asdict(calibratable(p)) for p in function.values.parameters],
+        "states": _states(source, model),
+        "notes": [str(remark) for remark in function.remarks],
+        "step": source.step or model.step,
+        "solver": model.solver,
+        "runs": source.runs,
+        "lines": _lines(model) if is_formula(model.graph) else [],
+    }
+
+
+def _states(source: FunctionSource, model: Model) -> list[dict[str, Any]]:
+    """Return the states with their names, as far as the file states them, and their first values."""
+    graph = model.equations or model.graph
+    nodes = [graph.nodes[state.init] for state in graph.states]
+    starts = [finite(float(node.payload)) if node.op == "const" else None for node in nodes]
+    names = _state_names(source)
+    if len(names) != len(starts):
+        names = [f"state {number}" for number in range(1, len(starts) + 1)]
+    return [{"name": name, "initial": start} for name, start in zip(names, starts, strict=True)]
+
+
+def _state_names(source: FunctionSource) -> list[str]:
+    if source.path.suffix.casefold() != ".fmu":
+        return []
+    from kennfeld.models.fmu.fmu_archive import read_archive
+
+    return [element for state in read_archive(source.path).states for element in state.elements]
+
+
+def _facts(source: FunctionSource) -> Iterator[tuple[str, str]]:
+    """Yield what the file of an FMU or a network says of itself."""
+    if source.path.suffix.casefold() == ".fmu":
+        from kennfeld.models.fmu.fmu_archive import read_archive
+
+        description = read_archive(source.path)
+        offered = {"model exchange": description.model_exchange, "co-simulation": description.co_simulation}
+        yield "standard", f"FMI {description.version} for {' and '.join(n for n, own in offered.items() if own)}"
+        yield "model", description.name
+        yield "exported by", description.tool
+        yield "platforms", ", ".join(description.platforms)
+        yield "variables", str(len(description.variables))
+    elif source.path.suffix.casefold() == ".onnx":
+        from kennfeld.models.onnx_network.reading import read_network
+
+        network = read_network(source.path)
+        yield "network", network.name
+        yield "exported by", network.producer
+        yield "operator sets", ", ".join(f"{domain or 'ai.onnx'} {n}" for domain, n in network.opsets.items())
+        yield "constants", str(sum(array.size for array in network.constants.values()))
+        for kind, count in Counter(operator.label for operator in network.operators).items():
+            yield kind, count_noun(count, "operator")
+
+
+def _problems(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    return [{"line": f.location.line, "message": f.message, "remedy": f.remedy, "text": str(f)} for f in findings]
+
+
+def called_functions(session: Session, given: Given) -> Answer:
+    """Return the functions that formula text may call: how they are called, and what is wrong with them."""
+    sources = FunctionSource.called(session.settings, session.path.parent)
+    return Answer({"functions": [{"name": source.name, **_file_of(source), **_calls(source)} for source in sources]})
+
+
+def _calls(source: FunctionSource) -> dict[str, Any]:
+    try:
+        function = source.read()
+    except InputError as error:
+        return {"calls": [], "parameters": [], "notes": [], "problems": _problems(error.findings)}
+    units = [output.unit for output in function.outputs]
+    rules = _rules(function)
+    return {
+        "calls": [{"signature": rule.signature, "unit": units[function.calls[rule.name]]} for rule in rules],
+        "memory": function.memory,
+        "runs": source.runs,
+        "parameters": [asdict(calibratable(p)) for p in function.values.parameters],
+        "notes": [str(remark) for remark in function.remarks],
+        "problems": [],
+    }
+
+
+def _rules(function: ModelFunction) -> Sequence[BuiltinFunction]:
+    """Return how formula text calls the outputs; of the two names of a single output, the short one."""
+    rules = list(functions_of_files([function]).values())
+    return rules[-1:] if len(function.outputs) == 1 else rules
+
+
+def add_functions(session: Session, given: Given) -> Answer:
+    """Let formula text call the functions of `files` of the folder, each by a name like that of its file."""
+    folder = session.path.parent
+    taken = {*FUNCTIONS, *_keys(session, "functions"), *_keys(session, "surrogates"), *_used(session)}
+    changes: list[tuple[tuple[str, ...], Any]] = []
+    for given_name in given["files"]:
+        file = confined(folder, str(given_name)).relative_to(folder.resolve()).as_posix()
+        if kind_of(file) is None:
+            raise ArgumentError(f"{file} holds no functions; use .fmu, .onnx, .c or .py")
+        name = _free_name(file, taken)
+        taken.add(name)
+        changes.append((("functions", name), completed_reference(folder, file)))
+    names = [path[-1] for path, _ in changes]
+    if changes:
+        session.do(SetKeys(f"{', '.join(names)} can be called", session.path.name, changes))
+    return Answer({"names": names})
+
+
+def _keys(session: Session, section: str) -> list[str]:
+    table = session.settings.get(section)
+    return list(table) if isinstance(table, dict) else []
+
+
+def _used(session: Session) -> list[str]:
+    """Return the names of nodes, inputs and parameters."""
+    graph = None if session.function is None else session.function.graph
+    return [] if graph is None else [*graph.names, *graph.inputs, *graph.parameters]
+
+
+def _free_name(file: str, taken: set[str]) -> str:
+    """Return a name for the function of a file that formula text can call and that is not taken."""
+    stem = file.rpartition("/")[2].rpartition(".")[0]
+    plain = "".join(letter if letter.isalnum() else "_" for letter in stem).strip("_")
+    plain = plain if is_plain(plain) else f"f_{plain}".rstrip("_")
+    name, number = plain, 2
+    while name in taken:
+        name, number = f"{plain}{number}", number + 1
+    return name
+
+
+def completions(session: Session, given: Given) -> Answer:
+    """Return the names that formula text can use, each with its kind and how it is called or its unit."""
+    return Answer({"completions": [{"label": n, "kind": k, "detail": d} for n, k, d in _completions(session)]})
+
+
+def _completions(session: Session) -> Iterator[tuple[str, str, str]]:
+    called = read_called(session.settings, session.path.parent)
+    calls = functions_of_files(called)
+    for rule in (*FUNCTIONS.values(), *(rule for each in called for rule in _rules(each))):
+        yield rule.name, "function", rule.signature
+    for name in _keys(session, "surrogates"):
+        yield name, "function", "surrogate"
+    function = session.function
+    if function is None:
+        return
+    graph = function.graph
+    for name, axes in graph.parameters.items():
+        if name not in calls:
+            yield name, "parameter", _KINDS[axes] if axes < len(_KINDS) else f"{axes} axes"
+    for kind, names in (("node", graph.names), ("input", graph.inputs)):
+        for name in names:
+            yield name, kind, graph.units.get(name, "")
