@@ -43,6 +43,7 @@ IN_THE_DOCUMENTS = {
         "StaticSurrogate",
     ),
     "fmu",
+    "function",
     *("DynamicSurrogate", "read_surrogate", "write_surrogate", "compress_map"),
 }
 NAMES = PROMISED | NEEDED_WITH_THEM | IN_THE_DOCUMENTS

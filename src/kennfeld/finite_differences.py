@@ -20,7 +20,7 @@ NOISE_POINTS: Final = max(_LEVELS) + 1
 def difference_step(noise: float) -> float:
     """Return the relative step of central differences that balances noise and curvature.
 
-    >>> round(difference_step(0.0) / 2**-52 ** (1 / 3), 2)
+    >>> round(difference_step(0.0) / (2**-52) ** (1 / 3), 2)
     1.44
     """
     return min(math.cbrt(3 * max(noise, EPSILON)), 0.05)

@@ -57,7 +57,7 @@ class FmuFunction:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """How slopes are computed."""
+        """The way in which slopes are computed, as sentences."""
         return (self.instance.slope_remark,)
 
 

@@ -48,7 +48,7 @@ class SignalGroup(NamedTuple):
 
 
 class TrajectoryLayout(NamedTuple):
-    """What the code depends on: `prefix` begins the names of memory and functions.
+    """The numbers of values on which the code depends.
 
     Attributes:
         version: `2.0` or `3.0`.
