@@ -99,6 +99,14 @@ def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
     return np.full(shape if len(shape) > 1 else (*shape, 1), zero, dtype=np.int64)
 
 
+def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
+    """Return an array of `count` dimensions, whose sizes precede its elements, in the order of memory."""
+    dimensions = _number(evaluator, count)
+    shape = [_number(evaluator, size) for size in rest[:dimensions]]
+    nodes = np.array([int(item.item()) for item in rest[dimensions:]], dtype=np.int64)
+    return nodes.reshape(shape if len(shape) > 1 else (*shape, 1))
+
+
 def _elementwise(rule: Callable[..., Nodes]) -> Rule:
     return lambda evaluator, *arguments: rule(evaluator.builder, *arguments)
 
@@ -187,6 +195,7 @@ _INTERNAL: Final = (
     CFunction("left", 2, _shift(1.0)),
     CFunction("right", 2, _shift(-1.0)),
     CFunction("zeros", 1, _zeros),
+    CFunction("array", 2, _array),
 )
 MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
 TESTS: Final = {function.name: function.count for function in _TESTS}

@@ -10,11 +10,18 @@ from kennfeld.models.imperative.integer_types import IntegerType
 
 
 class UnsupportedCError(Exception):
-    """Code in C that the graph cannot express; `line` is its line, 0 if it is not known yet."""
+    """Code in C that the graph cannot express.
 
-    def __init__(self, message: str, line: int = 0, *, wrong: bool = False) -> None:
+    Attributes:
+        message: the reason.
+        line: its line, 0 if it is not known yet.
+        wrong: True if it is not valid C.
+        name: the variable outside of functions that cannot be read, if it is that.
+    """
+
+    def __init__(self, message: str, line: int = 0, *, wrong: bool = False, name: str = "") -> None:
         super().__init__(message)
-        self.message, self.line, self.wrong = message, line, wrong
+        self.message, self.line, self.wrong, self.name = message, line, wrong, name
 
 
 @dataclass(frozen=True)
