@@ -118,10 +118,18 @@ class CFile:
     types: TypeTable = field(default_factory=TypeTable)
 
 
-def read_declarations(tree: c_ast.FileAST) -> CFile:
-    """Return what a file declares; functions whose arguments are not supported are in `unsupported`."""
+def read_declarations(tree: c_ast.FileAST, first: int = len(KNOWN_TYPES)) -> CFile:
+    """Return what a file declares; functions whose arguments are not supported are in `unsupported`.
+
+    Args:
+        tree: the syntax tree.
+        first: number of declarations that precede those of the file.
+    """
     file = CFile()
-    for item in tree.ext[len(KNOWN_TYPES) :]:  # behind the known types, which a file may define itself
+    for item in tree.ext[:first]:
+        if isinstance(item, c_ast.Typedef) and item.name not in KNOWN_TYPES:
+            file.types.typedef(item)
+    for item in tree.ext[first:]:
         _declare(item, file)
     return file
 

@@ -40,7 +40,10 @@ def count_elements(tree: c_ast.Node | None, constants: Mapping[str, int]) -> int
     at = most = 0
     for item in tree.exprs or ():
         if isinstance(item, c_ast.NamedInitializer):
-            at = constant_integer(item.name[0], constants)
+            name = item.name[0]
+            if isinstance(name, c_ast.ID) and name.name not in constants:
+                return None  # a member of a struct
+            at = constant_integer(name, constants)
         at += 1
         most = max(most, at)
     return most

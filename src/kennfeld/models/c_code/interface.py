@@ -14,10 +14,10 @@ from kennfeld.models.c_code.usage import Usage
 
 # structs of generated code, by the names of their variables and types
 _NAMES: Final = {
-    "input": re.compile(r"rtU|ExtU|ExternalInputs|\w+_U|(ExtU|ExternalInputs)_\w+"),
-    "output": re.compile(r"rtY|ExtY|ExternalOutputs|\w+_Y|(ExtY|ExternalOutputs)_\w+"),
-    "parameter": re.compile(r"rtP|P|Parameters|\w+_P|(P|Parameters)_\w+"),
-    "state": re.compile(r"rt(DW|B|X|M|ZC|PrevZCX)|DW|B|D_Work|BlockIO|\w+_(DW|B|X)|(DW|B|D_Work|BlockIO)_\w+"),
+    "input": re.compile(r"rtU|ExtU|ExternalInputs|\w+_U|(ExtU|ExternalInputs)_\w*"),
+    "output": re.compile(r"rtY|ExtY|ExternalOutputs|\w+_Y|(ExtY|ExternalOutputs)_\w*"),
+    "parameter": re.compile(r"rtP|P|Parameters|\w+_P|(P|Parameters)_\w*"),
+    "state": re.compile(r"rt(DW|B|X|M|ZC|PrevZCX)|DW|B|D_Work|BlockIO|\w+_(DW|B|X)|(DW|B|D_Work|BlockIO)_\w*"),
 }
 Role = Literal["input", "parameter", "constant", "written"]
 

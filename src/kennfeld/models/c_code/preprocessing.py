@@ -10,7 +10,6 @@ from kennfeld.errors import Findings, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.c_code.conditions import ConditionError, condition_value
 from kennfeld.models.c_code.macros import Macro, MacroError, MacroExpansion, read_macro, tokens_of
-from kennfeld.models.c_code.number_types import KNOWN_TYPES
 
 MAX_BYTES: Final = 2_000_000  # of a file with all that it includes
 _MAX_INCLUDES: Final = 30  # within one another
@@ -53,12 +52,10 @@ class CSource:
     """The text that the parser reads.
 
     Attributes:
-        text: all lines, behind a first line that declares the known types.
-        lines: where they come from, in order.
+        lines: its lines, with where they come from.
         missing: the names of the files included in quotes that are not in the folder.
     """
 
-    text: str
     lines: tuple[SourceLine, ...]
     missing: tuple[str, ...] = ()
 
@@ -236,10 +233,8 @@ def preprocess(text: str, path: Path, findings: Findings, data: str = "") -> CSo
     preprocessor.read(text, path.name)
     if data:
         preprocessor.read(data, data_file(path).name)
-    typedefs = "".join(f"typedef int {name}; " for name in KNOWN_TYPES)
-    lines = preprocessor.result
-    body = "\n".join(_IGNORED.sub("", line.text) for line in lines)
-    return CSource(f'{typedefs}\n# 1 "c"\n{body}\n', tuple(lines), tuple(preprocessor.missing))
+    lines = tuple(line._replace(text=_IGNORED.sub("", line.text)) for line in preprocessor.result)
+    return CSource(lines, tuple(preprocessor.missing))
 
 
 def data_file(path: Path) -> Path:

@@ -1,20 +1,17 @@
 """Reading of C files."""
 
-import re
 from pathlib import Path
 from typing import Final
-
-from pycparser.c_parser import CParser, ParseError
 
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.models.c_code.declarations import CFile, read_declarations
+from kennfeld.models.c_code.declarations import CFile
+from kennfeld.models.c_code.parsing import parse_source
 from kennfeld.models.c_code.preprocessing import MAX_BYTES, CSource, data_file, preprocess
 
 _MAX_NESTING: Final = 200
-_PLACE: Final = re.compile(r"(?:.*?):(\d+):(\d+): (.*)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ def read_c_file(path: Path) -> CSourceFile:
     source = preprocess(text, path, findings, _text(data) if data.is_file() else "")
     findings.finish()
     _check_nesting(source)
-    return CSourceFile(path, source, _parsed(source))
+    return CSourceFile(path, source, parse_source(source))
 
 
 def _text(path: Path) -> str:
@@ -57,27 +54,6 @@ def _check_nesting(source: CSource) -> None:
             depth += (character in "([{") - (character in ")]}")
             if depth > _MAX_NESTING:
                 raise InputError.of(source.location(number), f"more than {_MAX_NESTING} nested brackets", "Split it.")
-
-
-def _parsed(source: CSource) -> CFile:
-    parser = CParser()
-    try:
-        return read_declarations(parser.parse(source.text, "c"))
-    except ParseError as error:
-        match = _PLACE.match(str(error))
-        line, column, message = (
-            (int(match[1]), int(match[2]), match[3]) if match else (_line_of(parser), 0, str(error).removeprefix("c: "))
-        )
-        remedy = "Macros and types of included files are not known unless the files are in the folder."
-        location = source.location(line, column)
-        raise InputError.of(location, f"not valid C: {message[:120]}", remedy) from None
-    except RecursionError:
-        raise InputError.of(source.location(0), "it is nested too deeply", "Split its expressions.") from None
-
-
-def _line_of(parser: CParser) -> int:
-    """Return the line that a parser has reached, for errors without a place; 0 if it does not say."""
-    return int(getattr(parser.clex, "_lineno", 0) or 0)
 
 
 def unknown_function(file: CSourceFile, name: str) -> InputError:

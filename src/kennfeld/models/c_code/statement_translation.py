@@ -24,7 +24,7 @@ from kennfeld.models.c_code.struct_types import Leaf, enumeration_constants, enu
 RESULT: Final = "return"
 _YES: Final = m.Number(1.0)
 _NO: Final = m.Number(0.0)
-_SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf"})
+_SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf", "fflush"})
 
 
 class FunctionTranslation(CExpressionTranslation):
@@ -91,7 +91,10 @@ class FunctionTranslation(CExpressionTranslation):
     def _statement(self, tree: c_ast.Node) -> list[m.Statement]:
         place = m.SourcePosition(line_of(tree))
         match tree:
-            case c_ast.EmptyStatement() | c_ast.Typedef() | c_ast.Pragma():
+            case c_ast.EmptyStatement() | c_ast.Pragma():
+                return []
+            case c_ast.Typedef():
+                self.file.types.typedef(tree)
                 return []
             case c_ast.Compound():
                 return list(self._body(tree))
