@@ -132,11 +132,11 @@ def _driver(file: CSourceFile, function: TranslatedFunction) -> str:
     call = f"{function.function.name}({', '.join(passed)});"
     returns = function.function.result is not None
     read = [
-        f'if (scanf("%lf", &number) != 1) return 3; {place} = number;'
+        f'if (scanf("%lf", &number_) != 1) return 3; {place} = number_;'
         for n in function.interface.inputs
         for place in _places(n)
     ]
-    shown = ["result"] if returns else []
+    shown = ["result_"] if returns else []
     shown += [place for number in function.interface.outputs for place in _places(number)]
     printed = [f'printf(" %.17g", (double)({place}));' for place in shown]
     data = f'#include "{data_file(file.path).name}"' if data_file(file.path).is_file() else ""
@@ -145,8 +145,8 @@ def _driver(file: CSourceFile, function: TranslatedFunction) -> str:
             "#include <stdio.h>", "#include <stdlib.h>", "#include <string.h>", "#include <math.h>",
             "#define main main_of_the_file", f'#include "{file.path.name}"', data, "#undef main",
             *declared,
-            "int main(int count, char **words) {", "double number; int calls = atoi(words[1]);", *linked,
-            "while (calls-- > 0) {", *read, ("__auto_type result = " if returns else "") + call,
+            "int main(int count_, char **words_) {", "double number_; int calls_ = atoi(words_[1]);", *linked,
+            "while (calls_-- > 0) {", *read, ("__auto_type result_ = " if returns else "") + call,
             'printf("@row");', *printed, 'printf("\\n");', "}", "return 0;", "}",
         ]
     )  # fmt: skip

@@ -146,8 +146,10 @@ class TypeTable:
                 return _changed(inner, sizes=(size, *inner.sizes))
             case c_ast.PtrDecl():
                 inner = self.declared(tree.type, depth + 1)
-                if inner.is_pointer or isinstance(inner.type, OpaqueType):
-                    return DeclaredType(OpaqueType("a pointer to something else than numbers"))
+                if inner.is_pointer:
+                    return DeclaredType(OpaqueType("a pointer to a pointer"))
+                if isinstance(inner.type, OpaqueType):
+                    return DeclaredType(OpaqueType(f"a pointer to {inner.type.reason}"))
                 return _changed(inner, is_pointer=True)
             case c_ast.IdentifierType(names=[name]) if name in self.typedefs:
                 known = self.typedefs[name]
