@@ -33,6 +33,22 @@ class FunctionOutput(NamedTuple):
     unit: str = ""
 
 
+class FunctionSummary(NamedTuple):
+    """A function of a file as its source declares it.
+
+    Attributes:
+        name: its name.
+        arguments: its arguments.
+        results: its results.
+        problem: why it cannot be read; empty if its declaration does not tell.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    results: tuple[str, ...]
+    problem: str = ""
+
+
 @dataclass(frozen=True)
 class ModelFunction:
     """A function with named inputs and outputs, and perhaps parameters and states.

@@ -6,6 +6,7 @@ from dataclasses import field
 from typing import Final, Literal
 
 from pycparser import c_ast
+from pycparser.c_generator import CGenerator
 
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
@@ -76,11 +77,17 @@ class StaticVariable:
 
 @dataclass(frozen=True)
 class CArgument:
-    """An argument of a function; `mode` says if it is a number or struct, the address of results, or of constants."""
+    """An argument of a function.
+
+    Attributes:
+        variable: the variable.
+        mode: a number or struct, the address of results, or of constants.
+        text: its declaration.
+    """
 
     variable: CVariable
     mode: Literal["value", "output", "input"]
-    is_named: bool = True
+    text: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -219,16 +226,16 @@ def _is_void(tree: c_ast.Node) -> bool:
 
 def _argument(tree: c_ast.Decl, function: c_ast.FuncDef, file: CFile) -> CArgument:
     declared = file.types.declared(tree)
-    name = str(tree.name)
+    name, text = str(tree.name), CGenerator().visit(tree)
     if isinstance(declared.type, OpaqueType):
         raise UnsupportedCError(f"the argument {name} is {declared.type.reason}: not supported", line_of(tree))
     if not declared.is_pointer and not declared.sizes:
-        return CArgument(CVariable(name, declared.type), "value")
+        return CArgument(CVariable(name, declared.type), "value", text)
     sizes = declared.sizes
     if declared.is_pointer and (sizes or is_indexed(function.body, name)):
         sizes = (0, *sizes)
     variable = CVariable(name, declared.type, sizes, True, is_constant=declared.is_constant)
-    return CArgument(variable, "input" if declared.is_constant else "output")
+    return CArgument(variable, "input" if declared.is_constant else "output", text)
 
 
 def is_indexed(tree: c_ast.Node, name: str) -> bool:

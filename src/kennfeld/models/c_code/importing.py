@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from kennfeld.errors import Finding, InputError, Location
-from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction
+from kennfeld.models.model_function import FunctionInput, FunctionOutput, FunctionSummary, ModelFunction
 from kennfeld.optional_packages import optional_package
 
 
@@ -47,6 +47,30 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         source=str(path),
         remarks=tuple(Finding(place, remark, severity="remark") for remark in translated.remarks),
     )
+
+
+def list_functions(path: Path) -> list[FunctionSummary]:
+    """Return the functions of a C file with the declarations of their arguments and results.
+
+    Raises:
+        InputError: the file is not C; carries all problems.
+    """
+    with optional_package(Location(path.name), "c"):
+        from kennfeld.models.c_code.reading import read_c_file
+
+    declarations = read_c_file(path).declarations
+    summaries = [
+        FunctionSummary(
+            name,
+            tuple(argument.text for argument in function.arguments),
+            (
+                *([function.result.name] if function.result is not None else []),
+                *(argument.text for argument in function.outputs),
+            ),
+        )
+        for name, function in declarations.functions.items()
+    ]
+    return summaries + [FunctionSummary(name, (), (), str(error)) for name, error in declarations.unsupported.items()]
 
 
 def _plain(label: str) -> str:
