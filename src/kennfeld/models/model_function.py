@@ -63,6 +63,7 @@ class ModelFunction:
         source: path of the source.
         step: the function's own step in s, if it has one.
         remarks: what runs differently from the source, such as inexact derivatives.
+        states: names of what it keeps between steps, if the source names it.
     """
 
     name: str
@@ -74,6 +75,7 @@ class ModelFunction:
     source: str = ""
     step: float | None = None
     remarks: tuple[Finding, ...] = ()
+    states: tuple[str, ...] = ()
 
     @property
     def calls(self) -> Mapping[str, int]:

@@ -46,6 +46,7 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         values=translated.values,
         source=str(path),
         remarks=tuple(Finding(place, remark, severity="remark") for remark in translated.remarks),
+        states=tuple(translated.states),
     )
 
 

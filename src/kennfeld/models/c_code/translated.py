@@ -77,6 +77,12 @@ class TranslatedFunction:
         return [*returned, *(label for number in self.interface.outputs for label in number.labels)]
 
     @property
+    def states(self) -> list[str]:
+        """The names of what it keeps between calls."""
+        kept = (number for number in self.interface.written if number.name in self.interface.states)
+        return [label for number in kept for label in number.labels]
+
+    @property
     def inputs(self) -> list[str]:
         """The names of the arguments that a call in a model takes."""
         return [label for number in self.interface.inputs for label in number.labels]
