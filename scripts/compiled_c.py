@@ -127,7 +127,7 @@ def _driver(file: CSourceFile, function: TranslatedFunction) -> str:
     linked = [
         line
         for argument in function.function.arguments
-        for line in _links(argument.variable.name, argument.variable.type, function)
+        for line in _links(argument.variable.name, argument.variable.type, file, function)
     ]
     call = f"{function.function.name}({', '.join(passed)});"
     returns = function.function.result is not None
@@ -171,22 +171,24 @@ def _declaration(tree: c_ast.Decl) -> str:
     return f"{CGenerator().visit(declaration)};"
 
 
-def _links(name: str, kind: ObjectType, function: TranslatedFunction) -> Iterator[str]:
-    """Yield statements that set the pointers of a struct to objects."""
-    if not isinstance(kind, CStructType):
-        return
-    twins = {n.leaf.owner[0]: n for n in function.interface.parameters if n.mode and n.first is not None}
-    for member in kind.members:
-        if not member.declared.is_pointer:
-            continue
-        place = f"argument_{name}[0].{member.name}"
-        twin = twins.get(f".{member.name}")
-        values = next((s for s in function.statics if twin is not None and s.first is twin.first), None)
-        kind_name = f"__typeof__(*{place})"
-        if values is not None:
-            yield f"{place} = &{values.root.name.removeprefix('.')};"
-        else:
-            yield f"{place} = calloc(1, sizeof({kind_name}));"
+def _links(name: str, kind: ObjectType, file: CSourceFile, function: TranslatedFunction) -> Iterator[str]:
+    """Yield statements that set the pointers of a struct to objects: parameters to those that have first values."""
+    parameters = {number.leaf.owner[1] for number in function.interface.parameters if number.mode}
+    for member in kind.members if isinstance(kind, CStructType) else ():
+        if member.declared.is_pointer:
+            place = f"argument_{name}[0].{member.name}"
+            pointed = getattr(member.declared.type, "name", "")
+            values = _variable_of(pointed, file) if pointed in parameters else ""
+            yield f"{place} = &{values};" if values else f"{place} = calloc(1, sizeof(*{place}));"
+
+
+def _variable_of(kind: str, file: CSourceFile) -> str:
+    """Return the first variable of a struct that has first values."""
+    declarations = file.declarations
+    for name, tree in declarations.variables.items():
+        if tree.init is not None and getattr(declarations.types.declared(tree).type, "name", "") == kind:
+            return name
+    return ""
 
 
 def _places(number: CNumbers) -> list[str]:

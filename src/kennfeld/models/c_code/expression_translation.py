@@ -235,10 +235,8 @@ class CExpressionTranslation(PlaceTranslation):
         if kind.word is None:
             return COperand(tree, kind)
         if kind.word.bits > 32:
-            if not kind.word.signed:
-                raise UnsupportedCError("arithmetic of unsigned 64-bit integers is not supported")
             self.remarks["64-bit integers are exact up to 2^53"] = None
-            return COperand(tree, kind)
+            return COperand(tree if kind.word.signed else _wrapped("wrap", kind, tree), kind)
         return COperand(_wrapped("wrap", kind, tree), kind)
 
     def _binary(self, tree: c_ast.BinaryOp) -> COperand:
