@@ -170,6 +170,7 @@ def _read(path: Path) -> bool:
         *([lambda: _import_model(path)] if path.suffix in (".slx", ".mdl") else []),
         *([lambda: _import_classes(path)] if path.suffix in (".esdl", ".axl", ".amd") else []),
         *([lambda: _import_tasks(path)] if path.suffix == ".app" else []),
+        *([lambda: _read_functions(path)] if path.suffix in (".c", ".py") else []),
         *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
         lambda: measurement.read(path, raster=0.1, dbc=databases),
@@ -189,6 +190,16 @@ def _check_project(path: Path) -> None:
     from kennfeld.project import Project
 
     Project.read(path).check()
+
+
+def _read_functions(path: Path) -> None:
+    """Read each function of a file, as a project does."""
+    from kennfeld.errors import InputError
+    from kennfeld.models.function_files import list_functions, read_function_file
+
+    for function in list_functions(path):
+        with suppress(InputError):
+            read_function_file(f"{path.name}:{function.name}", path.parent)
 
 
 def _import_model(path: Path) -> None:

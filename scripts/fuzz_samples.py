@@ -445,6 +445,14 @@ def _models(seed: int) -> Iterator[Sample]:
     yield Sample("dictionary .sldd", "data.sldd", {"data.sldd": _DICTIONARY, **user})
 
 
+def _functions(seed: int) -> Iterator[Sample]:
+    """Functions in C, with a file that they include and one of parameters, and in Python."""
+    files = {"plant.c": _C_CODE, "plant.h": _C_HEADER, "plant_data.c": _C_DATA}
+    yield Sample("function .c", "plant.c", {name: text.encode() for name, text in files.items()})
+    yield Sample("function .c", "plant.h", {name: text.encode() for name, text in files.items()})
+    yield Sample("function .py", "plant.py", {"plant.py": _PYTHON.encode()})
+
+
 def _blocks(draw: random.Random, dictionary: str = "") -> "Model":
     """Algebra, a table, dynamics, a masked and an enabled subsystem."""
     from simulink_files import Mask, Model
@@ -710,6 +718,81 @@ _STATEMENTS = """	real y = if (x > 0.0 && on) then first.step(x, on) else C.getA
 """
 
 
+_C_HEADER = """
+#ifndef PLANT_H
+#define PLANT_H
+#include <stdint.h>
+#define CLIP(x, low, high) (((x) < (low)) ? (low) : (((x) > (high)) ? (high) : (x)))
+#define SIZE 4
+typedef struct { double speed; float load[2]; struct { int32_t gear; uint8_t on; } box; } In;
+typedef struct { double torque; double held; } Out;
+typedef struct { double sum; float ring[SIZE]; uint8_t at; } State;
+typedef struct { double gain; double table[SIZE]; } P_plant;
+extern P_plant plant_P;
+enum mode { OFF, SLOW = 2, FAST };
+#endif
+"""
+_C_DATA = """
+#include "plant.h"
+P_plant plant_P = { 2.5, { 1.0, 2.0, 4.0, 8.0 } };
+"""
+_C_CODE = """
+#include <math.h>
+#include "plant.h"
+const volatile float K = 2.0f;
+const volatile double CURVE[SIZE] = { 0, 1, [3] = 9 };
+static const double places[SIZE] = { 0.0, 1.0, 2.0, 3.0 };
+#if defined(PLANT_H) && (SIZE > 2)
+static double look(double u, const double *x, const volatile double y[], int n)
+{
+    int i = 0;
+    while (i < n - 2 && u > x[i + 1]) { i++; }
+    return y[i] + CLIP((u - x[i]) / (x[i + 1] - x[i]), 0.0, 1.0) * (y[i + 1] - y[i]);
+}
+#else
+#error the table is too short
+#endif
+void step(const In *in, Out *out, State *s)
+{
+    static int calls;
+    uint32_t hash = 2166136261u;
+    double sum = 0.0;
+    int i;
+    for (i = 0; i < 2; i++) { if (in->load[i] < 0.0f) continue; sum += in->load[i]; }
+    s->ring[s->at] = (float)sum;
+    s->at = (uint8_t)((s->at + 1U) % SIZE);
+    s->sum += 0.1 * (sum - s->sum);
+    hash = (hash ^ (uint32_t)in->box.gear) * 16777619u;
+    switch (in->box.gear) {
+    case OFF: sum = -1.0; break;
+    case 1: case SLOW: sum += 10.0;
+    case FAST: sum += look(in->speed, places, CURVE, SIZE); break;
+    default: sum = plant_P.table[hash >> 30];
+    }
+    do { sum *= 0.5; } while (sum > 100.0 && calls++ < 3);
+    out->torque = K * sum + plant_P.gain * fmax(s->ring[0], s->sum);
+    if (in->box.on && !(in->speed < 1e-3)) out->held = sin(in->speed) + pow(2.0, sum / 50.0);
+}
+"""
+_PYTHON = """
+import math
+
+GAIN = 2.5
+
+
+def eta(speed, load, offset=0.0):
+    if speed < 800:
+        return offset, speed
+    total = 0.0
+    for k in range(3):
+        total += GAIN * math.tanh(load / (40 + k))
+    return offset + total, max(speed, load)
+
+
+def called(x):
+    return {1: x}[1]
+"""
+
 _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _calibrations,
     _images,
@@ -719,6 +802,7 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _diadem,
     _bus_logs,
     _models,
+    _functions,
     _classes,
     _components,
     _projects,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.formatting import join_names
 from kennfeld.models.model import Model
-from kennfeld.models.model_function import ModelFunction, as_function
+from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
 
 CallableSources = Mapping[str, str | Path | Model | Callable[..., Any]] | Collection[ModelFunction]
 
@@ -23,6 +23,7 @@ class FunctionKind(NamedTuple):
         named: True if the name of the function follows a colon, as in `engine.py:torque`.
         runs: True if the file holds code that the user's machine runs.
         choices: what may follow a colon to choose how the file is used.
+        lister: `module:function` that returns the functions of a file by its path; empty if it holds one.
     """
 
     label: str
@@ -31,6 +32,7 @@ class FunctionKind(NamedTuple):
     named: bool
     runs: bool
     choices: tuple[str, ...] = ()
+    lister: str = ""
 
 
 KINDS: tuple[FunctionKind, ...] = (
@@ -42,9 +44,21 @@ KINDS: tuple[FunctionKind, ...] = (
         runs=True,
         choices=("co_simulation", "model_exchange"),
     ),
-    FunctionKind("a C file", (".c",), "kennfeld.models.c_code.importing:read_function", named=True, runs=False),
     FunctionKind(
-        "a Python file", (".py",), "kennfeld.models.python_code.importing:read_function", named=True, runs=True
+        "a C file",
+        (".c",),
+        "kennfeld.models.c_code.importing:read_function",
+        named=True,
+        runs=False,
+        lister="kennfeld.models.c_code.importing:list_functions",
+    ),
+    FunctionKind(
+        "a Python file",
+        (".py",),
+        "kennfeld.models.python_code.importing:read_function",
+        named=True,
+        runs=True,
+        lister="kennfeld.models.python_code.importing:list_functions",
     ),
     FunctionKind(
         "an ONNX network",
@@ -97,9 +111,26 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
     if function and not kind.named and function not in kind.choices:
         forms = [f'"{path}"', *(f'"{path}:{choice}"' for choice in kind.choices)]
         raise InputError.of(location, f"{kind.label} holds one function", f"Write {join_names(forms, 4, ' or ')}.")
-    module, _, reader = kind.reader.partition(":")
-    read: ModelFunction = getattr(import_module(module), reader)(folder / path, function, name, step)
+    read: ModelFunction = _member(kind.reader)(folder / path, function, name, step)
     return read
+
+
+def list_functions(path: Path) -> list[FunctionSummary]:
+    """Return the functions of a file that may hold several, as it declares them.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    kind = kind_of(str(path))
+    if kind is None or not kind.lister:
+        raise InputError.of(Location(path.name), "not a file of several functions")
+    functions: list[FunctionSummary] = _member(kind.lister)(path)
+    return functions
+
+
+def _member(name: str) -> Any:
+    module, _, member = name.partition(":")
+    return getattr(import_module(module), member)
 
 
 def named_functions(functions: CallableSources) -> Collection[ModelFunction]:

@@ -33,6 +33,22 @@ class FunctionOutput(NamedTuple):
     unit: str = ""
 
 
+class FunctionSummary(NamedTuple):
+    """A function of a file as its source declares it.
+
+    Attributes:
+        name: its name.
+        arguments: its arguments.
+        results: its results.
+        problem: why it cannot be read; empty if its declaration does not tell.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    results: tuple[str, ...]
+    problem: str = ""
+
+
 @dataclass(frozen=True)
 class ModelFunction:
     """A function with named inputs and outputs, and perhaps parameters and states.
@@ -47,6 +63,7 @@ class ModelFunction:
         source: path of the source.
         step: the function's own step in s, if it has one.
         remarks: what runs differently from the source, such as inexact derivatives.
+        states: names of what it keeps between steps, if the source names it.
     """
 
     name: str
@@ -58,6 +75,7 @@ class ModelFunction:
     source: str = ""
     step: float | None = None
     remarks: tuple[Finding, ...] = ()
+    states: tuple[str, ...] = ()
 
     @property
     def calls(self) -> Mapping[str, int]:

@@ -13,13 +13,13 @@ from kennfeld.errors import InputError
 from kennfeld.file_errors import convert_errors
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.file_kind import FileKind, detect_kind
-from kennfeld.models.function_files import kind_of
+from kennfeld.models.function_files import kind_of, split_reference
 from kennfeld.models.simulink.reader.recognition import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
 from kennfeld.terminal import describers
 from kennfeld.terminal.describers import FileInfo
 from kennfeld.terminal.fmu_info import describe_fmu
-from kennfeld.terminal.function_info import describe_function
+from kennfeld.terminal.function_info import describe_function, describe_functions
 from kennfeld.terminal.model_selection import WHOLE, ModelSelection
 
 _SECTION = re.compile(
@@ -49,7 +49,7 @@ def describe_file(
     """
     kind = kind_of(str(path))
     if kind is not None and kind.named:
-        return describe_function(str(path))
+        return describe_function(str(path)) if split_reference(str(path))[1] else describe_functions(Path(path))
     file = _InputFile(Path(path), a2l, selection)
     if file.path.is_file():
         for recognises, describe in _DESCRIBERS:

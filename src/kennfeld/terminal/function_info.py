@@ -1,13 +1,36 @@
-"""Describes a function of a file, such as `lag.c:lag`, without running it."""
+"""Describes a function of a file, such as `lag.c:lag`, or all functions of a file, without running them."""
 
 from pathlib import Path
 
-from kennfeld.models.function_files import read_function_file
-from kennfeld.terminal.describers import FileInfo
+from kennfeld.formatting import count_noun, number_text, size_text
+from kennfeld.models.function_files import list_functions, read_function_file
+from kennfeld.parameters import Parameter
+from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
+
+
+def describe_functions(path: Path) -> FileInfo:
+    """Describe the functions of a file: their arguments and results as the file declares them.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    functions = list_functions(path)
+    rows = [(f.name, ", ".join(f.arguments), ", ".join(f.results), f.problem) for f in functions]
+    as_json = {
+        "content": "functions",
+        "file": str(path),
+        "functions": [
+            {"name": f.name, "arguments": list(f.arguments), "results": list(f.results), "problem": f.problem}
+            for f in functions
+        ],
+    }
+    notes = [f"kennfeld info {path}:{functions[0].name} describes one of them."] if functions else []
+    tables: list[Table] = [[("function", "arguments", "results", ""), *rows]] if rows else []
+    return FileInfo(f"{path}: {count_noun(len(functions), 'function')}", tables, notes, as_json)
 
 
 def describe_function(reference: str) -> FileInfo:
-    """Describe a function: its arguments with their defaults, its results, and what runs differently.
+    """Describe a function: its arguments with their defaults, results, parameters, states, and what runs differently.
 
     Raises:
         InputError: the file cannot be read, or has no such function.
@@ -16,14 +39,29 @@ def describe_function(reference: str) -> FileInfo:
     defaults = ["" if item.default is None else f"{item.default:g}" for item in function.inputs]
     inputs = [(item.name, item.unit, default) for item, default in zip(function.inputs, defaults, strict=True)]
     outputs = [(item.name, item.unit) for item in function.outputs]
+    parameters = function.values.parameters
     memory = ", with states" if function.memory else ""
+    remarks = [str(remark) for remark in function.remarks]
     as_json = {
         "kind": "function",
         "file": reference,
         "states": function.memory,
         "inputs": [{"name": x.name, "unit": x.unit, "default": x.default} for x in function.inputs],
+        "parameters": [{"name": p.name, "kind": p.kind, "values": p.values.tolist()} for p in parameters],
+        "state_names": list(function.states),
         "outputs": [{"name": y.name, "unit": y.unit} for y in function.outputs],
-        "remarks": [str(remark) for remark in function.remarks],
+        "remarks": remarks,
     }
-    tables: list[list[tuple[str, ...]]] = [[("input", "unit", "default"), *inputs], [("output", "unit"), *outputs]]
-    return FileInfo(f"{reference}: function{memory}", tables, [str(remark) for remark in function.remarks], as_json)
+    tables: list[Table] = [
+        [("input", "unit", "default"), *inputs],
+        [("parameter", "kind", "values", ""), *map(_parameter_row, parameters)],
+        [("state",), *((name,) for name in function.states)],
+        [("output", "unit"), *outputs],
+    ]
+    shown = [table for table in tables if len(table) > 1]
+    return FileInfo(f"{reference}: function{memory}", shown, remarks, as_json)
+
+
+def _parameter_row(parameter: Parameter) -> tuple[str, ...]:
+    values = number_text(float(parameter.values)) if not parameter.axes else size_text(parameter.values.shape)
+    return parameter.name, PARAMETER_KINDS[len(parameter.axes)], values, "locked" if parameter.locked.all() else ""

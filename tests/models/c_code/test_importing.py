@@ -9,6 +9,7 @@ from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula
 from kennfeld.models.function_files import read_function_file
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Axis, parameter
 from kennfeld.project.demo import exhaust
 
 pytest.importorskip("pycparser")
@@ -26,6 +27,70 @@ double lag(double settled, double constant, double dt)
     temperature += dt / (constant + dt) * (settled - temperature);
     return temperature;
 }
+"""
+
+EXHAUST = """\
+/* The exhaust model with its tables: interpolation as code of control units writes it. */
+const volatile double SETTLED[4][3] = {{230, 230, 230}, {230, 230, 230}, {230, 230, 230}, {230, 230, 230}};
+const volatile double CONSTANT[3] = {5, 5, 5};
+static const double SPEEDS[4] = {800, 1400, 2200, 4000};
+static const double INJECTIONS[3] = {0, 20, 55};
+static const double FLOWS[3] = {30, 90, 450};
+
+static int interval(double u, const double *x, int n)
+{
+    int i = 0;
+    while (i < n - 2 && u > x[i + 1]) i++;
+    return i;
+}
+
+static double share(double u, const double *x, int i)
+{
+    double part = (u - x[i]) / (x[i + 1] - x[i]);
+    return part < 0 ? 0 : part > 1 ? 1 : part;
+}
+
+double exhaust(double speed, double injection, double flow, double dt)
+{
+    static int started = 0;
+    static double temperature;
+    int i = interval(speed, SPEEDS, 4), j = interval(injection, INJECTIONS, 3), k = interval(flow, FLOWS, 3);
+    double a = share(speed, SPEEDS, i), b = share(injection, INJECTIONS, j), c = share(flow, FLOWS, k);
+    double low = SETTLED[i][j] + b * (SETTLED[i][j + 1] - SETTLED[i][j]);
+    double high = SETTLED[i + 1][j] + b * (SETTLED[i + 1][j + 1] - SETTLED[i + 1][j]);
+    double settled = low + a * (high - low);
+    double constant = CONSTANT[k] + c * (CONSTANT[k + 1] - CONSTANT[k]);
+    if (!started) { temperature = settled; started = 1; }
+    temperature += dt / (constant + dt) * (settled - temperature);
+    return temperature;
+}
+"""
+GOVERNOR = """\
+const volatile struct { float Kp, Ki; } GAINS = { 0.001f, 0.0001f };
+static float held = 8.9f;
+
+static float clip(float x, float low, float high) { return x < low ? low : x > high ? high : x; }
+
+float governor(float wanted, float speed)
+{
+    const float miss = wanted - speed;
+    const float angle = clip(GAINS.Kp * miss + held, 7, 15);
+    held = clip(held + GAINS.Ki * miss, 7, 15);
+    return angle;
+}
+"""
+LOOP = """\
+input n_set
+output n
+n = prev(n + 0.02 * (900 * (throttle - 7) - n), 1980)
+miss = n_set - n
+"""
+GOVERNOR_TEXT = """
+scalar Kp
+scalar Ki
+held = integrator(Ki * miss / dt, 8.9, 7, 15)
+throttle = clip(Kp * miss + held, 7, 15)
+step 0.02
 """
 
 
@@ -52,6 +117,36 @@ def test_the_exhaust_model_in_c_calibrates_to_the_parameters_of_the_formula(tmp_
     for name in names:
         expected, values = (result.parameters[name].values for result in results)
         np.testing.assert_allclose(values, expected, rtol=1e-6)
+
+
+def test_tables_in_c_calibrate_to_the_values_of_tables_in_formula_text(tmp_path):
+    (tmp_path / "exhaust.c").write_text(EXHAUST)
+    function = read_function_file("exhaust.c:exhaust", tmp_path, "e")
+    data = exhaust._record("drive", 2000, 0, "training")
+    in_c = formula("T = e(Speed, Injection, AirMass, dt)", functions=[function])
+    text = formula("T = PT1(Settled(Speed, Injection), Constant(AirMass))", parameters=["Settled", "Constant"])
+    axes = [Axis(np.array(x)) for x in ([800, 1400, 2200, 4000], [0, 20, 55], [30, 90, 450])]
+    start = ParameterSet(
+        [parameter("Settled", np.full((4, 3), 230.0), axes[:2]), parameter("Constant", np.full(3, 5.0), axes[2:])]
+    )
+    expected = kf.calibrate(text, data, start, "Temperature", node="T").parameters
+    values = kf.calibrate(in_c, data, function.values, "Temperature", node="T").parameters
+    np.testing.assert_allclose(values["e.SETTLED"].values, expected["Settled"].values, rtol=1e-6)
+    np.testing.assert_allclose(values["e.CONSTANT"].values, expected["Constant"].values, rtol=1e-6)
+
+
+def test_a_governor_in_c_has_the_gains_of_one_in_formula_text_in_a_closed_loop(tmp_path):
+    (tmp_path / "governor.c").write_text(GOVERNOR)
+    function = read_function_file("governor.c:governor", tmp_path, "governor")
+    wanted = np.repeat([1980.0, 2800.0, 2400.0, 3000.0, 2200.0], 150)
+    data = kf.Dataset.of("steps", {"n_set": wanted}, time=0.02 * np.arange(wanted.size))
+    in_c = formula(f"{LOOP}throttle = governor(n_set, n)\nstep 0.02\n", functions=[function])
+    text = formula(LOOP + GOVERNOR_TEXT)
+    start = ParameterSet([parameter("Kp", 0.001), parameter("Ki", 0.0001)])
+    expected = kf.calibrate(text, data, start, "n_set", node="n").parameters
+    values = kf.calibrate(in_c, data, function.values, "n_set", node="n").parameters
+    for gain in ("Kp", "Ki"):
+        np.testing.assert_allclose(values[f"governor.GAINS.{gain}"].values, expected[gain].values, rtol=1e-6)
 
 
 def test_each_call_has_states_of_its_own(tmp_path):

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from pycparser import c_ast
 
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
-from kennfeld.models.c_code.declarations import CFile, Variable, integer_literal, line_of
+from kennfeld.matlab.traversal import assigned_name
+from kennfeld.models.c_code.declarations import CArgument, CFile, CFunctionDeclaration, line_of
 from kennfeld.models.c_code.functions import MATHEMATICS, TESTS
 from kennfeld.models.c_code.number_types import (
     BOOL,
@@ -21,17 +22,20 @@ from kennfeld.models.c_code.number_types import (
     UnsupportedCError,
     common_type,
     holds,
-    number_type,
     promoted,
 )
+from kennfeld.models.c_code.places import CPlace, PlaceTranslation, assigned_leaves, kind_of
+from kennfeld.models.c_code.struct_types import CStructType, integer_literal
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor"}
+# functions that Simulink writes to a file of its own
+_ALIASES: Final = {"rtIsNaN": "isnan", "rtIsNaNF": "isnan", "rtIsInf": "isinf", "rtIsInfF": "isinf"}
 _SPECIAL: Final = {"__infinity": float("inf"), "__nan": float("nan")}
 
 
 @dataclass(frozen=True)
-class Operand:
+class COperand:
     """A number: the tree that calculates it, and its type."""
 
     tree: m.Expression
@@ -43,7 +47,7 @@ def call_of(name: str, *arguments: m.Expression) -> m.Call:
     return m.Call(m.Name(f"c:{name}"), arguments)
 
 
-def converted(operand: Operand, target: CType) -> m.Expression:
+def converted(operand: COperand, target: CType) -> m.Expression:
     """Return the number in another type: cut off towards zero, then the lowest bits."""
     source = operand.type
     if target.word is None or target == source:
@@ -63,48 +67,45 @@ def _wrapped(name: str, kind: CType, *operands: m.Expression) -> m.Expression:
     return call_of(name, *operands, m.Number(float(kind.word.bits)), m.Number(float(kind.word.signed)))
 
 
-class ExpressionTranslation:
+class PassedNames(NamedTuple):
+    """The numbers whose addresses a call of a function passes, and those of them that it may change."""
+
+    function: str
+    names: tuple[str, ...]
+    changed: tuple[str, ...]
+    line: int
+
+
+class CExpressionTranslation(PlaceTranslation):
     """Translates expressions of a function; `pending` are statements that must run before the expression."""
 
     def __init__(self, file: CFile) -> None:
-        self.file = file
-        self.scopes: list[dict[str, Variable | int]] = [{}]
+        super().__init__(file, [{}])
         self.pending: list[m.Statement] = []
-        self.statics_used: dict[str, None] = {}
         self.calls: dict[str, None] = {}
+        self.passed: list[PassedNames] = []
         self.remarks: dict[str, None] = {}
-        self._lazy = 0
         self._temporaries = 0
 
-    def lookup(self, name: str, tree: c_ast.Node) -> Variable | int:
-        """Return the variable, or the constant of an enumeration, of a name."""
-        for scope in reversed(self.scopes):
-            if name in scope:
-                variable = scope[name]
-                if isinstance(variable, Variable) and variable.is_static:
-                    self.statics_used[variable.name] = None
-                return variable
-        if name in self.file.constants:
-            return self.file.constants[name]
-        raise UnsupportedCError(f"unknown name {name}", line_of(tree), wrong=True)
-
-    def operand(self, tree: c_ast.Node) -> Operand:
+    def operand(self, tree: c_ast.Node) -> COperand:
         """Translate an expression to a number."""
         try:
             return self._operand(tree)
         except UnsupportedCError as error:
             raise error if error.line else UnsupportedCError(error.message, line_of(tree), wrong=error.wrong) from None
 
-    def _operand(self, tree: c_ast.Node) -> Operand:
+    def _operand(self, tree: c_ast.Node) -> COperand:
         match tree:
             case c_ast.Constant(type=kind, value=text):
                 return _literal(kind, text)
             case c_ast.ID(name=name) if name in _SPECIAL:
-                return Operand(m.Number(_SPECIAL[name]), DOUBLE)
-            case c_ast.ID() | c_ast.ArrayRef() | c_ast.UnaryOp(op="*"):
+                return COperand(m.Number(_SPECIAL[name]), DOUBLE)
+            case c_ast.ID() | c_ast.ArrayRef() | c_ast.StructRef() | c_ast.UnaryOp(op="*"):
                 return self._read(tree)
             case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
                 return self._step(op, target, tree)
+            case c_ast.UnaryOp(op="sizeof"):
+                raise UnsupportedCError("sizeof is not supported here")
             case c_ast.UnaryOp(op=op, expr=expr):
                 return self._unary(op, expr)
             case c_ast.BinaryOp():
@@ -114,90 +115,61 @@ class ExpressionTranslation:
             case c_ast.Cast(to_type=target, expr=expr):
                 return self._cast(target, expr)
             case c_ast.Assignment():
-                self._eager("an assignment")
                 self.pending += self.assignment(tree)
                 return self._read(tree.lvalue)
             case c_ast.ExprList(exprs=exprs):
                 return [self.operand(expr) for expr in exprs][-1]
             case c_ast.FuncCall():
                 return self.call(tree)
-        raise UnsupportedCError(f"{_kind(tree)} is not supported", line_of(tree))
+        raise UnsupportedCError(f"{kind_of(tree)} is not supported", line_of(tree))
 
-    def _eager(self, what: str) -> None:
-        if self._lazy:
-            raise UnsupportedCError(f"{what} under a condition within an expression is not supported")
-
-    def lazily(self, translate: Callable[[], Operand]) -> Operand:
-        """Translate an expression that is evaluated only under a condition."""
-        self._lazy += 1
+    def apart(self, translate: Callable[[], COperand]) -> tuple[COperand, list[m.Statement]]:
+        """Translate an expression that is evaluated only under a condition; return it with its statements."""
+        outer, self.pending = self.pending, []
         try:
-            return translate()
+            return translate(), self.pending
         finally:
-            self._lazy -= 1
+            self.pending = outer
 
     # variables
 
-    def place(self, tree: c_ast.Node) -> tuple[m.Expression, Variable]:
-        """Return the target tree of a number in a variable, and the variable."""
-        match tree:
-            case c_ast.ID(name=name):
-                variable = self.lookup(name, tree)
-                if isinstance(variable, int):
-                    raise UnsupportedCError(f"{name} is a constant", wrong=True)
-                if variable.is_pointer or variable.sizes:
-                    raise UnsupportedCError(f"{name} is an address, which is not supported here")
-                return m.Name(variable.name), variable
-            case c_ast.UnaryOp(op="*", expr=c_ast.ID() as name):
-                return self._element(self._array(name), [])
-            case c_ast.ArrayRef():
-                indices: list[c_ast.Node] = []
-                of: c_ast.Node = tree
-                while isinstance(of, c_ast.ArrayRef):
-                    indices.insert(0, of.subscript)
-                    of = of.name
-                if isinstance(of, c_ast.ID):
-                    return self._element(self._array(of), indices)
-        raise UnsupportedCError(f"{_kind(tree)} is not supported here", line_of(tree))
-
-    def _array(self, tree: c_ast.ID) -> Variable:
-        variable = self.lookup(tree.name, tree)
-        if isinstance(variable, int) or not (variable.is_pointer or variable.sizes):
-            raise UnsupportedCError(f"{tree.name} is a number, not an array or address", line_of(tree), wrong=True)
-        return variable
-
-    def _element(self, variable: Variable, indices: Sequence[c_ast.Node]) -> tuple[m.Expression, Variable]:
-        if variable.is_pointer and not variable.is_array:
-            return m.Name(variable.name), variable
-        count = max(len(variable.sizes), 1)
-        if len(indices) not in (count, 0) or (not indices and count > 1):
-            raise UnsupportedCError(f"{variable.name} has {count} dimensions, got {len(indices)} indices")
-        at = tuple(self._index(self.operand(index)) for index in indices) or (m.Number(1.0),)
-        return m.Call(m.Name(variable.name), at), variable
-
-    def _index(self, operand: Operand) -> m.Expression:
+    def index(self, tree: c_ast.Node) -> m.Expression:
+        operand = self.operand(tree)
         if operand.type.word is None:
-            raise UnsupportedCError("an index must be an integer", wrong=True)
+            raise UnsupportedCError("an index must be an integer", line_of(tree), wrong=True)
         if isinstance(operand.tree, m.Number):
             return m.Number(operand.tree.value + 1.0)
         return m.Binary("+", operand.tree, m.Number(1.0))
 
-    def _read(self, tree: c_ast.Node) -> Operand:
+    def _read(self, tree: c_ast.Node) -> COperand:
         if isinstance(tree, c_ast.ID) and isinstance(number := self.lookup(tree.name, tree), int):
-            return Operand(m.Number(float(number)), INT)
-        target, variable = self.place(tree)
-        return Operand(target, variable.type)
+            return COperand(m.Number(float(number)), INT)
+        return self.read(self.number(tree))
 
-    def assigned(self, target: c_ast.Node, operand: Operand, line: int) -> m.Assign:
+    def read(self, place: CPlace) -> COperand:
+        """Return the number at a place."""
+        assert isinstance(place.type, CType)
+        return COperand(self.used(place), place.type)
+
+    def assigned(self, target: c_ast.Node, operand: COperand, line: int) -> m.Assign:
         """Return the statement that assigns a number."""
-        tree, variable = self.place(target)
-        if variable.is_constant:
-            raise UnsupportedCError(f"{variable.name} is const and cannot be assigned", line, wrong=True)
-        if variable.type is FLOAT:
+        return self.stored(self.number(target), operand, line)
+
+    def stored(self, place: CPlace, operand: COperand, line: int) -> m.Assign:
+        """Return the statement that assigns a number to a place."""
+        if place.is_constant:
+            raise UnsupportedCError(f"{place.label} is const and cannot be assigned", line, wrong=True)
+        assert isinstance(place.type, CType)
+        if place.type is FLOAT:
             self.remarks["float is computed in double precision"] = None
-        return m.Assign((tree,), converted(operand, variable.type), place=m.SourcePosition(line))
+        return m.Assign((self.used(place),), converted(operand, place.type), place=m.SourcePosition(line))
 
     def assignment(self, tree: c_ast.Assignment) -> list[m.Statement]:
         """Return the statements of `target op= value`, behind those that its value needs."""
+        if tree.op == "=" and isinstance(tree.rvalue, c_ast.ID | c_ast.StructRef | c_ast.ArrayRef | c_ast.UnaryOp):
+            copies = self._copies(tree)
+            if copies is not None:
+                return copies
         operand = self.operand(tree.rvalue)
         if tree.op != "=":
             operand = self._combined(tree.op[:-1], self._read(tree.lvalue), operand)
@@ -205,19 +177,33 @@ class ExpressionTranslation:
         pending, self.pending = self.pending, []
         return [*pending, statement]
 
-    def _step(self, op: str, target: c_ast.Node, tree: c_ast.Node) -> Operand:
+    def _copies(self, tree: c_ast.Assignment) -> list[m.Statement] | None:
+        """Return the statements that copy a struct; None if the target is a number."""
+        target = self.place(tree.lvalue)
+        if target.is_pointer or target.sizes or not isinstance(target.type, CStructType):
+            return None
+        return self.copied(target, self.place(tree.rvalue), line_of(tree))
+
+    def copied(self, target: CPlace, source: CPlace, line: int) -> list[m.Statement]:
+        """Return the statements that copy all numbers of a place to another one."""
+        if target.is_constant:
+            raise UnsupportedCError(f"{target.label} is const and cannot be assigned", line, wrong=True)
+        place = m.SourcePosition(line)
+        pairs = assigned_leaves(target, source)
+        return [m.Assign((self.used(to),), self.used(of), place=place) for to, of in pairs]
+
+    def _step(self, op: str, target: c_ast.Node, tree: c_ast.Node) -> COperand:
         """Translate ++ and --; with the operator behind it, the value is that before."""
-        self._eager("++ or --")
         before = self._read(target)
         if op.startswith("p"):
             name = self.temporary()
             self.pending.append(m.Assign((m.Name(name),), before.tree, place=m.SourcePosition(line_of(tree))))
         self.pending.append(self.stepped(op, target, line_of(tree)))
-        return Operand(m.Name(name), before.type) if op.startswith("p") else self._read(target)
+        return COperand(m.Name(name), before.type) if op.startswith("p") else self._read(target)
 
     def stepped(self, op: str, target: c_ast.Node, line: int) -> m.Assign:
         """Return the statement of ++ or --."""
-        operand = self._combined(op[-1], self._read(target), Operand(m.Number(1.0), INT))
+        operand = self._combined(op[-1], self._read(target), COperand(m.Number(1.0), INT))
         return self.assigned(target, operand, line)
 
     def temporary(self) -> str:
@@ -227,85 +213,103 @@ class ExpressionTranslation:
 
     # operators
 
-    def _unary(self, op: str, expr: c_ast.Node) -> Operand:
+    def _unary(self, op: str, expr: c_ast.Node) -> COperand:
         operand = self.operand(expr)
         kind = promoted(operand.type)
         match op:
             case "+":
-                return Operand(operand.tree, kind)
+                return COperand(operand.tree, kind)
             case "-" if isinstance(operand.tree, m.Number) and (kind.word is None or kind.word.signed):
-                return Operand(m.Number(-operand.tree.value), kind)
+                return COperand(m.Number(-operand.tree.value), kind)
             case "-":
                 return self._fitted(m.Unary("-", operand.tree), kind)
             case "!":
-                return Operand(m.Unary("~", operand.tree), INT)
+                return COperand(m.Unary("~", operand.tree), INT)
             case "~" if kind.word is not None and kind.word.bits <= 32:
                 top = m.Number(-1.0 if kind.word.signed else 2.0**kind.word.bits - 1.0)
-                return Operand(m.Binary("-", top, operand.tree), kind)
+                return COperand(m.Binary("-", top, operand.tree), kind)
         raise UnsupportedCError(f"the operator {op} is not supported here")
 
-    def _fitted(self, tree: m.Expression, kind: CType) -> Operand:
+    def _fitted(self, tree: m.Expression, kind: CType) -> COperand:
         """Return the result of an operation, which wraps in integer types."""
         if kind.word is None:
-            return Operand(tree, kind)
+            return COperand(tree, kind)
         if kind.word.bits > 32:
-            if not kind.word.signed:
-                raise UnsupportedCError("arithmetic of unsigned 64-bit integers is not supported")
             self.remarks["64-bit integers are exact up to 2^53"] = None
-            return Operand(tree, kind)
-        return Operand(_wrapped("wrap", kind, tree), kind)
+            return COperand(tree if kind.word.signed else _wrapped("wrap", kind, tree), kind)
+        return COperand(_wrapped("wrap", kind, tree), kind)
 
-    def _binary(self, tree: c_ast.BinaryOp) -> Operand:
-        if tree.op in ("&&", "||"):
-            left = self.operand(tree.left)
-            right = self.lazily(lambda: self.operand(tree.right))
-            return Operand(m.Binary(tree.op, left.tree, right.tree), INT)
-        return self._combined(tree.op, self.operand(tree.left), self.operand(tree.right))
+    def _binary(self, tree: c_ast.BinaryOp) -> COperand:
+        if tree.op not in ("&&", "||"):
+            return self._combined(tree.op, self.operand(tree.left), self.operand(tree.right))
+        left = self.operand(tree.left)
+        right, statements = self.apart(lambda: self.operand(tree.right))
+        if not statements:
+            return COperand(m.Binary(tree.op, left.tree, right.tree), INT)
+        result, place = m.Name(self.temporary()), m.SourcePosition(line_of(tree))
+        decides = left.tree if tree.op == "&&" else m.Unary("~", left.tree)
+        body = (*statements, m.Assign((result,), m.Binary("~=", right.tree, m.Number(0.0)), place=place))
+        self.pending += [
+            m.Assign((result,), m.Number(float(tree.op == "||")), place=place),
+            m.If((m.Branch(decides, body, place=place),), place=place),
+        ]
+        return COperand(result, INT)
 
-    def _combined(self, op: str, left: Operand, right: Operand) -> Operand:
+    def _combined(self, op: str, left: COperand, right: COperand) -> COperand:
         kind = common_type(left.type, right.type)
         if op in ("<<", ">>"):
             return self._shifted(op, left, right)
         a, b = converted(left, kind), converted(right, kind)
         if op in _COMPARISONS:
-            return Operand(m.Binary(_COMPARISONS[op], a, b), INT)
+            return COperand(m.Binary(_COMPARISONS[op], a, b), INT)
         if op in _BITS:
             if kind.word is None or kind.word.bits > 32:
                 raise UnsupportedCError(f"{op} of {kind.name} is not supported", wrong=kind.word is None)
-            return Operand(_wrapped(_BITS[op], kind, a, b), kind)
+            return COperand(_wrapped(_BITS[op], kind, a, b), kind)
         if kind.word is None:
             if op == "%":
                 raise UnsupportedCError("% requires integers, use fmod", wrong=True)
-            return Operand(m.Binary({"*": ".*", "/": "./"}.get(op, op), a, b), kind)
+            return COperand(m.Binary({"*": ".*", "/": "./"}.get(op, op), a, b), kind)
         match op:
             case "*" if kind.word.bits <= 32:
-                return Operand(_wrapped("multiply", kind, a, b), kind)
+                return COperand(_wrapped("multiply", kind, a, b), kind)
             case "/" | "%":
                 return self._fitted(call_of("quotient" if op == "/" else "remainder", a, b), kind)
             case "+" | "-" | "*":
                 return self._fitted(m.Binary(".*" if op == "*" else op, a, b), kind)
         raise UnsupportedCError(f"the operator {op} is not supported")
 
-    def _shifted(self, op: str, left: Operand, right: Operand) -> Operand:
+    def _shifted(self, op: str, left: COperand, right: COperand) -> COperand:
         kind = promoted(left.type)
         if kind.word is None or right.type.word is None or kind.word.bits > 32:
             raise UnsupportedCError(f"{op} of {left.type.name} is not supported")
         name = "left" if op == "<<" else "right"
         return self._fitted(call_of(name, left.tree, right.tree), kind)
 
-    def _conditional(self, condition: c_ast.Node, yes: c_ast.Node, no: c_ast.Node) -> Operand:
+    def _conditional(self, condition: c_ast.Node, yes: c_ast.Node, no: c_ast.Node) -> COperand:
         first = self.operand(condition)
-        sides = [self.lazily(lambda side=side: self.operand(side)) for side in (yes, no)]  # type: ignore[misc]
-        kind = common_type(sides[0].type, sides[1].type)
-        return Operand(m.Conditional(first.tree, *(converted(side, kind) for side in sides)), kind)
+        sides = [self.apart(lambda side=side: self.operand(side)) for side in (yes, no)]  # type: ignore[misc]
+        kind = common_type(sides[0][0].type, sides[1][0].type)
+        values = [converted(side, kind) for side, _ in sides]
+        if not any(statements for _, statements in sides):
+            return COperand(m.Conditional(first.tree, *values), kind)
+        result, place = m.Name(self.temporary()), m.SourcePosition(line_of(condition))
+        bodies = [
+            (*statements, m.Assign((result,), value, place=place))
+            for (_, statements), value in zip(sides, values, strict=True)
+        ]
+        self.pending.append(m.If((m.Branch(first.tree, bodies[0], place=place),), bodies[1], place=place))
+        return COperand(result, kind)
 
-    def _cast(self, target: c_ast.Node, expr: c_ast.Node) -> Operand:
-        kind = number_type(target, self.file.typedefs, line_of(expr))
-        return Operand(converted(self.operand(expr), kind), kind)
+    def _cast(self, target: c_ast.Node, expr: c_ast.Node) -> COperand:
+        declared = self.file.types.declared(target)
+        if declared.is_pointer or declared.sizes or not isinstance(declared.type, CType):
+            raise UnsupportedCError("only conversions to numbers are supported", line_of(expr))
+        return COperand(converted(self.operand(expr), declared.type), declared.type)
 
     # calls
 
-    def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> Operand:
+    def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
         """Translate a call of a function of the file or of the C library."""
         if not isinstance(tree.name, c_ast.ID):
             raise UnsupportedCError("calls through pointers are not supported")
@@ -316,7 +320,8 @@ class ExpressionTranslation:
             raise UnsupportedCError(f"{name} is not supported: {error.message}", line_of(tree))
         if name in self.file.functions:
             self.calls[name] = None
-            return self._call_own(name, trees, wants_result)
+            return self._call_own(name, trees, wants_result, line_of(tree))
+        name = _ALIASES.get(name, name)
         plain = name if name in MATHEMATICS or name in TESTS else name.removesuffix("f")
         known = {**MATHEMATICS, **TESTS}
         if plain not in known:
@@ -326,11 +331,11 @@ class ExpressionTranslation:
         operands = [self.operand(argument) for argument in trees]
         if plain in ("abs", "labs"):
             kind = INT if plain == "abs" else LONG
-            return Operand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
+            return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
         kind = INT if plain in TESTS else DOUBLE
-        return Operand(call_of(plain, *(operand.tree for operand in operands)), kind)
+        return COperand(call_of(plain, *(operand.tree for operand in operands)), kind)
 
-    def _call_own(self, name: str, trees: Sequence[c_ast.Node], wants_result: bool) -> Operand:
+    def _call_own(self, name: str, trees: Sequence[c_ast.Node], wants_result: bool, line: int) -> COperand:
         function = self.file.functions[name]
         if len(trees) != len(function.arguments):
             raise UnsupportedCError(f"{name} takes {len(function.arguments)} arguments, got {len(trees)}", wrong=True)
@@ -338,39 +343,57 @@ class ExpressionTranslation:
             raise UnsupportedCError(f"{name} returns no value", wrong=True)
         targets: list[m.Expression | None] = []
         arguments: list[m.Expression] = []
+        passed: list[str] = []
         for argument, tree in zip(function.arguments, trees, strict=True):
-            if argument.mode == "value":
+            if argument.mode == "value" and isinstance(argument.variable.type, CType):
                 arguments.append(converted(self.operand(tree), argument.variable.type))
                 continue
-            target, variable = self._address(tree)
-            if variable.type != argument.variable.type:
-                raise UnsupportedCError(f"{name} takes the address of {argument.variable.type.name}", wrong=True)
-            arguments.append(target)
-            targets += [target] if argument.mode == "output" else []
+            places = self._passed(name, argument, tree)
+            values = [self.used(place) for place in places]
+            arguments += values
+            if argument.mode == "output":
+                targets += values
+            if argument.mode != "value":
+                passed += [place.name for place in places]
+        changed = tuple(assigned_name(target) for target in targets if target is not None)
+        self.passed.append(PassedNames(name, tuple(passed), changed, line))
         call = m.Call(m.Name(f"{name}()"), tuple(arguments))
-        kind = function.result or INT
+        return self._called(function, call, targets, line)
+
+    def _called(
+        self, function: CFunctionDeclaration, call: m.Call, targets: Sequence[m.Expression | None], line: int
+    ) -> COperand:
         if not targets and function.result is not None:
-            return Operand(call, kind)
-        self._eager(f"the call of {name}, which changes variables,")
+            return COperand(call, function.result)
         result = self.temporary()
         first: list[m.Expression | None] = [m.Name(result)] if function.result is not None else []
-        if first or targets:
-            self.pending.append(m.Assign((*first, *targets), call))
-        else:
-            self.pending.append(m.Evaluate(call))
-        return Operand(m.Name(result), kind)
+        place = m.SourcePosition(line)
+        self.pending.append(
+            m.Assign((*first, *targets), call, place=place) if first or targets else m.Evaluate(call, place=place)
+        )
+        return COperand(m.Name(result), function.result or INT)
 
-    def _address(self, tree: c_ast.Node) -> tuple[m.Expression, Variable]:
-        """Return the variable, or the element, whose address an argument is."""
-        if isinstance(tree, c_ast.UnaryOp) and tree.op == "&":
-            return self.place(tree.expr)
-        if isinstance(tree, c_ast.ID):
-            variable = self._array(tree)
-            return m.Name(variable.name), variable
-        raise UnsupportedCError("only addresses of variables and arrays may be passed")
+    def _passed(self, name: str, argument: CArgument, tree: c_ast.Node) -> list[CPlace]:
+        """Return the places of the numbers whose addresses, or whose struct, an argument passes."""
+        place = self.place(tree) if argument.mode == "value" else self.address(tree)
+        variable = argument.variable
+        if argument.mode != "value" and place.sizes and not variable.sizes:
+            place = self._pointed(place, tree)
+        if place.type != variable.type:
+            label = getattr(variable.type, "name", "something else")
+            raise UnsupportedCError(f"{name} takes the address of {label} as {variable.name}", wrong=True)
+        if len(place.sizes) != len(variable.sizes):
+            expected = "an array" if variable.sizes else "a single object"
+            raise UnsupportedCError(f"{name} takes the address of {expected} as {variable.name}", wrong=True)
+        if place.is_constant and argument.mode == "output":
+            raise UnsupportedCError(f"{place.label} is const, but {name} may change it", wrong=True)
+        parts = [place.leaf(leaf) for leaf in place.leaves]
+        if any(part.sizes and part.indices for part in parts):
+            raise UnsupportedCError(f"{place.label} is an array within an array, which cannot be passed")
+        return parts
 
 
-def _literal(kind: str, text: str) -> Operand:
+def _literal(kind: str, text: str) -> COperand:
     if "int" in kind or kind == "char":
         number = integer_literal(text)
         ends = text[len(text.rstrip("uUlL")) :].casefold()
@@ -379,16 +402,11 @@ def _literal(kind: str, text: str) -> Operand:
             result = replace(LONG, word=replace(LONG.word, signed="u" not in ends)) if LONG.word else LONG
         elif "u" in ends or number >= 2**31:
             result = UNSIGNED
-        return Operand(m.Number(float(number)), result)
+        return COperand(m.Number(float(number)), result)
     if kind in ("double", "float", "long double"):
         plain = text.rstrip("fFlL") if not text.casefold().startswith("0x") else text.rstrip("lL")
         number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)
-        return Operand(m.Number(number_value), FLOAT if kind == "float" else DOUBLE)
+        return COperand(m.Number(number_value), FLOAT if kind == "float" else DOUBLE)
     if kind in ("bool", "_Bool"):
-        return Operand(m.Number(float(text == "true")), BOOL)
+        return COperand(m.Number(float(text == "true")), BOOL)
     raise UnsupportedCError("text is not supported")
-
-
-def _kind(tree: c_ast.Node) -> str:
-    names = {"StructRef": "a member of a struct", "UnaryOp": "this address", "InitList": "a list of values"}
-    return names.get(type(tree).__name__, f"{type(tree).__name__}")

@@ -49,7 +49,11 @@ def _wrap(evaluator: SymbolicEvaluator, x: Nodes, bits: Nodes, signed: Nodes) ->
     word, builder = _word(evaluator, bits, signed), evaluator.builder
     nodes = [int(node) for node in x.ravel()]
     fits = all(bound_of(builder, n, True) <= word.most and bound_of(builder, n, False) >= word.least for n in nodes)
-    return x if fits or word.bits > EXACT else wrap_to_type(builder, x, word)
+    if word.bits <= EXACT:
+        return x if fits else wrap_to_type(builder, x, word)
+    if not (fits or word.signed):
+        raise ProgramError("an unsigned 64-bit integer may be negative, which is not supported", "Use a signed type.")
+    return x
 
 
 def _multiply(evaluator: SymbolicEvaluator, a: Nodes, b: Nodes, bits: Nodes, signed: Nodes) -> Nodes:
@@ -99,6 +103,14 @@ def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
     return np.full(shape if len(shape) > 1 else (*shape, 1), zero, dtype=np.int64)
 
 
+def _array(evaluator: SymbolicEvaluator, count: Nodes, *rest: Nodes) -> Nodes:
+    """Return an array of `count` dimensions, whose sizes precede its elements, in the order of memory."""
+    dimensions = _number(evaluator, count)
+    shape = [_number(evaluator, size) for size in rest[:dimensions]]
+    nodes = np.array([int(item.item()) for item in rest[dimensions:]], dtype=np.int64)
+    return nodes.reshape(shape if len(shape) > 1 else (*shape, 1))
+
+
 def _elementwise(rule: Callable[..., Nodes]) -> Rule:
     return lambda evaluator, *arguments: rule(evaluator.builder, *arguments)
 
@@ -132,6 +144,20 @@ def _copy_sign(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
     return apply("select", apply("lt", y, 0.0), apply("neg", size), size)
 
 
+def _without_nan(name: str) -> Callable[..., Nodes]:
+    """Return the rule of fmin or fmax, which ignore an argument that is not a number."""
+
+    def rule(builder: GraphBuilder, x: Nodes, y: Nodes) -> Nodes:
+        apply = Elementwise(builder)
+        result = operation(name)(builder, x, y)
+        for value, other in ((x, y), (y, x)):
+            if any(builder.value(int(node)) is None for node in value.ravel()):
+                result = apply("select", apply("ne", value, value), other, result)
+        return result
+
+    return rule
+
+
 def _library_of_c(name: str) -> Callable[..., Nodes]:
     """Return the rule of a function of MATLAB's library that C has as well."""
 
@@ -160,8 +186,8 @@ _MATHEMATICS: Final = (
     CFunction("cbrt", 1, _elementwise(_cube_root)),
     CFunction("pow", 2, _elementwise(operation("pow"))),
     CFunction("atan2", 2, _elementwise(operation("atan2"))),
-    CFunction("fmin", 2, _elementwise(operation("min"))),
-    CFunction("fmax", 2, _elementwise(operation("max"))),
+    CFunction("fmin", 2, _elementwise(_without_nan("min"))),
+    CFunction("fmax", 2, _elementwise(_without_nan("max"))),
     CFunction("fmod", 2, _elementwise(TWO_IN_C["fmod"])),
     CFunction("hypot", 2, _elementwise(TWO["hypot"])),
     CFunction("copysign", 2, _elementwise(_copy_sign)),
@@ -187,6 +213,7 @@ _INTERNAL: Final = (
     CFunction("left", 2, _shift(1.0)),
     CFunction("right", 2, _shift(-1.0)),
     CFunction("zeros", 1, _zeros),
+    CFunction("array", 2, _array),
 )
 MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
 TESTS: Final = {function.name: function.count for function in _TESTS}

@@ -10,11 +10,18 @@ from kennfeld.models.imperative.integer_types import IntegerType
 
 
 class UnsupportedCError(Exception):
-    """Code in C that the graph cannot express; `line` is its line, 0 if it is not known yet."""
+    """Code in C that the graph cannot express.
 
-    def __init__(self, message: str, line: int = 0, *, wrong: bool = False) -> None:
+    Attributes:
+        message: the reason.
+        line: its line, 0 if it is not known yet.
+        wrong: True if it is not valid C.
+        name: the variable outside of functions that cannot be read, if it is that.
+    """
+
+    def __init__(self, message: str, line: int = 0, *, wrong: bool = False, name: str = "") -> None:
         super().__init__(message)
-        self.message, self.line, self.wrong = message, line, wrong
+        self.message, self.line, self.wrong, self.name = message, line, wrong, name
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,7 @@ DOUBLE: Final = CType("double")
 FLOAT: Final = CType("float")
 BOOL: Final = CType("_Bool", IntegerType(8, False), truth=True)
 INT: Final = CType("int", IntegerType(32, True))
+ENUMERATION: Final = CType("enum", IntegerType(32, True))
 UNSIGNED: Final = CType("unsigned int", IntegerType(32, False))
 LONG: Final = CType("long", IntegerType(64, True))
 _BITS: Final = {"char": 8, "short": 16, "long": 64}
@@ -45,6 +53,8 @@ KNOWN_TYPES: Final[Mapping[str, CType]] = {
     **dict.fromkeys(("double_t", "float64_t", "real_T", "real64_T", "float64", "time_T"), DOUBLE),
     **dict.fromkeys(("float_t", "float32_t", "real32_T", "float32"), FLOAT),
     **dict.fromkeys(("bool", "boolean_T", "boolean"), BOOL),
+    **dict.fromkeys(("char_T", "byte_T"), CType("char", IntegerType(8, True))),
+    "uchar_T": CType("unsigned char", IntegerType(8, False)),
     **dict.fromkeys(("int_T",), INT), **dict.fromkeys(("uint_T",), UNSIGNED),
     "size_t": CType("size_t", IntegerType(64, False)), "ptrdiff_t": LONG, "intptr_t": LONG,
 }  # fmt: skip
@@ -72,7 +82,7 @@ def number_type(tree: c_ast.Node, typedefs: Mapping[str, CType], line: int = 0) 
     if isinstance(tree, c_ast.IdentifierType):
         return type_of_names(list(tree.names), typedefs, line)
     if isinstance(tree, c_ast.Enum):
-        return INT
+        return ENUMERATION
     kinds = {"Struct": "a struct", "Union": "a union", "PtrDecl": "a pointer", "FuncDecl": "a function"}
     kind = kinds.get(type(tree).__name__, type(tree).__name__)
     raise UnsupportedCError(f"{kind} is not supported here", line)

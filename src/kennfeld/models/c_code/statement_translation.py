@@ -1,6 +1,7 @@
 """Translation of C functions to functions of the shared syntax tree."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 from pycparser import c_ast
@@ -9,35 +10,37 @@ from kennfeld.matlab import syntax as m
 from kennfeld.models.c_code.declarations import (
     CFile,
     CFunctionDeclaration,
+    CVariable,
     StaticVariable,
-    Variable,
-    enumeration_constants,
-    enumerations,
     line_of,
     variable_of,
 )
-from kennfeld.models.c_code.expression_translation import ExpressionTranslation, call_of, converted
-from kennfeld.models.c_code.number_types import FLOAT, UnsupportedCError
+from kennfeld.models.c_code.expression_translation import CExpressionTranslation, call_of, converted
+from kennfeld.models.c_code.initial_values import count_elements, initial_trees
+from kennfeld.models.c_code.number_types import FLOAT, CType, UnsupportedCError
+from kennfeld.models.c_code.places import CPlace, Scope
+from kennfeld.models.c_code.struct_types import Leaf, enumeration_constants, enumerations
 
 RESULT: Final = "return"
 _YES: Final = m.Number(1.0)
 _NO: Final = m.Number(0.0)
-_SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf"})
+_SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf", "fflush"})
 
 
-class FunctionTranslation(ExpressionTranslation):
+class FunctionTranslation(CExpressionTranslation):
     """Translates one function.
 
     `statics` are the static variables that it declares; `problems` are the statements that are not supported.
     """
 
-    def __init__(self, file: CFile, function: CFunctionDeclaration, shared: dict[str, Variable | int]) -> None:
+    def __init__(self, file: CFile, function: CFunctionDeclaration, shared: Scope) -> None:
         super().__init__(file)
         self.function = function
         self.statics: list[StaticVariable] = []
         self.problems: list[UnsupportedCError] = []
         self._taken: dict[str, int] = {}
         self._addressed = set(_addressed(function.tree.body))
+        self._reassigned = set(_reassigned(function.tree.body))
         self.scopes = [shared, {}]
 
     def translate(self) -> m.FunctionDefinition:
@@ -50,9 +53,9 @@ class FunctionTranslation(ExpressionTranslation):
         body = self._block(self.function.tree.body.block_items or ())
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
         results = ([RESULT] if self.function.result is not None else []) + [
-            argument.variable.name for argument in self.function.outputs
+            name for argument in self.function.outputs for name in argument.names
         ]
-        names = tuple(argument.variable.name for argument in self.function.arguments)
+        names = tuple(name for argument in self.function.arguments for name in argument.names)
         return m.FunctionDefinition(f"{self.function.name}()", names, tuple(results), (*head, *body))
 
     # statements
@@ -88,7 +91,10 @@ class FunctionTranslation(ExpressionTranslation):
     def _statement(self, tree: c_ast.Node) -> list[m.Statement]:
         place = m.SourcePosition(line_of(tree))
         match tree:
-            case c_ast.EmptyStatement() | c_ast.Typedef() | c_ast.Pragma():
+            case c_ast.EmptyStatement() | c_ast.Pragma():
+                return []
+            case c_ast.Typedef():
+                self.file.types.typedef(tree)
                 return []
             case c_ast.Compound():
                 return list(self._body(tree))
@@ -119,7 +125,9 @@ class FunctionTranslation(ExpressionTranslation):
                 return [m.Jump("continue", place=place)]
             case c_ast.Return(expr=value):
                 return self._return(value, place)
-            case c_ast.Cast(expr=c_ast.ID()):  # (void)x
+            case c_ast.Cast(expr=c_ast.FuncCall() as call):
+                return self._call_statement(call)
+            case c_ast.Cast() | c_ast.ID():  # (void)x
                 return []
         raise UnsupportedCError(f"{_statement_name(tree)} is not supported", line_of(tree))
 
@@ -127,6 +135,8 @@ class FunctionTranslation(ExpressionTranslation):
         name = getattr(tree.name, "name", "")
         if name in _SILENT:
             return []
+        if name in ("memset", "memcpy") and name not in self.file.functions:
+            return self._fill(name, tree) if tree.args is not None and len(tree.args.exprs) == 3 else []
         operand = self.call(tree, wants_result=False)
         pending, self.pending = self.pending, []
         calls = [] if isinstance(operand.tree, m.Name) else [m.Evaluate(operand.tree)]
@@ -141,6 +151,22 @@ class FunctionTranslation(ExpressionTranslation):
         number = converted(self.operand(value), self.function.result)
         return [m.Assign((m.Name(RESULT),), number, place=place), jump]
 
+    def _fill(self, name: str, tree: c_ast.FuncCall) -> list[m.Statement]:
+        """Return the statements of memset with 0, or of memcpy, of a whole variable."""
+        target, value, size = tree.args.exprs
+        place, line = self.address(target), line_of(tree)
+        if not _is_whole(size):
+            raise UnsupportedCError(f"{name} of a part of a variable is not supported", line)
+        if name == "memcpy":
+            return self.copied(place, self.address(value), line)
+        if not isinstance(value, c_ast.Constant) or value.value not in ("0", "0U", "0u"):
+            raise UnsupportedCError("memset is supported with 0 only", line)
+        parts = [place.leaf(leaf) for leaf in place.leaves]
+        if any(part.sizes and part.indices for part in parts):
+            raise UnsupportedCError("memset of an array within an array is not supported", line)
+        at = m.SourcePosition(line)
+        return [m.Assign((self.used(part),), zeros_of(part.sizes), place=at) for part in parts]
+
     # declarations
 
     def _declarations(self, tree: c_ast.Node) -> list[m.Statement]:
@@ -148,57 +174,76 @@ class FunctionTranslation(ExpressionTranslation):
         result: list[m.Statement] = []
         for item in declarations:
             for enumeration in enumerations(item):
-                self.scopes[-1] |= enumeration_constants(enumeration, self.file.constants)
+                self.scopes[-1] |= enumeration_constants(enumeration, self.file.types.constants)
             if item.name and not isinstance(item.type, c_ast.FuncDecl):
                 result += self._declare(item)
         return result
 
     def _declare(self, tree: c_ast.Decl) -> list[m.Statement]:
         is_static = "static" in tree.storage
+        if isinstance(tree.type, c_ast.PtrDecl) and not is_static:
+            self.scopes[-1][tree.name] = self._alias(tree)
+            return []
         self._taken[tree.name] = self._taken.get(tree.name, 0) + 1
         number = self._taken[tree.name]
         name = tree.name if number == 1 else f"{tree.name}#{number}"
-        variable = variable_of(tree, f"{self.function.name}.{name}" if is_static else name, self.file, _count(tree))
+        owned = f"{self.function.name}().{name}" if is_static else name
+        variable = variable_of(tree, owned, self.file, count_elements(tree.init, self.file.types.constants))
         if is_static:
-            self.statics.append(StaticVariable(variable, self.first_value(tree, variable), line_of(tree)))
+            self.statics += self.static_parts(tree, variable, f"{self.function.name}.{tree.name}")
             self.scopes[-1][tree.name] = variable
             return []
-        statements: list[m.Statement] = []
-        if tree.init is not None or variable.sizes or tree.name in self._addressed:
-            value = self.first_value(tree, variable)
-            statements.append(m.Assign((m.Name(name),), value, place=m.SourcePosition(line_of(tree))))
+        statements = self._first_assignments(tree, variable)
         if variable.type is FLOAT:
             self.remarks["float is computed in double precision"] = None
         self.scopes[-1][tree.name] = variable
         return statements
 
-    def first_value(self, tree: c_ast.Decl, variable: Variable) -> m.Expression:
-        """Return the tree of the first value of a variable: zeros, where none is written."""
-        if not variable.sizes:
-            value = tree.init
-            if isinstance(value, c_ast.InitList) and len(value.exprs) == 1:
-                value = value.exprs[0]
-            return _NO if value is None else converted(self.operand(value), variable.type)
-        if tree.init is None:
-            sizes = variable.sizes if len(variable.sizes) > 1 else (*variable.sizes, 1)
-            return call_of("zeros", *(m.Number(float(size)) for size in sizes))
-        if not isinstance(tree.init, c_ast.InitList):
-            raise UnsupportedCError(f"the first value of {tree.name} must be a list", line_of(tree))
-        if len(variable.sizes) == 1:
-            return m.Matrix(tuple((item,) for item in self._items(tree.init, variable, variable.sizes[0])))
-        rows = []
-        for item in tree.init.exprs:
-            if not isinstance(item, c_ast.InitList):
-                raise UnsupportedCError(f"the rows of {tree.name} must be in braces", line_of(tree))
-            rows.append(self._items(item, variable, variable.sizes[1]))
-        rows += [(_NO,) * variable.sizes[1]] * (variable.sizes[0] - len(rows))
-        return m.Matrix(tuple(rows[: variable.sizes[0]]))
+    def _alias(self, tree: c_ast.Decl) -> CPlace:
+        """Return the address that a pointer holds from its declaration on."""
+        if tree.init is None or tree.name in self._reassigned:
+            raise UnsupportedCError(f"the pointer {tree.name} must be set once, where it is declared", line_of(tree))
+        place = self.address(tree.init)
+        is_constant = place.is_constant or self.file.types.declared(tree).is_constant
+        return replace(place, is_constant=is_constant)
 
-    def _items(self, tree: c_ast.InitList, variable: Variable, count: int) -> tuple[m.Expression, ...]:
-        if len(tree.exprs) > count:
-            raise UnsupportedCError(f"{variable.name} has {count} elements, got {len(tree.exprs)}", wrong=True)
-        items = tuple(converted(self.operand(item), variable.type) for item in tree.exprs)
-        return (*items, *(_NO,) * (count - len(items)))
+    def _first_assignments(self, tree: c_ast.Decl, variable: CVariable) -> list[m.Statement]:
+        """Return the statements that give a local variable its first values."""
+        line = line_of(tree)
+        is_number = isinstance(variable.type, CType) and not variable.sizes
+        if tree.init is not None and not is_number and not isinstance(tree.init, c_ast.InitList):
+            self.scopes[-1][tree.name] = replace(variable, is_constant=False)
+            return self.copied(self.place(c_ast.ID(tree.name)), self.place(tree.init), line)
+        if tree.init is None and is_number and tree.name not in self._addressed:
+            return []
+        values = self.first_values(tree, variable)
+        place = m.SourcePosition(line)
+        return [m.Assign((m.Name(f"{variable.name}{leaf.path}"),), value, place=place) for leaf, value in values]
+
+    def static_parts(self, tree: c_ast.Decl, variable: CVariable, label: str) -> list[StaticVariable]:
+        """Return the numbers of a variable that keeps its values."""
+        is_initialized, line = tree.init is not None, line_of(tree)
+        return [
+            StaticVariable(f"{variable.name}{leaf.path}", leaf, value, variable, label, is_initialized, line)
+            for leaf, value in self.first_values(tree, variable)
+        ]
+
+    def first_values(self, tree: c_ast.Decl, variable: CVariable) -> list[tuple[Leaf, m.Expression]]:
+        """Return the numbers of a variable with the trees of their first values: zeros, where none is written."""
+        try:
+            trees = initial_trees(tree.init, variable.type, variable.sizes, self.file.types.constants)
+        except UnsupportedCError as error:
+            raise UnsupportedCError(f"{tree.name}: {error.message}", line_of(tree), wrong=error.wrong) from None
+        return [(leaf, self._first_value(leaf, trees[leaf.path])) for leaf in variable.leaves]
+
+    def _first_value(self, leaf: Leaf, trees: Sequence[c_ast.Node | None]) -> m.Expression:
+        if all(tree is None for tree in trees):
+            return zeros_of(leaf.sizes)
+        items = [_NO if tree is None else converted(self.operand(tree), leaf.type) for tree in trees]
+        if not leaf.sizes:
+            return items[0]
+        sizes = [m.Number(float(size)) for size in (len(leaf.sizes), *leaf.sizes)]
+        return call_of("array", *sizes, *items)
 
     # loops
 
@@ -285,28 +330,40 @@ class FunctionTranslation(ExpressionTranslation):
         return [*head, *whole]
 
 
-def translate_shared(file: CFile) -> tuple[dict[str, Variable | int], list[StaticVariable], list[UnsupportedCError]]:
-    """Return the variables of a file outside of its functions, with their first values."""
-    scope: dict[str, Variable | int] = {}
+def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[UnsupportedCError]]:
+    """Return the variables of a file outside of its functions, with their first values.
+
+    The problems are those of variables that cannot be read, which matter only if a function uses them.
+    """
+    scope: Scope = {}
     statics: list[StaticVariable] = []
     problems: list[UnsupportedCError] = []
     empty = c_ast.FuncDef(None, None, c_ast.Compound([]))
     translation = FunctionTranslation(file, CFunctionDeclaration("", empty, (), None), scope)
     for name, tree in file.variables.items():
         try:
-            declared = variable_of(tree, f".{name}", file, _count(tree))
-            variable = Variable(
-                declared.name, declared.type, declared.sizes, is_static=True, is_constant=declared.is_constant
-            )
-            statics.append(StaticVariable(variable, translation.first_value(tree, variable), line_of(tree)))
+            if isinstance(tree.type, c_ast.PtrDecl):
+                scope[name] = translation.address(tree.init)
+                continue
+            elements = count_elements(tree.init, file.types.constants)
+            variable = replace(variable_of(tree, f".{name}", file, elements), is_static=True)
+            statics += translation.static_parts(tree, variable, name)
             scope[name] = variable
         except UnsupportedCError as error:
-            problems.append(UnsupportedCError(error.message, error.line or line_of(tree), wrong=error.wrong))
+            problems.append(UnsupportedCError(error.message, error.line or line_of(tree), wrong=error.wrong, name=name))
     return scope, statics, problems
 
 
-def _count(tree: c_ast.Decl) -> int | None:
-    return len(tree.init.exprs) if isinstance(tree.init, c_ast.InitList) else None
+def zeros_of(sizes: Sequence[int]) -> m.Expression:
+    """Return the tree of zeros."""
+    return call_of("zeros", *(m.Number(float(size)) for size in sizes)) if sizes else _NO
+
+
+def _is_whole(size: c_ast.Node) -> bool:
+    """Return True if a size in bytes is written with sizeof, as that of a whole variable."""
+    if isinstance(size, c_ast.UnaryOp) and size.op == "sizeof":
+        return True
+    return isinstance(size, c_ast.BinaryOp) and size.op == "*" and (_is_whole(size.left) or _is_whole(size.right))
 
 
 def _any(keys: Sequence[m.Expression]) -> m.Expression:
@@ -345,12 +402,31 @@ def _has_jump(tree: c_ast.Node | None, kind: type[c_ast.Node]) -> bool:
 
 
 def _addressed(tree: c_ast.Node) -> Iterator[str]:
-    """Yield the names of variables whose addresses are taken."""
+    """Yield the names of variables whose addresses are taken, and of structs."""
+    for node in _nodes(tree):
+        if isinstance(node, c_ast.UnaryOp) and node.op == "&":
+            of = node.expr
+            while isinstance(of, c_ast.StructRef | c_ast.ArrayRef):
+                of = of.name
+            if isinstance(of, c_ast.ID):
+                yield str(of.name)
+
+
+def _reassigned(tree: c_ast.Node) -> Iterator[str]:
+    """Yield the names of variables that are assigned as a whole behind their declaration."""
+    for node in _nodes(tree):
+        target = node.lvalue if isinstance(node, c_ast.Assignment) else None
+        if isinstance(node, c_ast.UnaryOp) and node.op in ("++", "--", "p++", "p--"):
+            target = node.expr
+        if isinstance(target, c_ast.ID):
+            yield str(target.name)
+
+
+def _nodes(tree: c_ast.Node) -> Iterator[c_ast.Node]:
     waiting = [tree]
     while waiting:
         node = waiting.pop()
-        if isinstance(node, c_ast.UnaryOp) and node.op == "&" and isinstance(node.expr, c_ast.ID):
-            yield str(node.expr.name)
+        yield node
         waiting += [child for _, child in node.children()]
 
 

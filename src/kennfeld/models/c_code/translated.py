@@ -1,6 +1,7 @@
-"""A C function as nodes of a graph: its arguments, its results, and its static variables as states."""
+"""A C function as nodes of a graph: its arguments, its results, and what it keeps between calls as states."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -8,19 +9,30 @@ import numpy as np
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphBuilder, GraphTooLargeError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import assigned_name
-from kennfeld.models.c_code.declarations import CFile, CFunctionDeclaration, StaticVariable
-from kennfeld.models.c_code.expression_translation import Operand, converted
+from kennfeld.models.c_code.calibration_values import lookups, parameter_of
+from kennfeld.models.c_code.declarations import CFile, CFunctionDeclaration
+from kennfeld.models.c_code.expression_translation import COperand, PassedNames, converted
 from kennfeld.models.c_code.functions import LIBRARY
+from kennfeld.models.c_code.interface import (
+    CNumbers,
+    Interface,
+    argument_numbers,
+    find_interface,
+    settle,
+    static_numbers,
+)
 from kennfeld.models.c_code.number_types import DOUBLE, UnsupportedCError
-from kennfeld.models.c_code.statement_translation import FunctionTranslation, translate_shared
+from kennfeld.models.c_code.statement_translation import RESULT, FunctionTranslation, translate_shared
+from kennfeld.models.c_code.usage import Usage, usage_of
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
 from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.node_arrays import Nodes
 from kennfeld.models.imperative.statement_interpreter import GLOBAL, StatementInterpreter
+from kennfeld.parameter_set import ParameterSet
 
-_ARGUMENT: Final = "argument"
+_NUMBER: Final = "number"
+_UNKNOWN: Final = "unknown name "
 
 
 @dataclass(frozen=True)
@@ -30,117 +42,242 @@ class TranslatedFunction:
     Attributes:
         function: its declaration.
         functions: the functions by name.
-        statics: the variables that keep their values.
-        changed: names of those that the functions assign, which become states.
+        statics: the numbers that keep their values.
+        interface: inputs, outputs, states and calibration values.
+        values: the calibration values.
+        prefix: text that precedes the names of calibration values.
         remarks: what is computed differently from C.
         problems: why it cannot be a graph, with lines; empty if it can.
     """
 
     function: CFunctionDeclaration
     functions: Mapping[str, m.FunctionDefinition]
-    statics: tuple[StaticVariable, ...]
-    changed: frozenset[str]
+    statics: tuple[CNumbers, ...]
+    interface: Interface
+    values: ParameterSet = ParameterSet()
+    prefix: str = ""
     remarks: tuple[str, ...] = ()
     problems: tuple[UnsupportedCError, ...] = ()
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> list[int]:
         """Add the nodes of a call to a graph; return those of the results."""
-        context = EvaluationContext(builder, functions=dict(self.functions), library=LIBRARY)
-        interpreter = StatementInterpreter(context)
-        first = {
-            static.variable.name: np.asarray(interpreter.nodes(static.first, static.variable.name))
-            for static in self.statics
-        }
-        reads = {name: self._opened(builder, name, nodes) for name, nodes in first.items()}
-        interpreter.state.kept.update({(GLOBAL, name): nodes for name, nodes in reads.items()})
-        results = self._called(interpreter, arguments)
-        for name in self.changed:
-            last = np.asarray(s.as_array(interpreter.state.kept[GLOBAL, name], name))
-            for read, init, following in zip(reads[name].ravel(), first[name].ravel(), last.ravel(), strict=True):
-                builder.close(int(read), int(init), int(following))
-        return results
+        call = _FunctionCall(self, builder)
+        last = call.run(arguments)
+        for number in self.interface.written:
+            if number.name in self.interface.states:
+                call.close(number, last[number.name])
+        returned = [last[RESULT]] if self.function.result is not None else []
+        results = [*returned, *(last[number.name] for number in self.interface.outputs)]
+        return [int(node) for nodes in results for node in nodes.ravel()]
 
-    def _opened(self, builder: GraphBuilder, name: str, first: Nodes) -> Nodes:
-        if name not in self.changed:
-            return first
-        return np.array([builder.state() for _ in first.ravel()], dtype=np.int64).reshape(first.shape)
+    @property
+    def outputs(self) -> list[str]:
+        """The names of the results."""
+        returned = [self.function.name] if self.function.result is not None else []
+        return [*returned, *(label for number in self.interface.outputs for label in number.labels)]
 
-    def _called(self, interpreter: StatementInterpreter, arguments: Sequence[int]) -> list[int]:
-        values: list[s.SymbolicValue] = []
+    @property
+    def states(self) -> list[str]:
+        """The names of what it keeps between calls."""
+        kept = (number for number in self.interface.written if number.name in self.interface.states)
+        return [label for number in kept for label in number.labels]
+
+    @property
+    def inputs(self) -> list[str]:
+        """The names of the arguments that a call in a model takes."""
+        return [label for number in self.interface.inputs for label in number.labels]
+
+
+class _FunctionCall:
+    """One call of a function, with its states open in a graph."""
+
+    def __init__(self, translated: TranslatedFunction, builder: GraphBuilder) -> None:
+        self.translated, self.builder = translated, builder
+        context = EvaluationContext(builder, functions=dict(translated.functions), library=LIBRARY)
+        self.interpreter = StatementInterpreter(context)
+        self.first: dict[str, Nodes] = {}
+        self.reads: dict[str, Nodes] = {}
+
+    def run(self, arguments: Sequence[int]) -> dict[str, Nodes]:
+        """Run the function; return the nodes of what it returns and writes."""
+        values = self._values(arguments)
+        kept = {static.name for static in self.translated.statics}
+        self.interpreter.state.kept.update({(GLOBAL, name): values[name] for name in kept})
+        definition = self.translated.functions[f"{self.translated.function.name}()"]
+        passed = [values.get(name, s.InvalidValue(f"{name} has no value")) for name in definition.parameters]
+        results = self.interpreter.call(definition, passed, len(definition.results))
+        last = dict(zip(definition.results, results, strict=True))
+        last |= {name: self.interpreter.state.kept[GLOBAL, name] for name in kept}
+        names = {number.name for number in self.translated.interface.written} | {RESULT}
+        return {name: np.asarray(s.as_array(value, name)) for name, value in last.items() if name in names}
+
+    def close(self, number: CNumbers, last: Nodes) -> None:
+        """Set the first and the next values of states."""
+        if last.size != self.reads[number.name].size:
+            raise ProgramError(f"an index of {number.label} is out of range")
+        for parts in zip(self.reads[number.name].ravel(), self.first[number.name].ravel(), last.ravel(), strict=True):
+            self.builder.close(*map(int, parts))
+
+    def _values(self, arguments: Sequence[int]) -> dict[str, s.SymbolicValue]:
+        interface = self.translated.interface
+        values: dict[str, s.SymbolicValue] = {static.name: self.started(static) for static in self.translated.statics}
         inputs = iter(arguments)
-        for argument in self.function.arguments:
-            name = argument.variable.name
-            if argument.mode == "value":
-                interpreter.names[_ARGUMENT] = np.array([[next(inputs)]], dtype=np.int64)
-                tree = converted(Operand(m.Name(_ARGUMENT), DOUBLE), argument.variable.type)
-                values.append(interpreter.nodes(tree, name))
-            else:
-                values.append(s.InvalidValue(f"{name} is read before it is assigned, or not assigned in every case"))
-        definition = self.functions[f"{self.function.name}()"]
-        results = interpreter.call(definition, values, len(definition.results))
-        nodes = []
-        for name, value in zip(definition.results, results, strict=True):
-            array = s.as_array(value, name)
-            if array.size != 1:
-                raise ProgramError(f"the result {name} is an array")
-            nodes.append(int(array.item()))
-        return nodes
+        for number in interface.inputs:
+            nodes = np.array([next(inputs) for _ in number.labels], dtype=np.int64)
+            values[number.name] = self._converted(number, nodes)
+        for number in interface.parameters:
+            values[number.name] = self._converted(number, lookups(self.builder, number, self.translated.prefix))
+        for number in interface.written:
+            if number.name in interface.states:
+                values[number.name] = self._opened(number)
+            elif number.mode:
+                why = f"{number.label} is read before it is assigned, or not assigned in every case"
+                values[number.name] = s.InvalidValue(why) if number.is_result else self.started(number)
+        return values
+
+    def started(self, number: CNumbers) -> Nodes:
+        """Return the nodes of first values; 0 for those of arguments."""
+        if number.first is not None:
+            return np.asarray(self.interpreter.nodes(number.first, number.label))
+        return _shaped(number, np.full(len(number.labels), self.builder.const(0.0), dtype=np.int64))
+
+    def _opened(self, number: CNumbers) -> Nodes:
+        self.first[number.name] = self.started(number)
+        states = [self.builder.state() for _ in number.labels]
+        self.reads[number.name] = _shaped(number, np.array(states, dtype=np.int64))
+        return self.reads[number.name]
+
+    def _converted(self, number: CNumbers, nodes: Nodes) -> Nodes:
+        """Return numbers in the type that C stores them in."""
+        tree = converted(COperand(m.Name(_NUMBER), DOUBLE), number.leaf.type)
+        results = []
+        for node in nodes:
+            self.interpreter.names[_NUMBER] = np.array([[int(node)]], dtype=np.int64)
+            results.append(int(self.interpreter.nodes(tree, number.label).item()))
+        return _shaped(number, np.array(results, dtype=np.int64))
 
 
-def translate(file: CFile, function: CFunctionDeclaration) -> TranslatedFunction:
-    """Translate a function of a file with all functions that it calls; `problems` lists what is not supported."""
-    shared, statics, problems = translate_shared(file)
-    functions: dict[str, m.FunctionDefinition] = {}
-    remarks: dict[str, None] = {}
-    waiting = [function.name]
+def _shaped(number: CNumbers, nodes: Nodes) -> Nodes:
+    sizes = number.leaf.sizes
+    return nodes.reshape(sizes if len(sizes) > 1 else (-1, 1))
+
+
+def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> TranslatedFunction:
+    """Translate a function of a file with all functions that it calls; `problems` lists what is not supported.
+
+    Args:
+        file: the declarations of the file.
+        function: the function.
+        prefix: text that precedes the names of its calibration values.
+    """
+    shared, parts, unreadable = translate_shared(file)
+    translations = {name: FunctionTranslation(file, declared, shared) for name, declared in file.functions.items()}
+    functions = {f"{name}()": translation.translate() for name, translation in translations.items()}
+    called = [translations[name] for name in _called(function.name, translations)]
+    problems = [problem for translation in called for problem in translation.problems]
+    reasons = {f"{_UNKNOWN}{problem.name}": problem for problem in unreadable}
+    problems = list(
+        {id(problem): problem for problem in (reasons.get(each.message, each) for each in problems)}.values()
+    )
+    statics = [static_numbers(part, file) for part in parts]
+    statics += [static_numbers(part, file) for translation in called for part in translation.statics]
+    arguments = list(argument_numbers(function))
+    usage = usage_of(f"{function.name}()", functions)
+    problems += _wrong_arguments(arguments, usage)
+    if not problems:
+        problems += [problem for translation in called for problem in _aliases(translation.passed, functions)]
+    others = {name for own in functions for name in usage_of(own, functions).writes}
+    interface = find_interface(arguments, statics, usage, others)
+    statics = [static for static in statics if static.name in usage.reads or static.name in usage.writes]
+    remarks = dict.fromkeys(remark for translation in called for remark in translation.remarks)
+    whole = TranslatedFunction(
+        function, functions, tuple(statics), interface, prefix=prefix, remarks=tuple(remarks), problems=tuple(problems)
+    )
+    return whole if problems else _completed(whole, usage)
+
+
+def _called(name: str, translations: Mapping[str, FunctionTranslation]) -> Iterator[str]:
+    """Yield the names of a function and of all that it calls."""
+    waiting, seen = [name], {name}
     while waiting:
-        name = waiting.pop()
-        if f"{name}()" in functions:
-            continue
-        translation = FunctionTranslation(file, file.functions[name], shared)
-        functions[f"{name}()"] = translation.translate()
-        statics += translation.statics
-        problems += translation.problems
-        remarks |= translation.remarks
-        waiting += [
-            called for called in file.functions if f"{called}()" not in functions and called in translation.calls
-        ]
-    changed = frozenset(_assigned(functions.values())) & {static.variable.name for static in statics}
-    for argument in function.arguments:
-        if argument.mode == "input" or argument.variable.is_array:
-            message = f"the argument {argument.variable.name} is an array; arguments must be numbers"
-            problems.append(UnsupportedCError(message, function.line, wrong=True))
-    if function.result is None and not function.outputs:
-        problems.append(UnsupportedCError(f"{function.name} has no result", function.line, wrong=True))
-    whole = TranslatedFunction(function, functions, tuple(statics), changed, tuple(remarks))
-    problems = problems or _trial(whole)
-    return TranslatedFunction(function, functions, tuple(statics), changed, tuple(remarks), tuple(problems))
+        name = waiting.pop(0)
+        yield name
+        following = [other for other in translations[name].calls if other not in seen]
+        seen.update(following)
+        waiting += following
 
 
-def _trial(translated: TranslatedFunction) -> list[UnsupportedCError]:
-    """Write the function once, to see whether a graph can express it."""
-    builder = BoundedGraphBuilder()
-    names = [x.variable.name for x in translated.function.arguments if x.mode == "value"]
+def _wrong_arguments(arguments: Iterable[CNumbers], usage: Usage) -> Iterator[UnsupportedCError]:
+    for number in arguments:
+        if 0 in number.leaf.sizes and (number.name in usage.reads or number.name in usage.writes):
+            message = f"the argument {number.label} is an array of unknown size; write its size, as in float x[4]"
+            yield UnsupportedCError(message, number.line)
+
+
+def _aliases(
+    passed: Sequence[PassedNames], functions: Mapping[str, m.FunctionDefinition]
+) -> Iterator[UnsupportedCError]:
+    """Yield problems of calls that pass the address of a number which the function can change by another name."""
+    for call in passed:
+        usage = usage_of(f"{call.function}()", functions)
+        for name in dict.fromkeys(call.names):
+            is_twice = call.names.count(name) > 1 and name in call.changed
+            is_shared = name in usage.writes or (name in usage.reads and name in call.changed)
+            if is_twice or (is_shared and (name.startswith(".") or "()." in name)):
+                label = name.removeprefix(".")
+                message = f"{call.function} can change {label} by two names, which is not supported"
+                yield UnsupportedCError(message, call.line)
+
+
+def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
+    """Return a function with its outputs, states and calibration values, after it was written once."""
     try:
-        translated.write(builder, [builder.input(name) for name in names])
+        whole = replace(whole, interface=_settled(whole, usage), values=_calibration_values(whole))
+        if not whole.outputs:
+            message = f"{whole.function.name} has no result: it returns and writes nothing"
+            raise ProgramError(message, line=whole.function.line)
+        builder = BoundedGraphBuilder()
+        whole.write(builder, [builder.input(name) for name in whole.inputs])
     except ProgramError as error:
-        return [UnsupportedCError(error.message, error.line or translated.function.line)]
+        problem = UnsupportedCError(error.message, error.line or whole.function.line)
+    except UnsupportedCError as error:
+        problem = error
     except (AbortedPathError, GraphTooLargeError, RecursionError):
-        return [UnsupportedCError("it is too large or nested too deeply", translated.function.line)]
-    return []
+        problem = UnsupportedCError("it is too large or nested too deeply", whole.function.line)
+    else:
+        return whole
+    return replace(whole, problems=(problem,))
 
 
-def _assigned(functions: Iterable[m.FunctionDefinition]) -> set[str]:
-    """Return the names of all variables that functions assign."""
-    names: set[str] = set()
-    waiting: list[m.Statement] = [statement for function in functions for statement in function.body]
+def _settled(whole: TranslatedFunction, usage: Usage) -> Interface:
+    """Return the interface with outputs and states: a value matters if the graph of the next values reads it."""
+    everything = frozenset(number.name for number in whole.interface.written if not number.is_result)
+    trial = replace(whole, interface=replace(whole.interface, states=everything))
+    builder = BoundedGraphBuilder()
+    call = _FunctionCall(trial, builder)
+    last = call.run([builder.input(name) for name in whole.inputs])
+    seen = _ancestors(builder, (int(node) for nodes in last.values() for node in nodes.ravel()))
+    held = {name for name, nodes in call.reads.items() if not seen.isdisjoint(nodes.ravel().tolist())}
+    return settle(whole.interface, usage, held, returns=whole.function.result is not None)
+
+
+def _ancestors(builder: GraphBuilder, nodes: Iterable[int]) -> set[int]:
+    seen = set(nodes)
+    waiting = list(seen)
     while waiting:
-        match waiting.pop():
-            case m.Assign(targets, _):
-                names |= {assigned_name(target) for target in targets if target is not None}
-            case m.If(branches, otherwise):
-                waiting += [statement for branch in branches for statement in branch.body]
-                waiting += otherwise
-            case m.While(_, body):
-                waiting += body
-    return names
+        arguments = [node for node in builder.nodes[waiting.pop()].args if node not in seen]
+        seen.update(arguments)
+        waiting += arguments
+    return seen
+
+
+def _calibration_values(whole: TranslatedFunction) -> ParameterSet:
+    call = _FunctionCall(whole, GraphBuilder())
+    parameters = []
+    for number in whole.interface.parameters:
+        nodes = call.started(number)
+        values = call.interpreter.context.numbers(nodes, number.label)
+        if values is None:
+            raise UnsupportedCError(f"the first value of {number.label} is not a constant", number.line)
+        parameters.append(parameter_of(number, values.ravel().tolist(), whole.prefix))
+    return ParameterSet(parameters)

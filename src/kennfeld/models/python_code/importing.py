@@ -5,13 +5,13 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
 
-from kennfeld.errors import ArgumentError, Finding, Location
+from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.model import Model
-from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, as_model
+from kennfeld.models.model_function import FunctionInput, FunctionOutput, FunctionSummary, ModelFunction, as_model
 from kennfeld.models.python_code.calling import function_of_file, living_function
-from kennfeld.models.python_code.reading import PythonFunction, read_python_function
+from kennfeld.models.python_code.reading import PythonFunction, function_names, read_python_function
 from kennfeld.models.python_code.translation import UntranslatableError, translate
 
 
@@ -33,6 +33,25 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         called = function_of_file(path, function, source.digest, len(source.inputs), len(outputs))
         write, remarks = _Call(called).write, (_remark(source, error),)
     return ModelFunction(name or function, source.inputs, outputs, write, source=str(path), remarks=remarks)
+
+
+def list_functions(path: Path) -> list[FunctionSummary]:
+    """Return the functions of a Python file with their arguments and results, without running it.
+
+    Raises:
+        InputError: the file is not Python.
+    """
+    return [_summary(path, name) for name in function_names(path)]
+
+
+def _summary(path: Path, name: str) -> FunctionSummary:
+    try:
+        source = read_python_function(path, name)
+    except InputError as error:
+        return FunctionSummary(name, (), (), error.findings[0].message)
+    defaults = ["" if item.default is None else f" = {item.default:g}" for item in source.inputs]
+    arguments = tuple(f"{item.name}{text}" for item, text in zip(source.inputs, defaults, strict=True))
+    return FunctionSummary(name, arguments, source.results)
 
 
 def function(

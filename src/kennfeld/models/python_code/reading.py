@@ -47,10 +47,7 @@ def read_python_function(path: Path, name: str) -> PythonFunction:
     Raises:
         InputError: the file is not Python or has no such function, or its arguments are not numbers.
     """
-    with convert_errors(path, "the file cannot be read"):
-        content = path.read_bytes()
-    tree = _parsed(content, path)
-    functions = {item.name: item for item in tree.body if isinstance(item, ast.FunctionDef)}
+    content, tree, functions = _read(path)
     if name not in functions:
         listed = f"The file has {', '.join(list(functions)[:8])}." if functions else "The file has no functions."
         raise InputError.of(Location(path.name), f"no function {name}", nearest(name, functions) or listed)
@@ -62,6 +59,22 @@ def read_python_function(path: Path, name: str) -> PythonFunction:
     findings.finish()
     modules = dict(_modules(tree))
     return PythonFunction(path, digest_of(content), function, inputs, results, constants, modules, functions)
+
+
+def function_names(path: Path) -> list[str]:
+    """Return the names of the functions of a Python file.
+
+    Raises:
+        InputError: the file is not Python.
+    """
+    return list(_read(path)[2])
+
+
+def _read(path: Path) -> tuple[bytes, ast.Module, dict[str, ast.FunctionDef]]:
+    with convert_errors(path, "the file cannot be read"):
+        content = path.read_bytes()
+    tree = _parsed(content, path)
+    return content, tree, {item.name: item for item in tree.body if isinstance(item, ast.FunctionDef)}
 
 
 def _parsed(content: bytes, path: Path) -> ast.Module:

@@ -1,0 +1,301 @@
+"""Structs of C: their members, and the numbers that they consist of."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import field
+from typing import Final, NamedTuple, TypeAlias
+
+from pycparser import c_ast
+
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.models.c_code.number_types import KNOWN_TYPES, CType, UnsupportedCError, number_type
+
+Sizes: TypeAlias = tuple[int, ...]
+MAX_SIZE: Final = 100_000  # numbers of a variable
+_MAX_NESTING: Final = 20
+
+
+@dataclass(frozen=True)
+class OpaqueType:
+    """A type that code may declare, but not use: a union, a function; `tag` is that of a struct not defined yet."""
+
+    reason: str
+    tag: str = ""
+
+
+@dataclass(frozen=True)
+class CStructType:
+    """A struct by its members, in order."""
+
+    name: str
+    members: "tuple[Member, ...]"
+
+    def member(self, name: str) -> "Member":
+        """Return a member; raises `UnsupportedCError` if there is none of this name, or it cannot be used."""
+        for member in self.members:
+            if member.name == name:
+                if isinstance(member.declared.type, OpaqueType):
+                    raise UnsupportedCError(f"the member {name} is {member.declared.type.reason}: not supported")
+                return member
+        raise UnsupportedCError(f"{self.name} has no member {name}", wrong=True)
+
+
+ObjectType: TypeAlias = CType | CStructType | OpaqueType
+
+
+@dataclass(frozen=True)
+class DeclaredType:
+    """What a declaration says of a variable: the type of its elements, the sizes of an array, and qualifiers.
+
+    Attributes:
+        type: type of the elements.
+        sizes: sizes of an array, 0 where none is written.
+        is_pointer: True for the address of such an object.
+        is_constant: True if the object cannot be assigned; behind a pointer, the object and not the pointer.
+        is_volatile: True if the object may change between calls: a calibration value, if it is constant as well.
+    """
+
+    type: ObjectType
+    sizes: Sizes = ()
+    is_pointer: bool = False
+    is_constant: bool = False
+    is_volatile: bool = False
+
+
+class Member(NamedTuple):
+    """A member of a struct."""
+
+    name: str
+    declared: DeclaredType
+
+
+class Leaf(NamedTuple):
+    """The numbers of a struct under one path of members.
+
+    Attributes:
+        path: the members, such as `.filter.state`; empty for a number that is no member.
+        type: type of the numbers.
+        sizes: sizes of the array that they are, those of arrays of structs first.
+        is_constant: True if one of the members is constant.
+        owner: the struct that the numbers belong to: path and name of the last one behind a pointer.
+    """
+
+    path: str
+    type: CType
+    sizes: Sizes = ()
+    is_constant: bool = False
+    owner: tuple[str, str] = ("", "")
+
+
+def leaves_of(kind: ObjectType, sizes: Sizes = ()) -> Iterator[Leaf]:
+    """Yield the numbers of a type; those of members that cannot be used are left out."""
+    yield from _leaves(kind, Leaf("", CType(""), sizes, owner=("", _name(kind))))
+
+
+def _leaves(kind: ObjectType, leaf: Leaf) -> Iterator[Leaf]:
+    if isinstance(kind, CType):
+        yield leaf._replace(type=kind)
+    elif isinstance(kind, CStructType):
+        for name, declared in kind.members:
+            path = f"{leaf.path}.{name}"
+            owner = (path, _name(declared.type)) if declared.is_pointer else leaf.owner
+            is_constant = leaf.is_constant or declared.is_constant
+            sizes = (*leaf.sizes, *declared.sizes)
+            yield from _leaves(
+                declared.type, leaf._replace(path=path, sizes=sizes, is_constant=is_constant, owner=owner)
+            )
+
+
+def _name(kind: ObjectType) -> str:
+    return "" if isinstance(kind, OpaqueType) else kind.name
+
+
+@dataclass(eq=False)
+class TypeTable:
+    """The types that a file names: its typedefs, the tags of its structs, and the constants of its enumerations."""
+
+    typedefs: dict[str, DeclaredType] = field(
+        default_factory=lambda: {name: DeclaredType(kind) for name, kind in KNOWN_TYPES.items()}
+    )
+    structs: dict[str, CStructType] = field(default_factory=dict)
+    constants: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def numbers(self) -> Mapping[str, CType]:
+        """The names of number types."""
+        return {
+            name: declared.type
+            for name, declared in self.typedefs.items()
+            if isinstance(declared.type, CType) and not declared.sizes and not declared.is_pointer
+        }
+
+    def declared(self, tree: c_ast.Node, depth: int = 0) -> DeclaredType:
+        """Return what a declaration says."""
+        if depth > _MAX_NESTING:
+            raise UnsupportedCError("types nested too deeply", _line(tree))
+        match tree:
+            case c_ast.Decl() | c_ast.Typename() | c_ast.Typedef():
+                inner = self.declared(tree.type, depth + 1)
+                return _qualified(inner, tree.quals or ())
+            case c_ast.TypeDecl():
+                return _qualified(self.declared(tree.type, depth + 1), tree.quals or ())
+            case c_ast.ArrayDecl():
+                size = 0 if tree.dim is None else constant_integer(tree.dim, self.constants)
+                inner = self.declared(tree.type, depth + 1)
+                if inner.is_pointer:
+                    return DeclaredType(OpaqueType("an array of pointers"))
+                return _changed(inner, sizes=(size, *inner.sizes))
+            case c_ast.PtrDecl():
+                inner = self.declared(tree.type, depth + 1)
+                if inner.is_pointer:
+                    return DeclaredType(OpaqueType("a pointer to a pointer"))
+                if isinstance(inner.type, OpaqueType):
+                    return DeclaredType(OpaqueType(f"a pointer to {inner.type.reason}"))
+                return _changed(inner, is_pointer=True)
+            case c_ast.IdentifierType(names=[name]) if name in self.typedefs:
+                known = self.typedefs[name]
+                tag = known.type.tag if isinstance(known.type, OpaqueType) else ""
+                return _changed(known, type=self.structs[tag]) if tag in self.structs else known
+            case c_ast.IdentifierType(names=["void"]):
+                return DeclaredType(OpaqueType("void"))
+            case c_ast.Struct():
+                return DeclaredType(self._struct(tree, depth))
+            case c_ast.Union():
+                return DeclaredType(OpaqueType("a union"))
+            case c_ast.FuncDecl():
+                return DeclaredType(OpaqueType("a function"))
+        return DeclaredType(number_type(tree, self.numbers, _line(tree)))
+
+    def _struct(self, tree: c_ast.Struct, depth: int) -> ObjectType:
+        if tree.decls is None:
+            if tree.name in self.structs:
+                return self.structs[tree.name]
+            return OpaqueType(f"struct {tree.name}, whose members are not known", str(tree.name))
+        members = []
+        for item in tree.decls:
+            if not isinstance(item, c_ast.Decl) or not item.name:
+                members.append(Member("", DeclaredType(OpaqueType("a member without a name"))))
+                continue
+            kind = DeclaredType(OpaqueType("a bit field")) if item.bitsize is not None else self._member(item, depth)
+            members.append(Member(str(item.name), kind))
+        struct = CStructType(f"struct {tree.name}" if tree.name else "the struct", tuple(members))
+        if tree.name:
+            self.structs[tree.name] = struct
+        return struct
+
+    def _member(self, tree: c_ast.Decl, depth: int) -> DeclaredType:
+        try:
+            declared = self.declared(tree, depth + 1)
+        except UnsupportedCError as error:
+            return DeclaredType(OpaqueType(error.message))
+        if declared.is_pointer and isinstance(declared.type, CType):
+            return DeclaredType(OpaqueType("a pointer"))
+        return declared
+
+    def typedef(self, tree: c_ast.Typedef) -> None:
+        """Note a type; one that cannot be used is an error where it is used."""
+        try:
+            declared = self.declared(tree)
+        except UnsupportedCError as error:
+            declared = DeclaredType(OpaqueType(error.message))
+        struct = declared.type
+        if isinstance(struct, CStructType) and struct.name == "the struct":
+            declared = _changed(declared, type=CStructType(str(tree.name), struct.members))
+        self.typedefs[str(tree.name)] = declared
+
+    def enumerate(self, tree: c_ast.Node) -> None:
+        """Note the constants of the enumerations that a declaration defines."""
+        for enumeration in enumerations(tree):
+            self.constants |= enumeration_constants(enumeration, self.constants)
+
+
+def _line(tree: c_ast.Node) -> int:
+    return int(tree.coord.line) if tree.coord is not None else 0
+
+
+def _changed(declared: DeclaredType, **changes: object) -> DeclaredType:
+    names = ("type", "sizes", "is_pointer", "is_constant", "is_volatile")
+    return DeclaredType(**{**{name: getattr(declared, name) for name in names}, **changes})
+
+
+def _qualified(declared: DeclaredType, qualifiers: list[str] | tuple[str, ...]) -> DeclaredType:
+    if declared.is_pointer:
+        return declared  # qualifiers behind the asterisk are of the pointer
+    return _changed(
+        declared,
+        is_constant=declared.is_constant or "const" in qualifiers,
+        is_volatile=declared.is_volatile or "volatile" in qualifiers,
+    )
+
+
+def enumerations(tree: c_ast.Node) -> Iterator[c_ast.Enum]:
+    """Yield the enumerations that a declaration defines."""
+    if isinstance(tree, c_ast.Enum):
+        yield tree
+    elif isinstance(tree, c_ast.Decl | c_ast.Typedef | c_ast.TypeDecl | c_ast.ArrayDecl | c_ast.PtrDecl):
+        yield from enumerations(tree.type)
+    elif isinstance(tree, c_ast.Struct):
+        for item in tree.decls or ():
+            yield from enumerations(item)
+
+
+def enumeration_constants(tree: c_ast.Enum, known: Mapping[str, int]) -> dict[str, int]:
+    """Return the constants of an enumeration."""
+    result: dict[str, int] = {}
+    number = 0
+    for item in tree.values.enumerators if tree.values is not None else ():
+        if item.value is not None:
+            number = constant_integer(item.value, {**known, **result})
+        result[item.name] = number
+        number += 1
+    return result
+
+
+def constant_integer(tree: c_ast.Node | None, known: Mapping[str, int]) -> int:
+    """Return a constant integer, such as the size of an array."""
+    match tree:
+        case c_ast.Constant(type=kind, value=text) if "int" in kind or kind == "char":
+            return integer_literal(text)
+        case c_ast.ID(name=name) if name in known:
+            return known[name]
+        case c_ast.Cast(expr=operand):
+            return constant_integer(operand, known)
+        case c_ast.UnaryOp(op="-", expr=operand):
+            return -constant_integer(operand, known)
+        case c_ast.UnaryOp(op="+", expr=operand):
+            return constant_integer(operand, known)
+        case c_ast.BinaryOp(op=("+" | "-" | "*" | "/" | "<<" | ">>") as op, left=left, right=right):
+            a, b = constant_integer(left, known), constant_integer(right, known)
+            if op in ("<<", ">>") and not 0 <= b < 63:
+                raise UnsupportedCError(f"a shift by {b}", _line(tree))
+            if op == "/" and (b == 0 or a < 0 or b < 0):
+                raise UnsupportedCError(f"the division {a} / {b}", _line(tree))
+            rules = {"+": lambda: a + b, "-": lambda: a - b, "*": lambda: a * b, "/": lambda: a // b}
+            return {**rules, "<<": lambda: a << b, ">>": lambda: a >> b}[op]()
+    raise UnsupportedCError("a constant integer is required", _line(tree) if tree is not None else 0)
+
+
+def integer_literal(text: str) -> int:
+    r"""Return the number of an integer or character.
+
+    >>> integer_literal("0x1Fu"), integer_literal("017"), integer_literal("'a'"), integer_literal(r"'\n'")
+    (31, 15, 97, 10)
+    """
+    if text.startswith("'"):
+        escapes = {"\\n": 10, "\\t": 9, "\\0": 0, "\\\\": 92, "\\'": 39, "\\r": 13}
+        inner = text[1:-1]
+        if inner in escapes:
+            return escapes[inner]
+        if len(inner) != 1:
+            raise UnsupportedCError(f"the character {text[:20]} is not supported")
+        return ord(inner)
+    digits = text.rstrip("uUlL")
+    try:
+        if digits[:2].casefold() in ("0x", "0b"):
+            number = int(digits, 0)
+        else:
+            number = int(digits, 8 if digits.startswith("0") and len(digits) > 1 else 10) if len(digits) < 25 else 2**70
+    except ValueError:
+        raise UnsupportedCError(f"{text[:30]} is not an integer", wrong=True) from None
+    if number >= 2**64:
+        raise UnsupportedCError(f"the number {text[:30]} is too large")
+    return number
