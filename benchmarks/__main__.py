@@ -25,6 +25,7 @@ TOPICS = {
     "app": "benchmarks.app",
     "nist": "benchmarks.nist",
     "sets": "benchmarks.sets",
+    "fmu": "benchmarks.fmu",
 }
 
 
