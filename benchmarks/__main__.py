@@ -26,6 +26,7 @@ TOPICS = {
     "app": "benchmarks.app",
     "nist": "benchmarks.nist",
     "sets": "benchmarks.sets",
+    "fmu": "benchmarks.fmu",
 }
 
 

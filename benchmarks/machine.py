@@ -8,7 +8,19 @@ from pathlib import Path
 
 __all__ = ["PACKAGES", "heading", "load"]
 
-PACKAGES = ("kennfeld", "numpy", "scipy", "llvmlite", "lmfit", "casadi", "optimistix", "jax", "optimagic", "pyceres")
+PACKAGES = (
+    "kennfeld",
+    "numpy",
+    "scipy",
+    "llvmlite",
+    "lmfit",
+    "casadi",
+    "optimistix",
+    "jax",
+    "optimagic",
+    "pyceres",
+    "fmpy",
+)
 
 
 def processor() -> str:

@@ -36,11 +36,11 @@ def agreeing_columns(
         point: the start.
         magnitudes: orders of magnitude of the arguments.
     """
-    rng = np.random.default_rng(0)
     own = kinds.copy()
     agree, compared = own != SKIPPED, np.zeros(len(own), dtype=bool)
     for number in range(_POINTS):
-        near = point + (number > 0) * _SPREAD * magnitudes * rng.uniform(-1.0, 1.0, len(point)) * (own != SKIPPED)
+        spread = np.sin(number * np.arange(1.0, len(point) + 1.0))  # 0 at the first point; no two arguments in step
+        near = point + _SPREAD * spread * magnitudes * (own != SKIPPED)
         slopes = []
         for kind in (DIFFERENCES, DIRECTIONAL):
             kinds[:] = np.where(own == SKIPPED, SKIPPED, kind)
