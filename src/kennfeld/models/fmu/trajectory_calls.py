@@ -28,7 +28,7 @@ class TrajectoryCalls:
         self.outputs = _order(outputs_of(description), description.number_outputs)
         taken = 2 + layout.arguments
         self.start = ExternalFunction(
-            f"{path.stem} start", taken + layout.parameters.size, 1, f"{_MODULE}:load_start", arguments
+            f"{path.stem} start", taken + layout.set_at_start, 1, f"{_MODULE}:load_start", arguments
         )
         self.step = ExternalFunction(
             path.stem, taken, layout.results, f"{_MODULE}:load_step", arguments, sequential=True
