@@ -27,6 +27,7 @@ UNEVEN_SHARE = 1e-3  # of the step, by which the steps of an FMU that needs equa
 
 _LOCK, _INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT, _OUTPUTS = range(12)
 _RUNNING, _FAILED, _ENDED = range(3)  # states of a trajectory
+_LAST_TIME, _TERMINATED = 2, 3  # kinds of status of FMI 2.0
 _LINE = 16  # words of 8 bytes that no two processors should write at once
 _NAN = literal(float("nan"))
 
@@ -94,7 +95,8 @@ def trajectory_functions(layout: TrajectoryLayout) -> Sequence[str]:
     """Return the names of the functions of the library that the code calls."""
     second = layout.version == "2.0"
     names = ["Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
-    names += ["Instantiate", "SetupExperiment"] if second else ["InstantiateCoSimulation"]
+    names += ["Instantiate", "SetupExperiment", "GetBooleanStatus", "GetRealStatus"] if second else []
+    names += [] if second else ["InstantiateCoSimulation"]
     names += [f"Set{group.type.access}" for group in (*layout.parameters, *layout.inputs)]
     names += [f"Get{group.type.access}" for group in layout.outputs]
     return [f"fmi{layout.version[0]}{name}" for name in dict.fromkeys(names)]
@@ -385,6 +387,7 @@ def _do_step(calls: _SlotCalls, point: str, length: str, time: str) -> None:
     f = calls.f
     if calls.second:
         calls("DoStep", f"double {point}", f"double {length}", "i32 1")
+        _find_end(calls, length, time)
         calls.check(time)
         return
     flags, reached = f.slot("i8", 3), f.slot("double")
@@ -399,6 +402,24 @@ def _do_step(calls: _SlotCalls, point: str, length: str, time: str) -> None:
     with calls.running(), f.when(ended):
         f.store(str(_ENDED), "%slot", _STATE, "i64")
         calls.report(TERMINATED, time)
+
+
+def _find_end(calls: _SlotCalls, length: str, time: str) -> None:
+    """End the trajectory if the FMU discarded the step because the simulation ends; FMI 2.0 has no other way."""
+    f = calls.f
+    ended, reached = f.slot("i32"), f.slot("double")
+    with f.when(f.new(f"icmp eq i32 {f.load(calls.worst, kind='i32')}, {DISCARD}")):
+        f.store("0", ended, kind="i32")
+        f.store(_NAN, reached)
+        instance = f"ptr {f.load(calls.slot, _INSTANCE, 'ptr')}"
+        f.new(f"call i32 {calls.memory('fmi2GetBooleanStatus')}({instance}, i32 {_TERMINATED}, ptr {ended})")
+        f.new(f"call i32 {calls.memory('fmi2GetRealStatus')}({instance}, i32 {_LAST_TIME}, ptr {reached})")
+        with f.when(f.new(f"icmp ne i32 {f.load(ended, kind='i32')}, 0")):
+            least = f.new(f"fsub double {time}, {f.fmul(literal(UNEVEN_SHARE), length)}")
+            complete = f.new(f"fcmp oge double {f.load(reached)}, {least}")
+            f.store(f.new(f"select i1 {complete}, i64 {_ENDED}, i64 {_FAILED}"), calls.slot, _STATE, "i64")
+            f.store("0", calls.worst, kind="i32")
+            calls.report(TERMINATED, time)
 
 
 def _even_step(calls: _SlotCalls, time: str, distance: str) -> tuple[str, str]:
