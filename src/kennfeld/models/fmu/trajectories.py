@@ -111,7 +111,7 @@ class FmuTrajectories:
         control[REUSED] = 1
         self._keep("control", control)
         self._keep("slots", np.zeros(layout.words * layout.slots, dtype=np.int64))
-        self._keep_references(layout.parameters, self.description.parameters)
+        self._keep_references(layout.parameters, set_at_start(self.description))
         self._keep_references(layout.inputs, inputs_of(self.description))
         self._keep_references(layout.outputs, outputs_of(self.description))
         self._provide("report", self.reports.address)
@@ -147,7 +147,7 @@ class FmuTrajectories:
     def _trial(self, inputs: Float) -> Float:
         """Return the outputs of the first samples with constant inputs, Float[samples, outputs]."""
         description, size = self.description, self.layout.results
-        parameters = [_start_of(v, k) for v in description.parameters for k in range(v.size)]
+        parameters = [_start_of(v, k) for v in set_at_start(description) for k in range(v.size)]
         ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
         start = np.array([0.0, 0.0, *inputs, *parameters])
         self.start.call(start.ctypes.data, ticket.ctypes.data, None)
@@ -180,12 +180,17 @@ def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLay
     return TrajectoryLayout(
         version=version,
         prefix=prefix,
-        parameters=group_numbers("parameters", version, description.parameters),
+        parameters=group_numbers("parameters", version, set_at_start(description)),
         inputs=group_numbers("inputs", version, inputs_of(description)),
         outputs=group_numbers("outputs", version, outputs_of(description)),
         even=not interface.variable_step,
         slots=1 if interface.single else SLOTS,
     )
+
+
+def set_at_start(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the parameters, and the states whose values at the start can be set; all of them are doubles."""
+    return (*description.parameters, *description.started_states)
 
 
 def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
