@@ -3,6 +3,8 @@ from lag_fmu import DESCRIPTIONS, pack
 
 from kennfeld.terminal.file_info import describe_file
 
+GEAR = 'name="u" valueReference="3" causality="input"><Integer start="0"/>'
+
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_is_described_without_its_code(tmp_path, version):
@@ -25,3 +27,15 @@ def test_an_fmu_that_cannot_be_used_is_described_with_the_reason(tmp_path):
     assert "FMI 2.0 for co-simulation, no platform" in info.summary
     assert info.notes[0].startswith("has libraries for no platform, not for ")
     assert not info.as_json["usable"]
+
+
+def test_inputs_and_outputs_of_co_simulation_are_numbers_of_all_types(tmp_path):
+    text = DESCRIPTIONS[2]().replace("<ModelExchange", "<CoSimulation")
+    text = text.replace('name="u" valueReference="3" causality="input"><Real start="0" unit="Nm"/>', GEAR)
+    broken = tmp_path / "lag.so"
+    broken.write_bytes(b"no library")
+    info = describe_file(pack(tmp_path / "lag.fmu", text, library=broken))
+    assert [table[0][0] for table in info.tables if len(table) > 1] == ["input", "parameter", "output"]
+    assert info.tables[0][1:] == [("u", "")]
+    assert info.notes[1].startswith("co-simulation: ")
+    assert info.as_json["interface"] == "co-simulation"

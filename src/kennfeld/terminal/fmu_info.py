@@ -22,23 +22,28 @@ def describe_fmu(path: Path) -> FileInfo:
     """
     from kennfeld.models.fmu.fmu_archive import read_archive
     from kennfeld.models.fmu.fmu_parameters import parameters_of
-    from kennfeld.models.fmu.importing import find_obstacles, find_remarks, usable_interface
+    from kennfeld.models.fmu.importing import (
+        CO_SIMULATION,
+        INTERFACES,
+        find_obstacles,
+        find_remarks,
+        usable_interface,
+    )
 
     description = read_archive(path)
-    interfaces = _interfaces(description)
+    interfaces, used = _interfaces(description), usable_interface(description, path)
     inputs = [(name, v.unit) for v in description.number_inputs for name in v.elements]
     outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
     states = [(name, v.unit, _start(v.start, k)) for v in description.states for k, name in enumerate(v.elements)]
     variability = {v.name: v.variability for v in description.parameters}
     parameters = parameters_of(description.parameters).parameters.parameters
-    used = usable_interface(description, path)
     obstacles = find_obstacles(description, path, used)
     notes = [finding.message for finding in obstacles or find_remarks(description, path, used)]
     platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
     tables: list[Table] = [
         [("input", "unit"), *inputs],
         [("parameter", "kind", "unit", "start", "minimum", "maximum", ""), *_parameter_rows(parameters, variability)],
-        [("state", "unit", "start"), *states],
+        [("state", "unit", "start"), *([] if used == CO_SIMULATION else states)],
         [("output", "unit"), *outputs],
     ]
     summary = f"{path.name}: FMI {description.version} for {' and '.join(interfaces) or 'no interface'}, {platforms}"
@@ -50,6 +55,7 @@ def describe_fmu(path: Path) -> FileInfo:
         "name": description.name,
         "tool": description.tool,
         "interfaces": interfaces,
+        "interface": INTERFACES[used],
         "platforms": list(description.platforms),
         "step": description.step,
         "event_indicators": description.indicators,

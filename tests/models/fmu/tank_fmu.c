@@ -5,7 +5,7 @@
  * Outputs:                    y = x + sum of (i + 1) table[i],  steps (integer),  high (boolean, x > 1)
  *
  * `gain` is tunable, `tau`, `level` and `table[1..3]` are fixed. From t = `at` on, a step returns the status `fault`; 6 is
- * an early return, 7 the end of the simulation (FMI 3.0). tau <= 0 is an error at initialization. With -DSINGLE there is
+ * an early return (FMI 3.0), 7 the end of the simulation. tau <= 0 is an error at initialization. With -DSINGLE there is
  * one instance at a time, with -DNO_RESET fmi2Reset fails, with -DLAZY_RESET it keeps the state x for the next start, and
  * with -DEVEN steps must have the length of the first one.
  */
@@ -19,7 +19,7 @@ enum { TIME, FLOW, MODE, OPEN, Y, STEPS, HIGH, GAIN, TAU, LEVEL, FAULT, AT, TABL
 typedef void (*Log)(void);
 typedef struct {
     double time, flow, x, gain, tau, level, fault, at, table[3], step;
-    int mode, open, steps, initialized;
+    int mode, open, steps, initialized, ended;
     void *environment;
     Log log;
 } Tank;
@@ -95,6 +95,9 @@ static int initialize(Tank *m) {
 
 static int step(Tank *m, double t, double h) {
     if (fabs(t - m->time) > 1e-9 || h <= 0.0) return 3;
+#if FMI == 2
+    m->ended = t + h >= m->at - 1e-9 && m->fault == 7;
+#endif
     if (t + h >= m->at - 1e-9 && m->fault >= 2 && m->fault < 6) {
         say(m, (int)m->fault, "the tank leaks");
         return (int)m->fault;
@@ -106,7 +109,7 @@ static int step(Tank *m, double t, double h) {
     m->x += h * (m->open ? m->flow * m->gain : 0.0) - h * m->x / m->tau;
     m->steps++;
     m->time = t + h;
-    return 0;
+    return m->ended ? 2 : 0;
 }
 
 #define EACH for (size_t i = 0; i < n; i++)
@@ -134,6 +137,8 @@ int fmi2GetReal(void *c, const unsigned *r, size_t n, double *v) {
 int fmi2GetInteger(void *c, const unsigned *r, size_t n, int *v) { v[0] = ((Tank *)c)->steps; return r[0] == STEPS ? 0 : 3; }
 int fmi2GetBoolean(void *c, const unsigned *r, size_t n, int *v) { v[0] = ((Tank *)c)->x > 1.0; return r[0] == HIGH ? 0 : 3; }
 int fmi2DoStep(void *c, double t, double h, int keep) { return step(c, t, h); }
+int fmi2GetBooleanStatus(void *c, int kind, int *value) { *value = kind == 3 && ((Tank *)c)->ended; return 0; }
+int fmi2GetRealStatus(void *c, int kind, double *value) { *value = ((Tank *)c)->time; return kind == 2 ? 0 : 2; }
 int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *names) { return 0; }
 #else
 #define F(name) fmi3##name
@@ -190,7 +195,7 @@ void F(FreeInstance)(void *c) {
     STUB(GetTypesPlatform) STUB(GetVersion) STUB(GetString) STUB(SetString) STUB(GetFMUstate) STUB(SetFMUstate)
     STUB(FreeFMUstate) STUB(SerializedFMUstateSize) STUB(SerializeFMUstate) STUB(DeSerializeFMUstate)
     STUB(GetDirectionalDerivative) STUB(SetRealInputDerivatives) STUB(GetRealOutputDerivatives) STUB(CancelStep)
-    STUB(GetStatus) STUB(GetRealStatus) STUB(GetIntegerStatus) STUB(GetBooleanStatus) STUB(GetStringStatus)
+    STUB(GetStatus) STUB(GetIntegerStatus) STUB(GetStringStatus)
 #else
     STUB(GetVersion) STUB(InstantiateModelExchange) STUB(InstantiateScheduledExecution) STUB(GetFloat32) STUB(GetInt8)
     STUB(GetUInt8) STUB(GetInt16) STUB(GetUInt16) STUB(GetUInt32) STUB(GetInt64) STUB(GetUInt64) STUB(GetString)

@@ -69,8 +69,8 @@ def test_an_early_return_that_was_not_allowed_is_nan(tmp_path, caplog):
     assert "returned early" in caplog.text
 
 
-def test_the_last_outputs_of_an_fmu_that_ends_count(tmp_path, caplog):
-    y = kf.simulate(fmu(build(tmp_path, 3)), recording(), {"fault": 7.0, "at": 1.0})["y"].values
+def test_the_last_outputs_of_an_fmu_that_ends_count(tank, caplog):
+    y = kf.simulate(fmu(tank), recording(), {"fault": 7.0, "at": 1.0})["y"].values
     assert np.isnan(y).tolist() == [n >= 11 for n in range(COUNT)]
     assert "ended the simulation at t = 1 s" in caplog.text
 

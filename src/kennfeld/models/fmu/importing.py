@@ -69,21 +69,21 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
     prefix = f"{name}." if name else ""
     parameters = parameters_of(description.parameters, prefix)
     known = (str(path.resolve()), digest_of(path))
+    starts = start_values_of(description.started_states, prefix)
     if interface == CO_SIMULATION:
-        write = TrajectoryCalls(description, parameters, path, known[1]).write
-        memory, values = True, parameters.parameters
+        write = TrajectoryCalls(description, (*parameters.values, *starts.values), path, known[1]).write
+        memory = True
     else:
-        starts = start_values_of(description.started_states, prefix)
         timed = int(takes_time(description, step))
         write = EquationCalls(description, parameters.values, starts.values, (*known, timed)).write
-        memory, values = bool(description.states), parameters.parameters.merged(starts.parameters)
+        memory = bool(description.states)
     return ModelFunction(
         name=name or path.stem,
         inputs=tuple(FunctionInput(element, v.unit) for v in description.number_inputs for element in v.elements),
         outputs=tuple(FunctionOutput(element, v.unit) for v in description.number_outputs for element in v.elements),
         write=share_calls(write),
         memory=memory,
-        values=values,
+        values=parameters.parameters.merged(starts.parameters),
         source=str(path),
         step=step or (description.step if memory else None),
         remarks=tuple(find_remarks(description, path, interface)),

@@ -70,5 +70,6 @@ class StopReports:
         sentence = _SENTENCES.get(reason, _SENTENCES[ERROR]).format(time=time)
         logged = "".join(f"; it logged: {message}" for message in self._library.messages)
         self._library.messages.clear()
-        self.sentences.append(f"{self._source.name}: {sentence}; its outputs are NaN from there on{logged}")
+        since = "afterwards" if reason == TERMINATED else "from there on"
+        self.sentences.append(f"{self._source.name}: {sentence}; its outputs are NaN {since}{logged}")
         _LOGGER.warning(self.sentences[-1])

@@ -3,6 +3,7 @@
 import ctypes
 from collections.abc import Sequence
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,13 @@ from kennfeld.machine_code.external import provide
 from kennfeld.models.fmu.description import FmuDescription, FmuVariable
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
 from kennfeld.models.fmu.library import FmuLibrary, thread_address, yield_address
-from kennfeld.models.fmu.number_types import number_type
+from kennfeld.models.fmu.number_access import NumberGroup, group_numbers
 from kennfeld.models.fmu.stop_reports import StopReports
 from kennfeld.models.fmu.trajectory_code import (
     REUSED,
     SLOTS,
     THREAD,
     YIELD,
-    SignalGroup,
     TrajectoryLayout,
     trajectory_functions,
     write_start,
@@ -111,14 +111,18 @@ class FmuTrajectories:
         control[REUSED] = 1
         self._keep("control", control)
         self._keep("slots", np.zeros(layout.words * layout.slots, dtype=np.int64))
-        groups = [*_groups("inputs", inputs_of(self.description), layout.version)]
-        groups += _groups("outputs", outputs_of(self.description), layout.version)
-        groups.append((layout.parameters, self.description.parameters))
-        for group, variables in groups:
-            self._keep(group.name, np.array([v.reference for v in variables], dtype=np.uint32))
+        self._keep_references(layout.parameters, set_at_start(self.description))
+        self._keep_references(layout.inputs, inputs_of(self.description))
+        self._keep_references(layout.outputs, outputs_of(self.description))
         self._provide("report", self.reports.address)
         provide(YIELD, yield_address())
         provide(THREAD, thread_address())
+
+    def _keep_references(self, groups: Sequence[NumberGroup], variables: Sequence[FmuVariable]) -> None:
+        remaining = iter(variables)
+        for group in groups:
+            references = [variable.reference for variable in islice(remaining, group.references)]
+            self._keep(group.name, np.array(references, dtype=np.uint32))
 
     def _keep(self, name: str, array: NDArray[Any]) -> None:
         self._memory[name] = array if array.size else np.zeros(1, dtype=array.dtype)
@@ -132,18 +136,22 @@ class FmuTrajectories:
         return TrajectoryFunction(call, ctypes.cast(call, ctypes.c_void_p).value or 0, self)  # type: ignore[arg-type]
 
     def _check_reset(self) -> None:
-        """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one."""
+        """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one.
+
+        Inputs differ from their start values, at which outputs may rest whether the reset works or not.
+        """
         starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         with self.reports.muted():
-            first, _, again = (self._trial(inputs) for inputs in (starts, others, starts))
+            first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
         scale = np.max(np.abs(first), axis=0, initial=0.0)
-        self._memory["control"][REUSED] = np.all(np.abs(again - first) <= _REPEATED * scale)
+        same = [np.all(np.abs(again - first) <= _REPEATED * scale) for again in (second, last)]
+        self._memory["control"][REUSED] = all(same)
 
     def _trial(self, inputs: Float) -> Float:
         """Return the outputs of the first samples with constant inputs, Float[samples, outputs]."""
         description, size = self.description, self.layout.results
-        parameters = [_start_of(v, k) for v in description.parameters for k in range(v.size)]
+        parameters = [_start_of(v, k) for v in set_at_start(description) for k in range(v.size)]
         ticket, outputs = np.zeros(1), np.empty((_TRIAL_SAMPLES, size))
         start = np.array([0.0, 0.0, *inputs, *parameters])
         self.start.call(start.ctypes.data, ticket.ctypes.data, None)
@@ -169,42 +177,31 @@ def _other_start_of(variable: FmuVariable, position: int) -> float:
     return min(max(moved, variable.minimum), variable.maximum) if variable.is_real else start
 
 
-def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the inputs that are numbers, those of one type next to each other."""
-    return description.sorted_by_type(description.number_inputs)
-
-
-def outputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
-    """Return the outputs that are numbers, those of one type next to each other."""
-    return description.sorted_by_type(description.number_outputs)
-
-
 def trajectory_layout(description: FmuDescription, prefix: str) -> TrajectoryLayout:
     """Return the numbers of values that the code of an FMU takes and returns."""
     interface, version = description.co_simulation, description.version
     assert interface is not None
-    real = number_type(version, "Real" if version == "2.0" else "Float64")
-    assert real is not None
-    parameters = description.parameters
     return TrajectoryLayout(
         version=version,
         prefix=prefix,
-        parameters=SignalGroup("parameters", real, len(parameters), sum(v.size for v in parameters)),
-        inputs=tuple(group for group, _ in _groups("inputs", inputs_of(description), version)),
-        outputs=tuple(group for group, _ in _groups("outputs", outputs_of(description), version)),
+        parameters=group_numbers("parameters", version, set_at_start(description)),
+        inputs=group_numbers("inputs", version, inputs_of(description)),
+        outputs=group_numbers("outputs", version, outputs_of(description)),
         even=not interface.variable_step,
         slots=1 if interface.single else SLOTS,
     )
 
 
-def _groups(
-    name: str, variables: Sequence[FmuVariable], version: str
-) -> list[tuple[SignalGroup, Sequence[FmuVariable]]]:
-    """Return the groups of variables of one type, with their variables."""
-    members: dict[Any, list[FmuVariable]] = {}
-    for variable in variables:
-        members.setdefault(number_type(version, variable.type), []).append(variable)
-    return [
-        (SignalGroup(f"{name}_{kind.access}", kind, len(own), sum(v.size for v in own)), own)
-        for kind, own in members.items()
-    ]
+def set_at_start(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the parameters, and the states whose values at the start can be set; all of them are doubles."""
+    return (*description.parameters, *description.started_states)
+
+
+def inputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the inputs in the order in which the code takes them."""
+    return description.sorted_by_type(description.number_inputs)
+
+
+def outputs_of(description: FmuDescription) -> tuple[FmuVariable, ...]:
+    """Return the outputs in the order in which the code returns them."""
+    return description.sorted_by_type(description.number_outputs)

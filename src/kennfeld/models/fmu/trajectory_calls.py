@@ -11,24 +11,24 @@ from kennfeld.errors import InputError, Location
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.fmu.description import FmuDescription, FmuVariable
-from kennfeld.models.fmu.fmu_parameters import FmuParameters
+from kennfeld.models.fmu.fmu_parameters import ParameterValue
 from kennfeld.models.fmu.trajectories import inputs_of, outputs_of, trajectory_layout
 
 _MODULE = "kennfeld.models.fmu.trajectories"
 
 
 class TrajectoryCalls:
-    """Writes the nodes of calls of an FMU."""
+    """Writes the nodes of calls of an FMU; `values` are its parameters and the start values of its states."""
 
-    def __init__(self, description: FmuDescription, parameters: FmuParameters, path: Path, digest: str) -> None:
+    def __init__(self, description: FmuDescription, values: Sequence[ParameterValue], path: Path, digest: str) -> None:
         layout = trajectory_layout(description, "")
         arguments = (str(path.resolve()), digest)
-        self.path, self.values, self.single = path, parameters.values, layout.slots == 1
+        self.path, self.values, self.single = path, tuple(values), layout.slots == 1
         self.inputs = _order(description.number_inputs, inputs_of(description))
         self.outputs = _order(outputs_of(description), description.number_outputs)
         taken = 2 + layout.arguments
         self.start = ExternalFunction(
-            f"{path.stem} start", taken + layout.parameters.size, 1, f"{_MODULE}:load_start", arguments
+            f"{path.stem} start", taken + layout.set_at_start, 1, f"{_MODULE}:load_start", arguments
         )
         self.step = ExternalFunction(
             path.stem, taken, layout.results, f"{_MODULE}:load_step", arguments, sequential=True

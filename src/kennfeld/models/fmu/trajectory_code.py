@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from kennfeld.machine_code.external import c_pointer
-from kennfeld.machine_code.ir import HALF, ZERO, FunctionWriter, literal
-from kennfeld.models.fmu.number_types import NumberType
+from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
+from kennfeld.models.fmu.number_access import NumberGroup, get_numbers, set_numbers
 
 SLOTS = 64  # a power of 2; a ticket is a multiple of it plus the number of the slot
 LOCK, SERIAL, USED, DEAD, REUSED = range(5)  # words of the memory `control`
@@ -27,24 +27,9 @@ UNEVEN_SHARE = 1e-3  # of the step, by which the steps of an FMU that needs equa
 
 _LOCK, _INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT, _OUTPUTS = range(12)
 _RUNNING, _FAILED, _ENDED = range(3)  # states of a trajectory
+_LAST_TIME, _TERMINATED = 2, 3  # kinds of status of FMI 2.0
 _LINE = 16  # words of 8 bytes that no two processors should write at once
 _NAN = literal(float("nan"))
-
-
-class SignalGroup(NamedTuple):
-    """Variables of one type that are read or written by one call.
-
-    Attributes:
-        name: name of the memory that holds their value references.
-        type: their type.
-        references: number of variables.
-        size: number of values.
-    """
-
-    name: str
-    type: NumberType
-    references: int
-    size: int
 
 
 class TrajectoryLayout(NamedTuple):
@@ -53,7 +38,7 @@ class TrajectoryLayout(NamedTuple):
     Attributes:
         version: `2.0` or `3.0`.
         prefix: begin of the names of memory and functions.
-        parameters: the parameters, all of them doubles.
+        parameters: the parameters in the order of arguments.
         inputs: the inputs in the order of arguments.
         outputs: the outputs in the order of results.
         even: True if all steps must have the same length.
@@ -62,9 +47,9 @@ class TrajectoryLayout(NamedTuple):
 
     version: str
     prefix: str
-    parameters: SignalGroup
-    inputs: tuple[SignalGroup, ...]
-    outputs: tuple[SignalGroup, ...]
+    parameters: tuple[NumberGroup, ...]
+    inputs: tuple[NumberGroup, ...]
+    outputs: tuple[NumberGroup, ...]
     even: bool
     slots: int
 
@@ -77,6 +62,11 @@ class TrajectoryLayout(NamedTuple):
     def results(self) -> int:
         """Number of values of the outputs."""
         return sum(group.size for group in self.outputs)
+
+    @property
+    def set_at_start(self) -> int:
+        """Number of values of the parameters."""
+        return sum(group.size for group in self.parameters)
 
     @property
     def words(self) -> int:
@@ -105,9 +95,10 @@ def trajectory_functions(layout: TrajectoryLayout) -> Sequence[str]:
     """Return the names of the functions of the library that the code calls."""
     second = layout.version == "2.0"
     names = ["Reset", "FreeInstance", "EnterInitializationMode", "ExitInitializationMode", "DoStep"]
-    names += ["Instantiate", "SetupExperiment"] if second else ["InstantiateCoSimulation"]
-    names += [f"Set{group.type.access}" for group in (layout.parameters, *layout.inputs) if group.size]
-    names += [f"Get{group.type.access}" for group in layout.outputs if group.size]
+    names += ["Instantiate", "SetupExperiment", "GetBooleanStatus", "GetRealStatus"] if second else []
+    names += [] if second else ["InstantiateCoSimulation"]
+    names += [f"Set{group.type.access}" for group in (*layout.parameters, *layout.inputs)]
+    names += [f"Get{group.type.access}" for group in layout.outputs]
     return [f"fmi{layout.version[0]}{name}" for name in dict.fromkeys(names)]
 
 
@@ -130,8 +121,15 @@ class _SlotCalls:
         worse = f.new(f"icmp sgt i32 {status}, {worst}")
         f.store(f.new(f"select i1 {worse}, i32 {status}, i32 {worst}"), self.worst, kind="i32")
 
-    def access(self, verb: str, group: SignalGroup, values: str) -> None:
-        """Get or set the values of a group of variables."""
+    def set(self, group: NumberGroup, values: str) -> None:
+        """Set variables to the values at an address."""
+        self._access("Set", group, values)
+
+    def get(self, group: NumberGroup, values: str) -> None:
+        """Write the values of variables to an address."""
+        self._access("Get", group, values)
+
+    def _access(self, verb: str, group: NumberGroup, values: str) -> None:
         lengths = () if self.second else (f"i64 {group.size}",)
         references = f"ptr {self.memory(group.name)}", f"i64 {group.references}"
         self(f"{verb}{group.type.access}", *references, f"ptr {values}", *lengths)
@@ -180,67 +178,26 @@ def _release(f: FunctionWriter, lock: str) -> None:
 def _read_outputs(layout: TrajectoryLayout) -> FunctionWriter:
     """Write `read(slot, worst)`: the outputs of the FMU are stored in the slot."""
     f = FunctionWriter("read", [("ptr", "slot"), ("ptr", "worst")], "noinline")
-    calls, at = _SlotCalls(f, layout, "%slot", "%worst"), _OUTPUTS
-    for group in layout.outputs:
-        values = f.at("%slot", at)
-        if group.type.is_real:
-            calls.access("Get", group, values)
-        else:
-            buffer = f.slot(group.type.kind, group.size)
-            calls.access("Get", group, buffer)
-            with f.loop(0, group.size) as i:
-                f.store(_to_double(f, group.type, _load(f, buffer, i, group.type.kind)), values, i)
-        at += group.size
+    calls = _SlotCalls(f, layout, "%slot", "%worst")
+    get_numbers(f, layout.outputs, f.at("%slot", _OUTPUTS), calls.get)
     return f
 
 
 def _write_inputs(layout: TrajectoryLayout) -> FunctionWriter:
     """Write `give(slot, x, worst)`: the FMU gets its inputs; one that is not a number stops the trajectory."""
     f = FunctionWriter("give", [("ptr", "slot"), ("ptr", "x"), ("ptr", "worst")], "noinline")
-    calls, at = _SlotCalls(f, layout, "%slot", "%worst"), 2
-    with f.loop(2, at + layout.arguments) as i, f.when(_is_nan(f, f.load("%x", i))), calls.running():
-        calls.stop(NOT_A_NUMBER, f.load("%x", 1))
+    calls = _SlotCalls(f, layout, "%slot", "%worst")
+    with f.loop(2, 2 + layout.arguments) as i:
+        value = f.load("%x", i)
+        with f.when(f.new(f"fcmp uno double {value}, {value}")), calls.running():
+            calls.stop(NOT_A_NUMBER, f.load("%x", 1))
     with calls.running():
-        for group in layout.inputs:
-            values = f.at("%x", at)
-            if group.type.is_real:
-                calls.access("Set", group, values)
-            else:
-                buffer, kind = f.slot(group.type.kind, group.size), group.type.kind
-                with f.loop(0, group.size) as i:
-                    value = _from_double(f, group.type, f.load(values, i))
-                    f.do(f"store {kind} {value}, ptr {f.at(buffer, i, kind)}, align 1")
-                calls.access("Set", group, buffer)
-            at += group.size
+        set_numbers(f, layout.inputs, f.at("%x", 2), calls.set)
     return f
 
 
 def _load(f: FunctionWriter, pointer: str, index: str, kind: str) -> str:
     return f.new(f"load {kind}, ptr {f.at(pointer, index, kind)}, align 1")
-
-
-def _is_nan(f: FunctionWriter, value: str) -> str:
-    return f.new(f"fcmp uno double {value}, {value}")
-
-
-def _to_double(f: FunctionWriter, kind: NumberType, value: str) -> str:
-    if kind.kind == "float":
-        return f.new(f"fpext float {value} to double")
-    if kind.is_boolean:
-        return f.new(f"uitofp i1 {f.new(f'icmp ne {kind.kind} {value}, 0')} to double")
-    return f.new(f"{'sitofp' if kind.least < 0 else 'uitofp'} {kind.kind} {value} to double")
-
-
-def _from_double(f: FunctionWriter, kind: NumberType, value: str) -> str:
-    """Return a double as a value of a type: integers are rounded and limited."""
-    if kind.kind == "float":
-        return f.new(f"fptrunc double {value} to float")
-    if kind.is_boolean:
-        return f.new(f"zext i1 {f.new(f'fcmp une double {value}, {ZERO}')} to {kind.kind}")
-    value = f.new(f"call double @llvm.floor.f64(double {f.new(f'fadd double {value}, {HALF}')})")
-    for beyond, limit in (("olt", literal(kind.least)), ("ogt", literal(kind.most))):
-        value = f.select(f.new(f"fcmp {beyond} double {value}, {limit}"), limit, value)
-    return f.new(f"{'fptosi' if kind.least < 0 else 'fptoui'} double {value} to {kind.kind}")
 
 
 def _start(layout: TrajectoryLayout) -> FunctionWriter:
@@ -258,7 +215,7 @@ def _start(layout: TrajectoryLayout) -> FunctionWriter:
         failed = f.new(f"icmp eq i64 {f.load(slot, _STATE, 'i64')}, {_FAILED}")
         f.store(f.select(failed, _NAN, f.load(slot, _TICKET)), "%y")
         _release(f, slot)
-    _no_slopes(f, 1, 2 + layout.arguments + layout.parameters.size)
+    _no_slopes(f, 1, 2 + layout.arguments + layout.set_at_start)
     return f
 
 
@@ -315,8 +272,7 @@ def _begin(layout: TrajectoryLayout) -> FunctionWriter:
         times = [calls.false, f"double {ZERO}", f"double {time}", calls.false, f"double {ZERO}"]
         if calls.second:
             calls("SetupExperiment", *times)
-        if layout.parameters.size:
-            calls.access("Set", layout.parameters, f.at("%x", 2 + layout.arguments))
+        set_numbers(f, layout.parameters, f.at("%x", 2 + layout.arguments), calls.set)
         calls("EnterInitializationMode", *(() if calls.second else times))
         f.call("give", [("ptr", "%slot"), ("ptr", "%x"), ("ptr", worst)])
     with calls.running():
@@ -431,6 +387,7 @@ def _do_step(calls: _SlotCalls, point: str, length: str, time: str) -> None:
     f = calls.f
     if calls.second:
         calls("DoStep", f"double {point}", f"double {length}", "i32 1")
+        _find_end(calls, length, time)
         calls.check(time)
         return
     flags, reached = f.slot("i8", 3), f.slot("double")
@@ -445,6 +402,24 @@ def _do_step(calls: _SlotCalls, point: str, length: str, time: str) -> None:
     with calls.running(), f.when(ended):
         f.store(str(_ENDED), "%slot", _STATE, "i64")
         calls.report(TERMINATED, time)
+
+
+def _find_end(calls: _SlotCalls, length: str, time: str) -> None:
+    """End the trajectory if the FMU discarded the step because the simulation ends; FMI 2.0 has no other way."""
+    f = calls.f
+    ended, reached = f.slot("i32"), f.slot("double")
+    with f.when(f.new(f"icmp eq i32 {f.load(calls.worst, kind='i32')}, {DISCARD}")):
+        f.store("0", ended, kind="i32")
+        f.store(_NAN, reached)
+        instance = f"ptr {f.load(calls.slot, _INSTANCE, 'ptr')}"
+        f.new(f"call i32 {calls.memory('fmi2GetBooleanStatus')}({instance}, i32 {_TERMINATED}, ptr {ended})")
+        f.new(f"call i32 {calls.memory('fmi2GetRealStatus')}({instance}, i32 {_LAST_TIME}, ptr {reached})")
+        with f.when(f.new(f"icmp ne i32 {f.load(ended, kind='i32')}, 0")):
+            least = f.new(f"fsub double {time}, {f.fmul(literal(UNEVEN_SHARE), length)}")
+            complete = f.new(f"fcmp oge double {f.load(reached)}, {least}")
+            f.store(f.new(f"select i1 {complete}, i64 {_ENDED}, i64 {_FAILED}"), calls.slot, _STATE, "i64")
+            f.store("0", calls.worst, kind="i32")
+            calls.report(TERMINATED, time)
 
 
 def _even_step(calls: _SlotCalls, time: str, distance: str) -> tuple[str, str]:
