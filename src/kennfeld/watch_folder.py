@@ -9,7 +9,9 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
+DEFAULT_LIMIT = 60.0  # s that one call of foreign code may take
 FOLDER = "KENNFELD_WATCH"  # environment variable with its path; other processes of the command inherit it
+WATCHER = "KENNFELD_WATCHER"  # environment variable of a process that is watched: the number of the one that watches
 _NAMES = ".temporary"  # ending of lists of temporary files
 
 

@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kennfeld.watch_folder import watch_folder
 
@@ -40,7 +40,7 @@ class ForeignCall(NamedTuple):
     Attributes:
         file: name of the file of the code.
         function: name of the function; a participle phrase such as `loading the library` if it is none.
-        instance: number of the instance, from 0 on.
+        instance: number of the instance, >= 0.
         time: time in s; NaN if it does not matter.
         number: number of the call, different for each call of a slot.
         process: number of the process.
@@ -158,8 +158,8 @@ def _calls_of(path: Path) -> Iterator[ForeignCall]:
             yield ForeignCall(head["file"], name, instance, time, number, head["process"], (path.name, slot))
 
 
-def _head_of(content: bytes) -> dict[str, object]:
-    head: dict[str, object] = json.loads(content[:_HEAD].rstrip(b"\0"))
+def _head_of(content: bytes) -> dict[str, Any]:
+    head: dict[str, Any] = json.loads(content[:_HEAD].rstrip(b"\0"))
     return head
 
 
