@@ -72,9 +72,9 @@ def write_python_project(folder: Path, body: str, before: str = "") -> Path:
 
 def environment(folder: Path) -> dict[str, str]:
     """Return the environment of a command that keeps temporary files and what it remembers in a folder."""
-    for name in ("temporary", "cache"):
+    for name in ("temporary", "home"):
         (folder / name).mkdir(exist_ok=True)
-    return {**os.environ, "TMPDIR": str(folder / "temporary"), "KENNFELD_CACHE": str(folder / "cache")}
+    return {**os.environ, "TMPDIR": str(folder / "temporary"), "HOME": str(folder / "home")}
 
 
 def run_command(project: Path, command: str, *options: str) -> Outcome:

@@ -18,8 +18,8 @@ LATE = "if (m->time > 5) "  # neither at the start nor at the points that a chec
 
 
 def leftovers(folder: Path) -> list[str]:
-    """Return what a command has left in the folders of a project, except for its cache."""
-    own = {"kennfeld.toml", "lag.fmu", "bench.csv", "table.py", "torque.kf", "__pycache__", "temporary", "cache"}
+    """Return what a command has left in the folders of a project, except for what the user has."""
+    own = {"kennfeld.toml", "lag.fmu", "bench.csv", "table.py", "torque.kf", "__pycache__", "temporary", "home"}
     return [path.name for place in (folder, folder / "temporary") for path in place.iterdir() if path.name not in own]
 
 

@@ -110,7 +110,7 @@ class PythonEvaluation:
         try:
             returned = self.function(*arguments.tolist())
             numbers = [float(item) for item in _sequence(returned, self.outputs)]
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             message = f"the function fails at {at}: {error!r:.200}"
             raise InputError.of(Location(self.name), message, "It must take numbers and return numbers.") from error
         if len(numbers) != self.outputs:
