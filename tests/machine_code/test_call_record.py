@@ -69,7 +69,7 @@ def test_calls_are_told_apart_by_their_numbers(folder: Path) -> None:
 def test_machine_code_records_function_instance_and_time(folder: Path) -> None:
     record = CallRecord("plant.fmu", NAMES)
     begin, end = FunctionWriter("begin", [SLOT, ("ptr", "time")]), FunctionWriter("end", [SLOT])
-    write_place(begin, "%slot", "3", begin.load("%time"))
+    write_place(begin, "%slot", begin.load("%time"), "3")
     write_begin(begin, "%slot", record.number("fmi2GetReal"))
     write_end(end, "%slot")
     compiled = compile_functions(begin, end)

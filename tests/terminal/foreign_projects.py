@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from lag_fmu import build
+import lag_fmu
+import tank_fmu
 
 PLANT = """[model]
 file = "lag.fmu"
@@ -20,6 +21,21 @@ target = "wanted"
 free = ["tau", "k"]
 [optimizer]
 max_iterations = 2
+"""
+TANK = """[model]
+file = "tank.fmu"
+timeout = 2
+[[dataset]]
+files = ["bench.csv"]
+[channels]
+flow = "u"
+mode = "u"
+open = "u"
+[[criterion]]
+node = "y"
+target = "wanted"
+[calibration]
+free = ["gain"]
 """
 PYTHON = """[model]
 file = "torque.kf"
@@ -54,9 +70,18 @@ def write_data(folder: Path) -> None:
 def write_fmu_project(folder: Path, *options: str) -> Path:
     """Write a project whose function is an FMU, built with these options of the compiler; return its file."""
     write_data(folder)
-    build(folder, 2, *options)
+    lag_fmu.build(folder, 2, *options)
     (folder / "lag.so").unlink()
     (folder / "kennfeld.toml").write_text(PLANT)
+    return folder / "kennfeld.toml"
+
+
+def write_tank_project(folder: Path, version: int, *options: str) -> Path:
+    """Write a project whose function is an FMU for co-simulation; return its file."""
+    write_data(folder)
+    tank_fmu.build(folder, version, *options)
+    (folder / "tank.so").unlink()
+    (folder / "kennfeld.toml").write_text(TANK)
     return folder / "kennfeld.toml"
 
 

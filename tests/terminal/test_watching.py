@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from foreign_projects import environment, run_command, write_fmu_project, write_python_project
+from foreign_projects import environment, run_command, write_fmu_project, write_python_project, write_tank_project
 
 from kennfeld.terminal.watched_commands import call_limit
 
@@ -19,7 +19,8 @@ LATE = "if (m->time > 5) "  # neither at the start nor at the points that a chec
 
 def leftovers(folder: Path) -> list[str]:
     """Return what a command has left in the folders of a project, except for what the user has."""
-    own = {"kennfeld.toml", "lag.fmu", "bench.csv", "table.py", "torque.kf", "__pycache__", "temporary", "home"}
+    names = "kennfeld.toml lag.fmu tank.fmu bench.csv table.py torque.kf __pycache__ temporary home"
+    own = set(names.split())
     return [path.name for place in (folder, folder / "temporary") for path in place.iterdir() if path.name not in own]
 
 
@@ -46,6 +47,26 @@ def test_a_fault_of_an_fmu_is_one_message(tmp_path: Path, fault: str, message: s
     [line] = [line for line in err.splitlines() if "runs code of" not in line]
     assert line.startswith("lag.fmu: ")
     assert message in line
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-DIN_STEP=if (t > 4.95) abort()"], "crashed in fmi{}DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
+        (["-DIN_STEP=if (t > 4.95) for (;;)"], "did not return within 2 s in fmi{}DoStep, instance 1, at t = 5.1 s"),
+        (["-DNO_RESET", "-DIN_FREE=*(volatile int *)0 = 1"], "crashed in fmi{}FreeInstance, instance 1"),
+    ],
+)
+def test_a_fault_of_co_simulation_is_one_message(
+    tmp_path: Path, version: int, options: list[str], message: str
+) -> None:
+    status, out, err = run_command(write_tank_project(tmp_path, version, *options), "simulate", "--quiet")
+    assert (status, out) == (2, "")
+    [line] = [line for line in err.splitlines() if "runs code of" not in line]
+    assert line.startswith(f"tank.fmu: its code {message.format(version)}")
     assert leftovers(tmp_path) == []
 
 
