@@ -16,9 +16,7 @@ _WINDOWS = {
     0xC0000374: "damaged memory",
     0xC0000409: "abort",
 }
-_REMEDY = (
-    "No results were written. Try the same values in the tool that exported it, or use another version of the file."
-)
+_REMEDY = "No results were written. Try the file in the tool that it comes from, or use another version of it."
 _MEMORY = "No results were written. Use fewer samples, or free memory."
 _SLOW = (
     "No results were written. Raise `timeout` under [model] if its calls may take so long, else use another version."
