@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -97,12 +98,13 @@ def test_a_fault_of_python_is_one_message(tmp_path: Path, body: str, message: st
 
 
 @POSIX
-def test_python_that_ends_the_program_by_an_exception_gives_no_number(tmp_path: Path) -> None:
-    project, target = write_python_project(tmp_path, "raise SystemExit(3)"), tmp_path / "simulation.csv"
+def test_python_that_ends_the_program_by_an_exception_fails_at_that_sample(tmp_path: Path) -> None:
+    project, target = write_python_project(tmp_path, "if x > 3:\n    raise SystemExit(3)"), tmp_path / "simulation.csv"
     status, _, err = run_command(project, "simulate", "--output", str(target))
     assert (status, "Traceback" in err) == (0, False)
     with target.open(encoding="utf-8", newline="") as file:
-        assert {row["y"] for row in csv.DictReader(file)} == {""}
+        values = [row["y"] for row in csv.DictReader(file)]
+    assert values[:7] == ["2", "4", "6", "", "", "", ""]
 
 
 @POSIX
@@ -148,6 +150,44 @@ def test_ctrl_c_writes_the_best_values_so_far(tmp_path: Path, whole_group: bool)
     assert "stopped: " in out
     assert "Traceback" not in err
     assert leftovers(tmp_path) == ["results"]
+
+
+@POSIX
+@pytest.mark.parametrize("closes", [True, False])
+def test_a_terminal_is_that_of_the_command(tmp_path: Path, closes: bool) -> None:
+    project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
+    terminal, other_end = os.openpty()
+    code = (
+        "import os, sys\n"
+        "terminal = os.open(os.ttyname(0), os.O_RDWR)\n"  # the first that a session opens becomes its own
+        "for number in range(3): os.dup2(terminal, number)\n"
+        "os.close(terminal)\nos.execv(sys.argv[1], sys.argv[1:])"
+    )
+    line = [sys.executable, "-c", code, sys.executable, "-m", "kennfeld", "calibrate", str(project)]
+    running = subprocess.Popen(line, stdin=other_end, env=environment(tmp_path), start_new_session=True)
+    os.close(other_end)
+    shown = b""
+    while b"iteration" not in shown:
+        shown += os.read(terminal, 1000)
+    if closes:
+        os.close(terminal)
+    else:
+        os.write(terminal, b"\x03")  # Ctrl-C
+        shown += read_all(terminal)
+        assert shown.count(b"Stopping at the best values so far") == 1
+        assert b"stopped: " in shown
+    assert running.wait(timeout=120) == 130
+    assert leftovers(tmp_path) == ["results"]
+
+
+def read_all(terminal: int) -> bytes:
+    """Return what a terminal shows until its last process has ended."""
+    shown = b""
+    with suppress(OSError):
+        while part := os.read(terminal, 1000):
+            shown += part
+    os.close(terminal)
+    return shown
 
 
 @POSIX
