@@ -8,6 +8,7 @@ import signal
 import tempfile
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Tests run in one process a core, and threads of a BLAS wait by spinning. This comes before numpy is loaded; commands
@@ -34,3 +35,11 @@ PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("same", derandomize=True, **PATIENT)
 settings.register_profile("search", print_blob=True, **PATIENT)
 settings.load_profile("same")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def keep_no_consents():
+    """Remember nothing that tests allow to run in the folder of the user."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("kennfeld.models.code_consent.consent_file", lambda: None)
+        yield

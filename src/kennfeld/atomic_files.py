@@ -8,6 +8,8 @@ from contextlib import contextmanager, suppress
 from errno import EACCES, EINVAL
 from pathlib import Path
 
+from kennfeld.watch_folder import note_temporary
+
 PRIVATE = 0o600  # permissions of a file that only its owner can read
 _ANY_WRITE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
@@ -45,6 +47,7 @@ def replace_atomically(path: Path, *, private: bool = False) -> Iterator[Path]:
     target = Path(os.path.realpath(path))  # unlike resolve, it does not raise for cyclic links
     before = _replaceable(target)
     temporary = target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{target.suffix}")
+    note_temporary(temporary)
     try:
         if private:
             _create_private(temporary)

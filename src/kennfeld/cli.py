@@ -1,6 +1,7 @@
 """The command line: runs a command and returns its exit status. `kennfeld.terminal` holds the commands."""
 
 import gc
+import os
 import sys
 from collections.abc import Sequence
 
@@ -12,7 +13,9 @@ from kennfeld.terminal import file_commands, project_commands
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import end_like_ctrl_c
+from kennfeld.terminal.watched_commands import call_limit
 from kennfeld.threads import let_blas_threads_sleep
+from kennfeld.watch_folder import WATCHER
 
 
 class _Commands(click.Group):
@@ -54,14 +57,33 @@ def main() -> None:
     """Run the command `kennfeld` and end the process."""
     gc.set_threshold(200_000, 50, 50)  # a short process leaves little to collect; looking for it takes a tenth of it
     let_blas_threads_sleep()
-    end_like_ctrl_c()
-    status = run(sys.argv[1:])
+    status = _run_safely(sys.argv[1:])
     gc.freeze()  # the end of the process then does not search all objects once more
     sys.exit(status)
 
 
+def _run_safely(arguments: Sequence[str]) -> int:
+    """Run a command line, in a process of its own if its project calls foreign code, which may crash."""
+    if WATCHER in os.environ:
+        from kennfeld.terminal.watched_process import watched_process
+
+        with watched_process() as statuses:
+            statuses.append(run(arguments))
+        return statuses[0]
+    end_like_ctrl_c()
+    limit = call_limit(arguments)
+    if limit is None:
+        return run(arguments)
+    from kennfeld.terminal.watching import run_watched
+
+    try:
+        return run_watched(arguments, limit)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
 def run(arguments: Sequence[str]) -> int:
-    """Run a command line and return its exit status.
+    """Run a command line in this process and return its exit status.
 
     0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C, SIGTERM or SIGHUP.
     """

@@ -8,12 +8,12 @@ import pytest
 from function_samples import write_functions
 from lag_fmu import build
 
-from kennfeld.app import code_consent
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.errors import ArgumentError, InputError
+from kennfeld.models import code_consent
 
 CALLS = '[functions]\ntable = "table.py:table"'
 
@@ -21,7 +21,7 @@ CALLS = '[functions]\ntable = "table.py:table"'
 @pytest.fixture(autouse=True)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Keep what is allowed in a folder of the test."""
-    monkeypatch.setattr(Path, "home", lambda: tmp_path / "home")
+    monkeypatch.setattr(code_consent, "consent_file", lambda: tmp_path / "home/.kennfeld/allowed-code.json")
     monkeypatch.setattr(code_consent, "_allowed_here", set())
     return tmp_path / "home"
 

@@ -16,7 +16,7 @@ def test_an_fmu_is_described_without_its_code(tmp_path, version):
     rows = {row[0]: row for row in info.tables[1][1:]}
     assert rows["tau"] == ("tau", "scalar", "s", "2", "0.01", "10", "fixed")
     assert rows["table"][:4] == ("table", "map", "", "2 x 3")
-    assert info.notes[0] == "runs code of lag.fmu"
+    assert info.notes[0] == "a command that evaluates it runs code of lag.fmu"
     assert info.as_json["usable"]
     assert info.as_json["outputs"] == [{"name": "y", "unit": "Nm"}]
 

@@ -4,15 +4,18 @@ The graph holds how a function is found again, not its address, so that it can b
 """
 
 import ctypes
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from hashlib import blake2b
 from importlib import import_module
+from pathlib import Path
 from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.errors import InputError
 from kennfeld.graph.node import Node
 
 
@@ -71,10 +74,19 @@ class ExternalFunction(NamedTuple):
     batched: bool = False
 
     @property
+    def file(self) -> Path | None:
+        """The file whose code runs, which is the first argument of its loader; None for a function of this process."""
+        path = Path(str(self.arguments[0])) if self.arguments else Path()
+        return path if path.is_absolute() else None
+
+    @property
     def symbol(self) -> str:
         """The name by which machine code knows the function, different for different functions."""
         content = repr((self.inputs, self.outputs, self.loader, self.arguments)).encode()
         return f"external_{blake2b(content, digest_size=16).hexdigest()}"
+
+
+_gates: list[Callable[[ExternalFunction], None]] = []
 
 
 class ExternalOutput(NamedTuple):
@@ -87,6 +99,23 @@ class ExternalOutput(NamedTuple):
 def is_sequential(node: Node) -> bool:
     """Return True if a node calls a function that keeps memory of a trajectory."""
     return node.op == "external" and node.payload.function.sequential
+
+
+class CodeNotRunError(InputError):
+    """Code outside of the graph was not run, because a gate refused."""
+
+
+@contextmanager
+def code_gate(gate: Callable[[ExternalFunction], None]) -> Iterator[None]:
+    """Call `gate` within the block, in all threads of this process, before the code of an external function runs.
+
+    The gate may raise `CodeNotRunError`; no code of the function runs then.
+    """
+    _gates.append(gate)
+    try:
+        yield
+    finally:
+        _gates.remove(gate)
 
 
 def load_functions(nodes: Iterable[Node]) -> None:
@@ -132,9 +161,20 @@ def evaluate_points(function: ExternalFunction, points: Float) -> tuple[Float, F
     return results, slopes
 
 
-@cache
 def load_function(function: ExternalFunction) -> LoadedFunction:
-    """Load an external function, so that machine code can call it."""
+    """Load an external function, so that machine code can call it.
+
+    Raises:
+        CodeNotRunError: a gate refused.
+        InputError: its code cannot be used.
+    """
+    for gate in _gates:
+        gate(function)
+    return _load(function)
+
+
+@cache
+def _load(function: ExternalFunction) -> LoadedFunction:
     from kennfeld.machine_code.external import provide  # here, because graphs are read without machine code
 
     module, _, name = function.loader.partition(":")

@@ -30,7 +30,7 @@ def read_code(key: str) -> bytes | None:
         return None
     try:
         with (folder / key).open("rb") as file:
-            if not _is_own(os.fstat(file.fileno())):
+            if not is_own(os.fstat(file.fileno())):
                 return None
             content = file.read()
         os.utime(folder / key)  # it is used
@@ -59,12 +59,13 @@ def cache_folder() -> Path | None:
     with suppress(OSError, RuntimeError):
         folder = Path(name) if name else Path.home() / ".kennfeld" / "code"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if _is_own(folder.stat()):
+        if is_own(folder.stat()):
             return folder
     return None
 
 
-def _is_own(status: os.stat_result) -> bool:
+def is_own(status: os.stat_result) -> bool:
+    """Return if a file or folder belongs to the user, and nobody else can write it."""
     if not hasattr(os, "getuid"):  # Windows protects the folder of the user
         return True
     return status.st_uid == os.getuid() and not status.st_mode & _OTHERS

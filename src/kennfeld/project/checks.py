@@ -4,7 +4,7 @@ The step check runs the model with half its step, as a fixed-step solver may rep
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.events import Event, events
-from kennfeld.graph.external_function import function_remarks
+from kennfeld.graph.external_function import CodeNotRunError, function_remarks
 from kennfeld.graph.factors import factors
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
@@ -123,6 +123,8 @@ def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     try:
         compiled = CompiledProblem(problem)
         limits = linear_limits(problem, compiled.values)
+    except CodeNotRunError:
+        raise
     except InputError:  # reported by other checks
         return
     start, _ = project(compiled.start[: compiled.values.free], limits)
@@ -282,21 +284,41 @@ def describe_events(jumps: Sequence[Event]) -> str:
 
 
 def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> list[Finding]:
-    """Return the warnings about data, units, axes, free parameters, step and start."""
+    """Return the warnings about data, units, axes, free parameters, step and start.
+
+    Checks for which code of other files would have to run, and may not, are named in remarks.
+    """
     problems = [
         *_units(problem, locations),
         *_channels(problem, locations),
         *_unscored_files(problem, locations),
         *_axes(file, problem),
-        *_beyond(file, problem),
         *_idle(file, problem),
         *_names(file, problem),
         *_unread_class(file),
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
-    checks = (check_slopes, check_events, check_step, check_start)
-    return [*warnings, *(finding for check in checks for finding in check(file, problem))]
+    beyond = (Finding(*entry, severity="warning") for entry in _beyond(file, problem))
+    evaluating = {
+        "samples outside of axes": beyond,
+        "how derivatives are computed": check_slopes(file, problem),
+        "jumps": check_events(file, problem),
+        "the step": check_step(file, problem),
+        "initial values that make derivatives vanish": check_start(file, problem),
+    }
+    checked = (_unless_refused(findings, subject, file) for subject, findings in evaluating.items())
+    return [*warnings, *(finding for findings in checked for finding in findings)]
+
+
+def _unless_refused(findings: Iterable[Finding], subject: str, file: ProjectFile) -> list[Finding]:
+    """Return the findings of a check; a remark if code that it evaluates was not run."""
+    try:
+        return list(findings)
+    except CodeNotRunError as error:
+        [refusal] = error.findings
+        message = f"not checked, because code of {refusal.location} was not run: {subject}"
+        return [Finding(Location(file.path.name), message, severity="remark")]
 
 
 def _clocks(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> Iterator[Finding]:

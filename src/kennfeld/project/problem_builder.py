@@ -12,6 +12,7 @@ from kennfeld.constraints import Limit
 from kennfeld.criteria import Criterion
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.formatting import join_names, nearest
+from kennfeld.graph.external_function import CodeNotRunError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import bind_scalars, merge_start_values
 from kennfeld.optimize.limit_nodes import channels_of
@@ -390,9 +391,14 @@ class ProblemBuilder:
         names = [name for name in tables.locked_without_data if name in problem.model.graph.parameters]
         if not names:
             return problem
-        changed = [
-            problem.parameters[name].changed(locked=mask) for name, mask in uncovered_values(problem, names).items()
-        ]
+        try:
+            uncovered = uncovered_values(problem, names)
+        except CodeNotRunError as error:
+            for refusal in error.findings:
+                message = f'lock = "no-data" has no effect, because code of {refusal.location} was not run'
+                self.findings.remark(self.file.location("parameters", names[0], "lock"), message)
+            return problem
+        changed = [problem.parameters[name].changed(locked=mask) for name, mask in uncovered.items()]
         return replace(problem, parameters=problem.parameters.with_parameters(*changed))
 
 

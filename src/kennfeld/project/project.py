@@ -186,6 +186,10 @@ class Project:
             cluster = replace(cluster, workers=workers)
         return replace(self, file=replace(self.file, cluster=cluster), report=report)
 
+    def on_no_cluster(self) -> Self:
+        """Return the same project evaluated in this process only."""
+        return replace(self, file=replace(self.file, cluster=replace(self.file.cluster, scheduler="", workers=1)))
+
     def close(self) -> None:
         """End the processes that evaluate partitions, or leave the cluster."""
         if "_runner" in self.__dict__:

@@ -41,6 +41,7 @@ from kennfeld.project.value_forms import (
     TargetForm,
 )
 from kennfeld.search_settings import SearchSettings
+from kennfeld.watch_folder import DEFAULT_LIMIT
 
 SIMULINK = (".slx", ".mdl")
 PROTECTED = ".slxp"
@@ -66,7 +67,7 @@ def is_esdl_file(name: str) -> bool:
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """`[model]`; the keys after `step` are for Simulink models and ASCET projects."""
+    """`[model]`; the keys after `timeout` are for Simulink models and ASCET projects."""
 
     file: str = key(
         "the function: a `.kf` file, a [Simulink model](formats.md#simulink), `.slx` or `.mdl`, a class or an "
@@ -82,6 +83,13 @@ class ModelEntry:
         above=0,
         unit="s",
         default_text="the step of the data",
+    )
+    timeout: float = key(
+        "for functions of files whose code runs, such as [FMUs](functions.md#crashes-and-endless-loops): the time that "
+        "one call may take. A command that waits for longer ends with a message",
+        DEFAULT_LIMIT,
+        above=0,
+        unit="s",
     )
     subsystem: str = key('the part of a Simulink model that is the function: `"Engine/Torque"`', "")
     parameters: tuple[str, ...] = key(

@@ -38,7 +38,9 @@ def describe_fmu(path: Path) -> FileInfo:
     variability = {v.name: v.variability for v in description.parameters}
     parameters = parameters_of(description.parameters).parameters.parameters
     obstacles = find_obstacles(description, path, used)
-    notes = [finding.message for finding in obstacles or find_remarks(description, path, used)]
+    remarks = [f"a command that evaluates it runs code of {path.name}"]
+    remarks += [remark.message for remark in find_remarks(description, path, used)]
+    notes = [finding.message for finding in obstacles] or remarks
     platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
     tables: list[Table] = [
         [("input", "unit"), *inputs],

@@ -59,11 +59,15 @@ def print_findings(*problems: Finding | str) -> None:
     """Print problems on stderr, each in one line, followed by its excerpt; no remarks if quiet."""
     for problem in problems:
         finding = problem if isinstance(problem, Finding) else Finding(Location(), problem)
-        if is_quiet() and finding.severity == "remark":
-            continue
-        prefix = "" if finding.severity == "error" else f"{finding.severity}: "
-        excerpt = finding.excerpt.split("\n") if finding.excerpt else []
-        _print(sys.stderr, [prefix + str(problem).replace("\n", " "), *(f"    {text}" for text in excerpt)])
+        if not (is_quiet() and finding.severity == "remark"):
+            print_always(finding)
+
+
+def print_always(finding: Finding) -> None:
+    """Print a finding on stderr, also a remark if quiet."""
+    prefix = "" if finding.severity == "error" else f"{finding.severity}: "
+    excerpt = finding.excerpt.split("\n") if finding.excerpt else []
+    _print(sys.stderr, [prefix + str(finding).replace("\n", " "), *(f"    {text}" for text in excerpt)])
 
 
 def _print(stream: TextIO, lines: Iterable[str]) -> None:

@@ -18,7 +18,7 @@ from kennfeld.optimize.result import Progress, TraceLine
 from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.terminal.command_line import INTERRUPTED
 from kennfeld.terminal.output import is_quiet, print_progress
-from kennfeld.terminal.signals import HANGUP, REQUESTS, leave_terminal
+from kennfeld.terminal.signals import FORWARDED, HANGUP, leave_terminal, requests
 
 LINE_INTERVAL = 0.5  # s between plain lines of one stage
 READING_INTERVAL = 2.0  # s between plain lines while files are read
@@ -98,8 +98,7 @@ class Interrupt:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            respected = (number for number in REQUESTS if signal.getsignal(number) != signal.SIG_IGN)  # nohup: SIGHUP
-            self._before = {number: signal.signal(number, self._press) for number in (signal.SIGINT, *respected)}
+            self._before = {number: signal.signal(number, self._press) for number in requests()}
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -123,10 +122,10 @@ class Interrupt:
         return self.pressed
 
     def _press(self, number: int, frame: FrameType | None) -> None:
-        if number == HANGUP:
+        if number in (HANGUP, FORWARDED):
             leave_terminal()
-            if self.pressed:
-                return  # shell and kernel both send it as a terminal closes; nobody presses twice there
+        if number == HANGUP and self.pressed:
+            return  # shell and kernel both send it as a terminal closes; nobody presses twice there
         if self.pressed:
             raise SystemExit(INTERRUPTED)
         self.pressed = True

@@ -4,7 +4,7 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,7 +72,8 @@ def app(path: Path | None, port: int, no_browser: bool) -> int:
 
 @click.command
 @project_file
-def check(path: Path) -> int:
+@option("--no-run", "Run no code of FMUs and Python files; name the checks that would need it.")
+def check(path: Path, no_run: bool) -> int:
     """Report all problems of a project or training file.
 
     Each is printed on stderr, with location and fix. Nothing is fitted.
@@ -82,8 +83,9 @@ def check(path: Path) -> int:
 
     if is_training(read_toml(path)):
         return _check_training(path)
-    with _open(path) as project:
-        verdict = _print_warnings(project.check())
+    with _open(path, run=not no_run) as project:
+        findings = project.check()
+        verdict = _print_warnings(findings if not no_run else [*findings, *_unchecked(project)])
         problem = project.problem()
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
     if problem.partitions is not None:
@@ -94,17 +96,32 @@ def check(path: Path) -> int:
 
 
 @contextmanager
-def _open(path: Path, scheduler: str | None = None, workers: int | None = None) -> "Iterator[Project]":
-    """Yield a project that shows the progress of reading its recordings; what it has started ends with the block."""
+def _open(
+    path: Path, scheduler: str | None = None, workers: int | None = None, run: bool = True
+) -> "Iterator[Project]":
+    """Yield a project that shows the progress of reading its recordings; what it has started ends with the block.
+
+    A remark precedes code of files that the project names, or none runs, unless `run`.
+    """
     from kennfeld.project import Project
+    from kennfeld.terminal.foreign_code import announced_code, refused_code
     from kennfeld.terminal.progress import ReadingProgress
 
     read = replace(Project.read(path), watch=ReadingProgress())
-    project = read.on_cluster(scheduler, workers, print_progress)
+    project = read.on_cluster(scheduler, workers, print_progress) if run else read.on_no_cluster()
     try:
-        yield project
+        with announced_code() if run else refused_code():
+            yield project
     finally:
         project.close()
+
+
+def _unchecked(project: "Project") -> Iterator[Finding]:
+    """Yield a remark on the code that was not run; nothing if the project has errors."""
+    from kennfeld.terminal.foreign_code import unchecked_code
+
+    with suppress(InputError):
+        yield from unchecked_code(project.problem().graph.nodes, project.path)
 
 
 def _check_training(path: Path) -> int:
@@ -177,12 +194,14 @@ def _calibrate(
     from kennfeld.project.fallback import write_somewhere
     from kennfeld.project.results import require_room
     from kennfeld.report import document_safely
+    from kennfeld.terminal.foreign_code import announce_code
     from kennfeld.terminal.progress import Interrupt, display
     from kennfeld.terminal.result_lines import resume_lines
 
     require_room(folder)
     findings = project.check()
     _print_warnings(findings)
+    announce_code(project.problem().graph.nodes)  # worker processes may be the first that run it
     if resume:
         points = project.saves(folder).resume_points()
         print_findings(*points.findings)

@@ -1,16 +1,24 @@
-"""SIGTERM and SIGHUP (SIGBREAK on Windows) act like Ctrl-C."""
+"""SIGTERM and SIGHUP (SIGBREAK on Windows) act like Ctrl-C.
+
+A process that another one watches gets these through it: a terminal sends Ctrl-C to both, `kill` to one of them, and
+each must count once. Windows has no such signal; there a console sends Ctrl-C to both, and each obeys its own.
+"""
 
 import os
 import signal
 import sys
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 HANGUP: int | None = getattr(signal, "SIGHUP", None)  # the terminal has gone; not on Windows
 REQUESTS = tuple(
     number for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if (number := getattr(signal, name, None)) is not None
 )
+FORWARDED: int | None = getattr(signal, "SIGUSR1", None)  # what a watching process sends in their place
 STDOUT, STDERR = 1, 2
+
+_watched: list[bool] = []  # not empty if requests arrive as FORWARDED
 
 
 def end_like_ctrl_c() -> None:
@@ -20,8 +28,63 @@ def end_like_ctrl_c() -> None:
             signal.signal(number, _interrupt)
 
 
+def requests() -> tuple[int, ...]:
+    """Return the signals that ask this process to end, Ctrl-C included, without those that are ignored."""
+    if _watched and FORWARDED is not None:
+        return (FORWARDED,)
+    return (signal.SIGINT, *respected(REQUESTS))  # nohup: SIGHUP
+
+
+def respected(numbers: Iterable[int]) -> list[int]:
+    """Return those signals that are not ignored."""
+    return [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Let requests wait until the end of the block; processes that are started in it begin with them held back."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, *REQUESTS))
+    try:
+        yield
+    finally:
+        _let_through()
+
+
+def obey_forwarded() -> None:
+    """Let requests count in this process only if the process that watches it forwards them."""
+    if FORWARDED is None:
+        end_like_ctrl_c()
+        return
+    _watched.append(True)
+    for number in respected((signal.SIGINT, *REQUESTS)):
+        signal.signal(number, _leave_to_watcher)
+    signal.signal(FORWARDED, _take_forwarded)
+    _let_through()
+
+
+def _let_through() -> None:
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, *REQUESTS))
+
+
+def _leave_to_watcher(number: int, frame: FrameType | None) -> None:
+    """Do nothing, unlike an ignored signal, which processes that this one starts would ignore as well."""
+
+
+def _take_forwarded(number: int, frame: FrameType | None) -> None:
+    """Act as on SIGTERM, for which a server may have a handler of its own."""
+    own = signal.getsignal(signal.SIGTERM)
+    if callable(own) and own is not _leave_to_watcher:
+        own(signal.SIGTERM, frame)
+    else:
+        _interrupt(number, frame)
+
+
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    if number == HANGUP:
+    if number in (HANGUP, FORWARDED):
         leave_terminal()
     raise KeyboardInterrupt
 

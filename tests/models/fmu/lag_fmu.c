@@ -5,11 +5,18 @@
  * tau is fixed: it takes effect at initialization only, and tau <= 0 is an error. Directional derivatives are right along
  * x and u, and 0 along parameters. With -DSTATE_EVENT x becomes 1 at x > 2, with -DENDING the simulation ends there, with
  * -DMEMORY y is higher once x was above 1.5, and with -DSTART the value of x at the start is set instead of k.
+ * -DIN_LOADING, -DIN_INSTANTIATE, -DIN_GET and -DIN_UNLOADING hold statements that run at these places first; IN_GET may
+ * use m.
  */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef IN_GET
+#include <signal.h>
+#include <stdio.h>
+#include <unistd.h>
+#endif
 
 enum { TIME, X, DER_X, U, Y, TAU, K, TABLE };
 typedef struct {
@@ -26,7 +33,27 @@ static void start(Lag *m) {
     for (int i = 0; i < 6; i++) m->table[i] = i;
 }
 
+#ifndef IN_INSTANTIATE
+#define IN_INSTANTIATE
+#endif
+#ifndef IN_GET
+#define IN_GET
+#endif
+#ifdef IN_LOADING
+__attribute__((constructor)) static void load(void) { IN_LOADING; }
+#endif
+#ifdef IN_UNLOADING
+__attribute__((destructor)) static void unload(void) { IN_UNLOADING; }
+#endif
+
+static int overflow(int depth) {
+    volatile char buffer[4096];
+    buffer[0] = (char)depth;
+    return overflow(depth + 1) + buffer[0];
+}
+
 static int get(Lag *m, unsigned reference, double *value) {
+    IN_GET;
     double y = m->k * m->x + m->high;
     for (int i = 0; i < 6; i++) y += (10 * (i / 3 + 1) + i % 3 + 1) * m->table[i];
     if (m->used_tau <= 0.0) return 3;
@@ -87,6 +114,7 @@ static int is_ended(Lag *m) {
 #define BOOL int
 typedef struct { int needed, terminate, nominals, values, timed; double time; } EventInfo;
 void *fmi2Instantiate(const char *n, int type, const char *guid, const char *r, const void *c, int v, int l) {
+    IN_INSTANTIATE;
     Lag *m = strcmp(guid, "{lag}") == 0 ? calloc(1, sizeof(Lag)) : NULL;
     if (m) start(m);
     return m;
@@ -121,6 +149,7 @@ int fmi2GetDirectionalDerivative(void *c, const unsigned *u, size_t nu, const un
 #define F(name) fmi3##name
 #define BOOL bool
 void *fmi3InstantiateModelExchange(const char *n, const char *token, const char *r, bool v, bool l, void *e, void *log) {
+    IN_INSTANTIATE;
     Lag *m = strcmp(token, "{lag}") == 0 ? calloc(1, sizeof(Lag)) : NULL;
     if (m) start(m);
     return m;

@@ -7,7 +7,7 @@
  * `gain` is tunable, `tau`, `level` and `table[1..3]` are fixed. From t = `at` on, a step returns the status `fault`; 6 is
  * an early return (FMI 3.0), 7 the end of the simulation. tau <= 0 is an error at initialization. With -DSINGLE there is
  * one instance at a time, with -DNO_RESET fmi2Reset fails, with -DLAZY_RESET it keeps the state x for the next start, and
- * with -DEVEN steps must have the length of the first one.
+ * with -DEVEN steps must have the length of the first one. -DIN_STEP and -DIN_FREE hold statements that run first there.
  */
 #include <math.h>
 #include <stdbool.h>
@@ -93,7 +93,15 @@ static int initialize(Tank *m) {
     return 0;
 }
 
+#ifndef IN_STEP
+#define IN_STEP
+#endif
+#ifndef IN_FREE
+#define IN_FREE
+#endif
+
 static int step(Tank *m, double t, double h) {
+    IN_STEP;
     if (fabs(t - m->time) > 1e-9 || h <= 0.0) return 3;
 #if FMI == 2
     m->ended = t + h >= m->at - 1e-9 && m->fault == 7;
@@ -185,6 +193,7 @@ int F(Reset)(void *c) {
 }
 int F(Terminate)(void *c) { return 0; }
 void F(FreeInstance)(void *c) {
+    IN_FREE;
     living--;
     free(c);
 }

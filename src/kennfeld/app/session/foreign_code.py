@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from kennfeld.app.code_consent import content_digest, is_allowed
 from kennfeld.app.session.function_source import FunctionSource
 from kennfeld.errors import Finding, Location
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.models.code_consent import content_digest, is_allowed
 from kennfeld.models.function_files import kind_of
 from kennfeld.project.schema import ProjectFile
 

@@ -108,8 +108,8 @@ class RunJob(WorkerProcess):
     def _close(self) -> None:
         self.close()
         if not self._ended:
-            code = self.process.returncode
-            self._report(Ended(None, reason=f"The process of the run ended unexpectedly (exit status {code})."))
+            reason = f"The process of the run ended unexpectedly: {self.describe_end()}."
+            self._report(Ended(None, reason=reason))
 
 
 def main() -> None:

@@ -14,7 +14,6 @@ import numpy as np
 
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
-from kennfeld.app.code_consent import allow
 from kennfeld.app.session.evidence import Evidence
 from kennfeld.app.session.foreign_code import ForeignCode, undecided_code
 from kennfeld.app.session.function_source import read_called
@@ -36,6 +35,7 @@ from kennfeld.dask_runner import DaskRunner
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
+from kennfeld.models.code_consent import allow
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, TraceLine
 from kennfeld.parameter_set import ParameterSet

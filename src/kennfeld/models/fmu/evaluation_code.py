@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from kennfeld.machine_code.call_record import write_begin, write_end, write_place
 from kennfeld.machine_code.external import c_pointer
 from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
 from kennfeld.models.fmu.number_access import NumberGroup, get_numbers, real_count, set_numbers
@@ -103,13 +104,19 @@ class _InstanceCalls:
         self.f, self.layout, self.worst, self.number = f, layout, worst, number
         self.second = layout.version == "2.0"
         self.instance = f.load(self.memory("instances"), number, "ptr")
+        self.record = self.memory("record")
 
     def memory(self, name: str) -> str:
         return c_pointer(self.f, f"{self.layout.prefix}_{name}")
 
+    def address(self, name: str) -> str:
+        """Return the address of a function that is about to be called, which is recorded."""
+        write_begin(self.f, self.record, recorded_functions(self.layout).index(name) + 1)
+        return self.memory(name)
+
     def __call__(self, name: str, *arguments: str) -> None:
         f = self.f
-        function = self.memory(f"fmi{self.layout.version[0]}{name}")
+        function = self.address(f"fmi{self.layout.version[0]}{name}")
         status = f.new(f"call i32 {function}({', '.join((f'ptr {self.instance}', *arguments))})")
         worst = f.load(self.worst, kind="i32")
         worse = f.new(f"icmp sgt i32 {status}, {worst}")
@@ -227,6 +234,7 @@ def _enter_point(layout: CallLayout, events: bool) -> tuple[FunctionWriter, _Ins
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
     calls = _InstanceCalls(f, layout, worst, "%number")
+    write_place(f, calls.record, f.load("%x"), "%number")
     _set_parameters(calls, f.at("%x", 1 + layout.states + layout.inputs))
     calls("SetTime", f"double {f.load('%x')}")
     if layout.states:
@@ -245,6 +253,7 @@ def _start_point(layout: CallLayout) -> FunctionWriter:
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
     calls = _InstanceCalls(f, layout, worst, "%number")
+    write_place(f, calls.record, f.load("%x"), "%number")
     parameters = f.at("%x", 1 + layout.inputs)
     starts = f.at("%x", 1 + layout.inputs + layout.parameters) if layout.starts else None
     calls.initialize(parameters, f.at("%x", 1), starts)
@@ -322,6 +331,7 @@ def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
         if shape.name == "equations" and layout.real_results < shape.results:
             with f.loop(layout.real_results * shape.arguments, shape.results * shape.arguments) as i:
                 f.store(ZERO, "%slopes", i)
+    write_end(f, calls.record)
     f.do(f"store atomic i32 0, ptr {lock} release, align 4")
     return f
 
@@ -458,7 +468,7 @@ def _instantiate(calls: _InstanceCalls) -> str:
     else:
         function = "fmi3InstantiateModelExchange"
         arguments = (name, token, resources, false, false, "ptr null", callbacks)
-    return f.new(f"call ptr {calls.memory(function)}({', '.join(arguments)})")
+    return f.new(f"call ptr {calls.address(function)}({', '.join(arguments)})")
 
 
 @contextmanager
@@ -471,6 +481,11 @@ def _columns(calls: _InstanceCalls, shape: _FunctionShape, kind: int) -> Iterato
         same = f.new(f"icmp eq i32 {f.load(kinds, j, 'i32')}, {kind}")
         with f.when(f.new(f"and i1 {needed}, {same}")):
             yield j
+
+
+def recorded_functions(layout: CallLayout) -> Sequence[str]:
+    """Return the names of functions in the order of their numbers in records of calls."""
+    return equation_functions(layout._replace(directional=True))
 
 
 def equation_functions(layout: CallLayout) -> Sequence[str]:

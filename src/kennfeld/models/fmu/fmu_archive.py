@@ -15,6 +15,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.models.fmu.description import FmuDescription
 from kennfeld.models.fmu.description_reader import LIMITS, read_description
+from kennfeld.watch_folder import watch_folder
 
 _DESCRIPTION = "modelDescription.xml"
 _MOST_FILES = 100_000
@@ -62,7 +63,7 @@ def platform_folder(version: str) -> str:
 
 def unpack(path: Path) -> Path:
     """Unpack an FMU into a folder that is removed when the process ends, and return the folder."""
-    folder = Path(tempfile.mkdtemp(prefix="kennfeld-fmu-"))
+    folder = Path(tempfile.mkdtemp(prefix="kennfeld-fmu-", dir=watch_folder()))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     with convert_errors(path, "cannot be unpacked"), zipfile.ZipFile(path) as archive:
         _check_members(archive, path)

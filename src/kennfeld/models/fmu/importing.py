@@ -151,9 +151,9 @@ def _find_discrete(description: FmuDescription, interface: str, location: Locati
 
 
 def find_remarks(description: FmuDescription, path: Path, interface: str) -> list[Finding]:
-    """Return what runs differently from the source, and that code will run."""
+    """Return what runs differently from the source."""
     differing = _trajectory_remarks if interface == CO_SIMULATION else _equation_remarks
-    sentences = [f"runs code of {path.name}", *differing(description)]
+    sentences = [*differing(description)]
     if description.unused:
         names = join_names([v.name for v in description.unused], _MOST_NAMES, " and ")
         sentences.append(f"inputs keep their start values and outputs are skipped if they are not numbers: {names}")

@@ -15,6 +15,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.finite_differences import difference_step
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.machine_code.external import provide
 from kennfeld.models.fmu.description import FmuDescription, FmuVariable
@@ -30,12 +31,13 @@ from kennfeld.models.fmu.evaluation_code import (
     YIELD,
     CallLayout,
     equation_functions,
+    recorded_functions,
     write_equations,
     write_events,
     write_start,
 )
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
-from kennfeld.models.fmu.library import FmuLibrary, yield_address
+from kennfeld.models.fmu.library import LOADING, FmuLibrary, yield_address
 from kennfeld.models.fmu.number_access import group_numbers
 from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
 
@@ -120,6 +122,7 @@ class FmuInstance:
     def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
         self.source, self.description = source, description
         self.layout = layout_of(description, f"fmu_{digest}")
+        self.record = CallRecord(source.name, [*recorded_functions(self.layout), LOADING])
         self._memory: dict[str, Any] = {}
         self.arguments = _arguments(description)
         states = set(description.states)
@@ -181,10 +184,11 @@ class FmuInstance:
         if not path.is_file():
             message = f"has no library {path.name} for {platform_folder(self.description.version)}"
             raise InputError.of(Location(str(self.source)), message)
-        library = FmuLibrary(path, self.description, self.source)
+        library = FmuLibrary(path, self.description, self.source, self.record)
         prefix = self.layout.prefix
         if not library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative"):
             self.layout = self.layout._replace(directional=False)
+        provide(f"{prefix}_record", self.record.address())
         for name in equation_functions(self.layout):
             address = library.address(name)
             if not address:

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import InputError, Location
+from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.machine_code.external import c_function
 from kennfeld.models.fmu.description import FmuDescription
 
+LOADING = "loading its library"  # which runs code as well
 _MODEL_EXCHANGE = 0
 _MOST_MESSAGES = 20
 
@@ -30,18 +32,19 @@ class _Callbacks2(ctypes.Structure):
 class FmuLibrary:
     """A library in this process, and what it logged; both stay until the process ends.
 
-    `creation` holds the addresses of what it needs to create instances, by name.
+    `creation` holds the addresses of what it needs to create instances, by name; `record` what runs.
     """
 
-    def __init__(self, path: Path, description: FmuDescription, source: Path) -> None:
-        self.description, self.source = description, source
+    def __init__(self, path: Path, description: FmuDescription, source: Path, record: CallRecord) -> None:
+        self.description, self.source, self.record = description, source, record
         self.messages: list[str] = []
         self.creation: dict[str, int] = {}
         self._kept: list[Any] = []  # objects whose memory the library refers to
         folder = Path.cwd()
         try:
             os.chdir(path.parent)  # where some libraries look for others
-            self._library = ctypes.CDLL(str(path))
+            with record.during(LOADING):
+                self._library = ctypes.CDLL(str(path))
         except OSError as error:
             raise InputError.of(Location(str(source)), f"its library cannot be loaded: {error}") from None
         finally:
@@ -62,13 +65,15 @@ class FmuLibrary:
         """
         pointer, text, second = ctypes.c_void_p, ctypes.c_char_p, self.description.version == "2.0"
         name, token, where, log = self.prepare(resources)
-        if second:
-            create = self._function("fmi2Instantiate", text, ctypes.c_int, text, text, pointer, *[ctypes.c_int] * 2)
-            instance = create(name, _MODEL_EXCHANGE, token, where, log, 0, 0)
-        else:
-            kinds = (text, text, text, ctypes.c_bool, ctypes.c_bool, pointer, pointer)
-            create = self._function("fmi3InstantiateModelExchange", *kinds)
-            instance = create(name, token, where, False, False, None, log)
+        function = "fmi2Instantiate" if second else "fmi3InstantiateModelExchange"
+        with self.record.during(function):
+            if second:
+                create = self._function(function, text, ctypes.c_int, text, text, pointer, *[ctypes.c_int] * 2)
+                instance = create(name, _MODEL_EXCHANGE, token, where, log, 0, 0)
+            else:
+                kinds = (text, text, text, ctypes.c_bool, ctypes.c_bool, pointer, pointer)
+                create = self._function(function, *kinds)
+                instance = create(name, token, where, False, False, None, log)
         if not instance:
             said = f": {'; '.join(self.messages)}" if self.messages else ""
             message = f"its code does not create an instance{said}"

@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError, Location
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.machine_code.external import provide
 from kennfeld.models.fmu.description import FmuDescription, FmuVariable
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
-from kennfeld.models.fmu.library import FmuLibrary, thread_address, yield_address
+from kennfeld.models.fmu.library import LOADING, FmuLibrary, thread_address, yield_address
 from kennfeld.models.fmu.number_access import NumberGroup, group_numbers
 from kennfeld.models.fmu.stop_reports import StopReports
 from kennfeld.models.fmu.trajectory_code import (
+    RECORD,
     REUSED,
     SLOTS,
     THREAD,
@@ -78,6 +80,8 @@ class FmuTrajectories:
     def __init__(self, source: Path, description: FmuDescription, digest: str) -> None:
         self.source, self.description = source, description
         self.layout = trajectory_layout(description, f"fmu_steps_{digest}")
+        functions = [*trajectory_functions(self.layout), LOADING]
+        self.record = CallRecord(source.name, functions, self.layout.slots)
         self._memory: dict[str, Any] = {}
         self.library = self._load()
         self.reports = StopReports(source, self.library)
@@ -94,7 +98,7 @@ class FmuTrajectories:
         if not path.is_file():
             message = f"has no library {path.name} for {platform_folder(self.description.version)}"
             raise InputError.of(Location(str(self.source)), message)
-        library = FmuLibrary(path, self.description, self.source)
+        library = FmuLibrary(path, self.description, self.source, self.record)
         library.prepare(folder / "resources")
         for name in trajectory_functions(self.layout):
             address = library.address(name)
@@ -110,7 +114,9 @@ class FmuTrajectories:
         control = np.zeros(16, dtype=np.int64)
         control[REUSED] = 1
         self._keep("control", control)
-        self._keep("slots", np.zeros(layout.words * layout.slots, dtype=np.int64))
+        slots = np.zeros((layout.slots, layout.words), dtype=np.int64)
+        slots[:, RECORD] = [self.record.address(slot) for slot in range(layout.slots)]
+        self._keep("slots", slots)
         self._keep_references(layout.parameters, set_at_start(self.description))
         self._keep_references(layout.inputs, inputs_of(self.description))
         self._keep_references(layout.outputs, outputs_of(self.description))

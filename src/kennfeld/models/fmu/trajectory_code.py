@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from kennfeld.machine_code.call_record import write_begin, write_end, write_place
 from kennfeld.machine_code.external import c_pointer
 from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
 from kennfeld.models.fmu.number_access import NumberGroup, get_numbers, set_numbers
@@ -25,7 +26,9 @@ ORDER, UNEVEN, NOT_A_NUMBER, EARLY, TERMINATED, LOST, NO_INSTANCE = range(10, 17
 THREAD, YIELD = "current_thread", "yield_processor"
 UNEVEN_SHARE = 1e-3  # of the step, by which the steps of an FMU that needs equal ones may differ
 
-_LOCK, _INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT, _OUTPUTS = range(12)
+RECORD = 11  # word of a slot that holds the address of its record of calls
+_LOCK, _INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT = range(RECORD)
+_OUTPUTS = RECORD + 1
 _RUNNING, _FAILED, _ENDED = range(3)  # states of a trajectory
 _LAST_TIME, _TERMINATED = 2, 3  # kinds of status of FMI 2.0
 _LINE = 16  # words of 8 bytes that no two processors should write at once
@@ -113,8 +116,13 @@ class _SlotCalls:
     def memory(self, name: str) -> str:
         return c_pointer(self.f, f"{self.layout.prefix}_{name}")
 
+    def function(self, name: str) -> str:
+        """Return the address of a function of the library that is about to be called, which is recorded."""
+        write_begin(self.f, _record(self.f, self.slot), trajectory_functions(self.layout).index(name) + 1)
+        return self.memory(name)
+
     def __call__(self, name: str, *arguments: str) -> None:
-        f, function = self.f, self.memory(f"fmi{self.layout.version[0]}{name}")
+        f, function = self.f, self.function(f"fmi{self.layout.version[0]}{name}")
         instance = f.load(self.slot, _INSTANCE, "ptr")
         status = f.new(f"call i32 {function}({', '.join((f'ptr {instance}', *arguments))})")
         worst = f.load(self.worst, kind="i32")
@@ -161,6 +169,10 @@ class _SlotCalls:
 
 def _slot(f: FunctionWriter, layout: TrajectoryLayout, number: str) -> str:
     return f.at(c_pointer(f, f"{layout.prefix}_slots"), f.mul(number, layout.words), "i64")
+
+
+def _record(f: FunctionWriter, slot: str) -> str:
+    return f.load(slot, RECORD, "ptr")
 
 
 def _acquire(f: FunctionWriter, lock: str) -> None:
@@ -214,6 +226,7 @@ def _start(layout: TrajectoryLayout) -> FunctionWriter:
         f.call("begin", [("ptr", slot), ("ptr", "%x")])
         failed = f.new(f"icmp eq i64 {f.load(slot, _STATE, 'i64')}, {_FAILED}")
         f.store(f.select(failed, _NAN, f.load(slot, _TICKET)), "%y")
+        write_end(f, _record(f, slot))
         _release(f, slot)
     _no_slopes(f, 1, 2 + layout.arguments + layout.set_at_start)
     return f
@@ -261,6 +274,7 @@ def _begin(layout: TrajectoryLayout) -> FunctionWriter:
     worst, time = f.slot("i32"), f.load("%x", 1)
     calls = _SlotCalls(f, layout, "%slot", worst)
     f.store("0", worst, kind="i32")
+    write_place(f, _record(f, "%slot"), time)
     for word, value in ((_STATE, str(_RUNNING)), (_COUNT, "0")):
         f.store(value, "%slot", word, "i64")
     for word, value in ((_TIME, time), (_BEGAN, time), (_STEP, ZERO)):
@@ -297,7 +311,7 @@ def _renew(layout: TrajectoryLayout) -> FunctionWriter:
         kept = f.new(f"icmp ne i64 {f.load(calls.memory('control'), REUSED, 'i64')}, 0")
         fine = f.new(f"icmp slt i32 {f.load(worst, kind='i32')}, {DISCARD}")
         with f.unless(kept, fine):
-            f.do(f"call void {calls.memory(f'fmi{layout.version[0]}FreeInstance')}(ptr {instance})")
+            f.do(f"call void {calls.function(f'fmi{layout.version[0]}FreeInstance')}(ptr {instance})")
             f.store("null", "%slot", _INSTANCE, "ptr")
     with f.when(f.new(f"icmp eq ptr {f.load('%slot', _INSTANCE, 'ptr')}, null")):
         f.store(_instantiate(calls), "%slot", _INSTANCE, "ptr")
@@ -313,7 +327,7 @@ def _instantiate(calls: _SlotCalls) -> str:
     else:
         function = "fmi3InstantiateCoSimulation"
         arguments = [name, token, resources, *[false] * 4, *variables, "ptr null", callbacks, "ptr null"]
-    return calls.f.new(f"call ptr {calls.memory(function)}({', '.join(arguments)})")
+    return calls.f.new(f"call ptr {calls.function(function)}({', '.join(arguments)})")
 
 
 def _step(layout: TrajectoryLayout) -> FunctionWriter:
@@ -328,6 +342,7 @@ def _step(layout: TrajectoryLayout) -> FunctionWriter:
         with f.when(own):
             with f.when(f.new(f"fcmp une double {f.load('%x', 1)}, {f.load(slot, _TIME)}")):
                 f.call("advance", [("ptr", slot), ("ptr", "%x")])
+                write_end(f, _record(f, slot))
             with f.loop(0, layout.results) as i:
                 f.store(f.load(slot, f.add(i, _OUTPUTS)), "%y", i)
         _release(f, slot)
@@ -363,6 +378,7 @@ def _move(layout: TrajectoryLayout) -> FunctionWriter:
     f = FunctionWriter("move", [("ptr", "slot"), ("ptr", "x")], "noinline")
     worst, time, last = f.slot("i32"), f.load("%x", 1), f.load("%slot", _TIME)
     f.store("0", worst, kind="i32")
+    write_place(f, _record(f, "%slot"), time)
     calls = _SlotCalls(f, layout, "%slot", worst)
     with f.unless(f.new(f"fcmp ogt double {time}, {last}")):
         calls.stop(ORDER, time)

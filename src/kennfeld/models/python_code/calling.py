@@ -1,6 +1,7 @@
 """Python functions in the memory of this process, callable from machine code and for many samples at once."""
 
 import ctypes
+import threading
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.util import module_from_spec, spec_from_file_location
@@ -12,8 +13,11 @@ from kennfeld.arrays import Float
 from kennfeld.content_digest import digest_of
 from kennfeld.errors import InputError, Location
 from kennfeld.graph.external_function import ExternalFunction
+from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.models.python_code.evaluation import NumberFunction, PythonEvaluation
 
+_THREADS: Final = 64  # whose calls are recorded apart
+_LOADING: Final = "running the file"
 _POINTERS: Final = (ctypes.POINTER(ctypes.c_double),) * 3
 _MODULE: Final = "kennfeld.models.python_code.calling"
 _living: dict[int, PythonEvaluation] = {}  # functions that are not in files, by their numbers
@@ -93,9 +97,27 @@ def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int)
     if spec is None or spec.loader is None:
         raise InputError.of(Location(path), "the file cannot be loaded")
     module = module_from_spec(spec)
+    record = CallRecord(Path(path).name, [name, _LOADING], _THREADS)
     try:
-        spec.loader.exec_module(module)
+        with record.during(_LOADING):
+            spec.loader.exec_module(module)
         function: Callable[..., Any] = getattr(module, name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError.of(Location(path), f"running it failed: {error!r:.200}", "Correct it.") from error
-    return LoadedPython(PythonEvaluation(name, function, inputs, outputs))
+    return LoadedPython(PythonEvaluation(name, _recorded(function, record), inputs, outputs))
+
+
+def _recorded(function: NumberFunction, record: CallRecord) -> NumberFunction:
+    """Return the function with its calls recorded; each thread has a slot."""
+    own, numbers_of_threads = threading.local(), count()
+
+    def call(*arguments: Any) -> Any:
+        if not hasattr(own, "slot"):
+            own.slot = next(numbers_of_threads) % _THREADS
+        record.begin(1, own.slot)
+        try:
+            return function(*arguments)
+        finally:
+            record.end(own.slot)
+
+    return call

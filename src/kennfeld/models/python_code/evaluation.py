@@ -47,7 +47,7 @@ class PythonEvaluation:
         try:
             result = self.function(*arguments)
             numbers = [float(item) for item in _sequence(result, self.outputs)]
-        except Exception:  # an exception cannot pass through machine code
+        except (Exception, SystemExit):  # neither can pass through machine code
             return [math.nan] * self.outputs
         return numbers if len(numbers) == self.outputs else [math.nan] * self.outputs
 
@@ -75,7 +75,7 @@ class PythonEvaluation:
     def _at_all(self, points: Float) -> Float:
         try:
             return self._arrays(self.function(*points), points.shape[1])
-        except Exception:
+        except (Exception, SystemExit):
             return self._by_sample(points)
 
     def _by_sample(self, points: Float) -> Float:
@@ -98,7 +98,7 @@ class PythonEvaluation:
                 with np.errstate(all="ignore"):
                     results = self._arrays(self.function(*picked), picked.shape[1])
                 self._takes_arrays = np.allclose(results, expected, rtol=_TOLERANCE, atol=0.0, equal_nan=True)
-            except Exception:
+            except (Exception, SystemExit):
                 self._takes_arrays = False
         return bool(self._takes_arrays)
 
@@ -110,7 +110,7 @@ class PythonEvaluation:
         try:
             returned = self.function(*arguments.tolist())
             numbers = [float(item) for item in _sequence(returned, self.outputs)]
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             message = f"the function fails at {at}: {error!r:.200}"
             raise InputError.of(Location(self.name), message, "It must take numbers and return numbers.") from error
         if len(numbers) != self.outputs:

@@ -205,9 +205,11 @@ class _Multistart:
         stopped = any(row.status == "stopped" for row in rows)
         sentences = [STOPPED if stopped else best.row.message]
         if len(rows) > 1:
-            failed = sum(row.status in ("failed", "infeasible") for row in rows)
+            failed = [row.message for row in rows if row.status in ("failed", "infeasible")]
             sentences.append(f"Best of {len(rows)} starts: number {best.row.start}.")
-            sentences += [f"{failed} of them failed."] if failed else []
+            sentences += (
+                [f"{len(failed)} of them failed, one with the message: {failed[0].rstrip('.')}."] if failed else []
+            )
         if self.without_workers:
             sentences.append("The starts ran sequentially because no worker process could load the problem.")
         sentences += self._describe_resumption()

@@ -136,7 +136,7 @@ class _Pool:
         if not worker.ready:
             raise _WorkerUnusableError
         if worker.point is not None:
-            message = f"The worker process of this start ended with exit status {worker.process.returncode}."
+            message = f"The worker process of this start ended: {worker.describe_end()}."
             self.outcomes.append(worker.point.skip("failed", message))
 
     def _stop(self) -> None:

@@ -15,6 +15,7 @@ import threading
 from contextlib import suppress
 from typing import IO, Any
 
+from kennfeld.machine_code.crash_report import describe_end
 from kennfeld.portable_pickle import pickle_content
 
 STOP = "stop"
@@ -51,6 +52,10 @@ class WorkerProcess:
     def kill(self) -> None:
         """End the process at once."""
         self.process.kill()
+
+    def describe_end(self) -> str:
+        """Return how the process ended, once it has."""
+        return describe_end(self.process.pid, self.process.returncode)
 
     def close(self) -> None:
         """End the process, and close its pipes."""

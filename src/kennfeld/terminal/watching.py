@@ -1,0 +1,167 @@
+"""Runs a command in a process of its own and watches it, because its project calls foreign code.
+
+Foreign code may crash its process or never return. The command then ends with a message that names it, and leaves no
+temporary files. Otherwise nothing differs: the process uses the same terminal, and its exit status is returned.
+"""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Hashable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+
+from kennfeld.errors import Finding
+from kennfeld.machine_code.call_record import ForeignCall, read_calls, recorded_files
+from kennfeld.machine_code.crash_report import crash_finding, hang_finding, unloading_finding
+from kennfeld.terminal.command_line import INTERRUPTED, WRONG_INPUT
+from kennfeld.terminal.output import print_findings
+from kennfeld.terminal.signals import FORWARDED, HANGUP, REQUESTS, held_back, leave_terminal, respected
+from kennfeld.terminal.watched_process import ENDED, PROCESS
+from kennfeld.watch_folder import FOLDER, WATCHER, remove_noted
+
+INTERVAL = 0.5  # s between looks at the records of calls
+PATIENCE = 10.0  # s from the second request to end until the process is killed, or after its work is done
+_COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.cli import main; main()"
+_CLEAR = "\r\x1b[2K\x1b[?25h"  # removes the line of progress and shows the cursor
+_WINDOWS_QUERY, _WINDOWS_RUNNING = 0x1000, 259  # PROCESS_QUERY_LIMITED_INFORMATION, STILL_ACTIVE
+
+
+def run_watched(arguments: Sequence[str], limit: float) -> int:
+    """Run a command line in a process of its own, and return its exit status.
+
+    Args:
+        arguments: of the command line.
+        limit: how long a call of foreign code may take, in s.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="kennfeld-"))
+    try:
+        return _WatchedCommand(arguments, folder).run(limit)
+    finally:
+        remove_noted(folder)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class _WatchedCommand:
+    def __init__(self, arguments: Sequence[str], folder: Path) -> None:
+        self._folder = folder
+        self._requests = 0  # to end
+        self._requested = 0.0  # when the last one came
+        self._done = threading.Event()
+        environment = {**os.environ, FOLDER: str(folder), WATCHER: str(os.getpid())}
+        command = [sys.executable, "-c", _COMMAND.format(path=sys.path), *arguments]
+        with held_back():
+            self._process = subprocess.Popen(command, env=environment)
+            for number in respected((signal.SIGINT, *REQUESTS)):
+                signal.signal(number, self._forward)
+        threading.Thread(target=self._wait, daemon=True).start()
+
+    def run(self, limit: float) -> int:
+        """Wait for the end, report what went wrong, and return the exit status."""
+        hanging = self._watch(limit)
+        status = self._process.returncode
+        ended = self._folder / ENDED
+        if ended.is_file():
+            return self._finish(ended.read_text(), status)
+        if hanging:
+            _report(hang_finding(hanging, limit))
+        elif self._requests:
+            return INTERRUPTED
+        else:
+            own = [call for call in read_calls(self._folder) if str(call.process) == self._number()]
+            _report(crash_finding(own, recorded_files(self._folder), status))
+        return WRONG_INPUT
+
+    def _watch(self, limit: float) -> Sequence[ForeignCall]:
+        """Wait for the end; end the process if it hangs, and return the calls in which it does."""
+        monitor = _CallMonitor(limit)
+        while not self._done.wait(INTERVAL):
+            hanging = monitor.overdue(read_calls(self._folder))
+            given_up = self._requests > 1 and time.monotonic() - self._requested > PATIENCE
+            if hanging or given_up or monitor.lasts("ending", PATIENCE, (self._folder / ENDED).is_file()):
+                for process in {call.process for call in hanging}:
+                    with suppress(OSError):
+                        os.kill(process, getattr(signal, "SIGKILL", signal.SIGTERM))
+                self._process.kill()
+                self._done.wait()
+                return hanging
+        return ()
+
+    def _finish(self, text: str, status: int) -> int:
+        """Return the exit status of a process that has done its work."""
+        if not text or int(text) == status:
+            return status
+        _report(unloading_finding(recorded_files(self._folder), status))
+        return int(text)
+
+    def _wait(self) -> None:
+        self._process.wait()
+        self._done.set()
+
+    def _forward(self, number: int, frame: FrameType | None) -> None:
+        if number == HANGUP:
+            leave_terminal()
+            if self._requests:
+                return  # shell and kernel both send it
+        self._requests, self._requested = self._requests + 1, time.monotonic()
+        if FORWARDED is not None:
+            self._process.send_signal(FORWARDED)
+
+    def _number(self) -> str:
+        file = self._folder / PROCESS
+        return file.read_text() if file.is_file() else ""
+
+
+class _CallMonitor:
+    """Tells which calls take longer than a limit; time in which the computer or the processes sleep does not count."""
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        self._seconds: dict[tuple[Hashable, int], float] = {}
+        self._looked = time.monotonic()
+        self._passed = 0.0
+        self._ended: set[int] = set()  # processes, whose numbers others may get
+
+    def overdue(self, calls: Sequence[ForeignCall]) -> list[ForeignCall]:
+        """Return the calls of running processes that have lasted for longer than the limit."""
+        now = time.monotonic()
+        self._passed, self._looked = min(now - self._looked, 2 * INTERVAL), now
+        self._ended.update(number for number in {call.process for call in calls} if not _is_running(number))
+        running = [call for call in calls if call.process not in self._ended]
+        return [call for call in running if self.lasts(call.slot, self._limit, True, call.number)]
+
+    def lasts(self, name: Hashable, limit: float, condition: bool, number: int = 0) -> bool:
+        """Return if a condition has lasted longer than a limit since `number` changed."""
+        entry = (name, number)
+        self._seconds = {key: value for key, value in self._seconds.items() if key == entry or key[0] != name}
+        self._seconds[entry] = self._seconds.get(entry, -self._passed) + self._passed if condition else 0.0
+        return self._seconds[entry] > limit
+
+
+def _report(finding: Finding) -> None:
+    if sys.stderr.isatty():
+        with suppress(OSError):
+            sys.stderr.write(_CLEAR)
+    print_findings(finding)
+
+
+def _is_running(process: int) -> bool:
+    if sys.platform == "win32":  # where signal 0 ends a process
+        import ctypes
+
+        library, status = ctypes.windll.kernel32, ctypes.c_ulong(0)
+        handle = library.OpenProcess(_WINDOWS_QUERY, False, process)
+        library.GetExitCodeProcess(handle, ctypes.byref(status))
+        library.CloseHandle(handle)
+        return status.value == _WINDOWS_RUNNING
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,264 @@
+"""Commands on projects that run foreign code, in processes of their own that are watched."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from foreign_projects import environment, run_command, write_fmu_project, write_python_project, write_tank_project
+
+from kennfeld.terminal.watched_commands import call_limit
+
+POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")
+LATE = "if (m->time > 5) "  # neither at the start nor at the points that a check evaluates
+
+
+def leftovers(folder: Path) -> list[str]:
+    """Return what a command has left in the folders of a project, except for what the user has."""
+    names = "kennfeld.toml lag.fmu tank.fmu bench.csv table.py torque.kf __pycache__ temporary home"
+    own = set(names.split())
+    return [path.name for place in (folder, folder / "temporary") for path in place.iterdir() if path.name not in own]
+
+
+@POSIX
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        (f"-DIN_GET={LATE}*(volatile int *)0 = 1", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segm"),
+        (f"-DIN_GET={LATE}abort()", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: aborted (SIGABRT)"),
+        (f"-DIN_GET={LATE}exit(3)", "ended the program with exit status 3 in fmi2GetDerivatives, instance 1, at t = 5"),
+        (f"-DIN_GET={LATE}exit(0)", "ended the program with exit status 0 in fmi2GetDerivatives"),
+        (f"-DIN_GET={LATE}m->k = overflow(0)", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segment"),
+        (f"-DIN_GET={LATE}raise(SIGFPE)", "(SIGFPE)"),
+        (f"-DIN_GET={LATE}kill(getpid(), SIGKILL)", "the system ended the program in fmi2GetDerivatives, instance 1"),
+        (f"-DIN_GET={LATE}for (;;)", "did not return within 2 s in fmi2GetDerivatives, instance 1, at t = 5.05 s"),
+        ("-DIN_INSTANTIATE=*(volatile int *)0 = 1", "crashed in fmi2Instantiate: segmentation fault (SIGSEGV)"),
+        ("-DIN_INSTANTIATE=for (;;)", "did not return within 2 s in fmi2Instantiate"),
+        ("-DIN_LOADING=abort()", "crashed while loading its library: aborted (SIGABRT)"),
+    ],
+)
+def test_a_fault_of_an_fmu_is_one_message(tmp_path: Path, fault: str, message: str) -> None:
+    status, out, err = run_command(write_fmu_project(tmp_path, fault), "simulate", "--quiet")
+    assert (status, out) == (2, "")
+    [line] = [line for line in err.splitlines() if "runs code of" not in line]
+    assert line.startswith("lag.fmu: ")
+    assert message in line
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-DIN_STEP=if (t > 4.95) abort()"], "crashed in fmi{}DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
+        (["-DIN_STEP=if (t > 4.95) for (;;)"], "did not return within 2 s in fmi{}DoStep, instance 1, at t = 5.1 s"),
+        (["-DNO_RESET", "-DIN_FREE=*(volatile int *)0 = 1"], "crashed in fmi{}FreeInstance, instance 1"),
+    ],
+)
+def test_a_fault_of_co_simulation_is_one_message(
+    tmp_path: Path, version: int, options: list[str], message: str
+) -> None:
+    status, out, err = run_command(write_tank_project(tmp_path, version, *options), "simulate", "--quiet")
+    assert (status, out) == (2, "")
+    [line] = [line for line in err.splitlines() if "runs code of" not in line]
+    assert line.startswith(f"tank.fmu: its code {message.format(version)}")
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+@pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report"])
+def test_every_command_that_evaluates_is_watched(tmp_path: Path, command: str) -> None:
+    status, _, err = run_command(write_fmu_project(tmp_path, f"-DIN_GET={LATE}abort()"), command)
+    assert status == 2
+    assert "lag.fmu: its code crashed" in err
+    assert "Traceback" not in err
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("os.abort()", "table.py: its code crashed in table: aborted (SIGABRT)"),
+        ("os._exit(3)", "table.py: its code ended the program with exit status 3 in table"),
+        ("while True:\n    pass", "table.py: its code did not return within 2 s in table"),
+    ],
+)
+def test_a_fault_of_python_is_one_message(tmp_path: Path, body: str, message: str) -> None:
+    status, out, err = run_command(write_python_project(tmp_path, body), "simulate", "--quiet")
+    assert (status, out) == (2, "")
+    assert message in err.splitlines()[-1]
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+def test_python_that_ends_the_program_by_an_exception_fails_at_that_sample(tmp_path: Path) -> None:
+    project, target = write_python_project(tmp_path, "if x > 3:\n    raise SystemExit(3)"), tmp_path / "simulation.csv"
+    status, _, err = run_command(project, "simulate", "--output", str(target))
+    assert (status, "Traceback" in err) == (0, False)
+    with target.open(encoding="utf-8", newline="") as file:
+        values = [row["y"] for row in csv.DictReader(file)]
+    assert values[:7] == ["2", "4", "6", "", "", "", ""]
+
+
+@POSIX
+def test_a_crash_after_the_work_is_a_warning(tmp_path: Path) -> None:
+    status, out, err = run_command(write_fmu_project(tmp_path, "-DIN_UNLOADING=abort()"), "simulate")
+    assert status == 0
+    assert "Written to" in out
+    assert "warning: lag.fmu: its code crashed when the program ended: aborted (SIGABRT)" in err
+
+
+@POSIX
+def test_output_and_exit_status_are_those_of_the_command(tmp_path: Path) -> None:
+    project = write_fmu_project(tmp_path)
+    watched = run_command(project, "check")
+    line = [sys.executable, "-c", f"from kennfeld import cli; raise SystemExit(cli.run(['check', {str(project)!r}]))"]
+    own = subprocess.run(line, env=environment(tmp_path), capture_output=True, text=True, check=False)
+    assert watched.status == own.returncode == 0
+    assert watched.out == own.stdout
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+@pytest.mark.parametrize("whole_group", [True, False])
+def test_ctrl_c_writes_the_best_values_so_far(tmp_path: Path, whole_group: bool) -> None:
+    project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
+    running = subprocess.Popen(
+        [sys.executable, "-m", "kennfeld", "calibrate", str(project)],
+        env=environment(tmp_path),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert running.stderr is not None
+    while "iteration" not in running.stderr.readline():
+        assert running.poll() is None
+    if whole_group:
+        os.killpg(running.pid, signal.SIGINT)  # as a terminal does
+    else:
+        running.send_signal(signal.SIGTERM)
+    out, err = running.communicate(timeout=120)
+    assert running.returncode == 130
+    assert "stopped: " in out
+    assert "Traceback" not in err
+    assert leftovers(tmp_path) == ["results"]
+
+
+@POSIX
+@pytest.mark.parametrize("closes", [True, False])
+def test_a_terminal_is_that_of_the_command(tmp_path: Path, closes: bool) -> None:
+    project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
+    terminal, other_end = os.openpty()
+    code = (
+        "import os, sys\n"
+        "terminal = os.open(os.ttyname(0), os.O_RDWR)\n"  # the first that a session opens becomes its own
+        "for number in range(3): os.dup2(terminal, number)\n"
+        "os.close(terminal)\nos.execv(sys.argv[1], sys.argv[1:])"
+    )
+    line = [sys.executable, "-c", code, sys.executable, "-m", "kennfeld", "calibrate", str(project)]
+    running = subprocess.Popen(line, stdin=other_end, env=environment(tmp_path), start_new_session=True)
+    os.close(other_end)
+    shown = b""
+    while b"iteration" not in shown:
+        shown += os.read(terminal, 1000)
+    if closes:
+        os.close(terminal)
+    else:
+        os.write(terminal, b"\x03")  # Ctrl-C
+        shown += read_all(terminal)
+        assert shown.count(b"Stopping at the best values so far") == 1
+        assert b"stopped: " in shown
+    assert running.wait(timeout=120) == 130
+    assert leftovers(tmp_path) == ["results"]
+
+
+def read_all(terminal: int) -> bytes:
+    """Return what a terminal shows until its last process has ended."""
+    shown = b""
+    with suppress(OSError):
+        while part := os.read(terminal, 1000):
+            shown += part
+    os.close(terminal)
+    return shown
+
+
+@POSIX
+def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}for (;;)")
+    project.write_text(project.read_text().replace("timeout = 2", "timeout = 1000"))
+    code = "from kennfeld.terminal import watching; watching.PATIENCE = 0.1; from kennfeld.cli import main; main()"
+    running = subprocess.Popen(
+        [sys.executable, "-c", code, "simulate", str(project)],
+        env=environment(tmp_path),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not any((tmp_path / "temporary").glob("*/*.calls")):
+        time.sleep(0.05)
+    time.sleep(1)
+    running.send_signal(signal.SIGTERM)
+    time.sleep(0.1)
+    running.send_signal(signal.SIGTERM)
+    _, err = running.communicate(timeout=120)
+    assert (running.returncode, "Traceback" in err) == (130, False)
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+def test_a_process_does_not_outlive_the_one_that_watches_it(tmp_path: Path) -> None:
+    project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}sleep(1000)")
+    line = [sys.executable, "-m", "kennfeld", "simulate", str(project)]
+    running = subprocess.Popen(line, env=environment(tmp_path), stderr=subprocess.DEVNULL)
+    while not (numbers := list((tmp_path / "temporary").glob("*/process"))) or not numbers[0].read_text():
+        time.sleep(0.05)
+    process = int(numbers[0].read_text())
+    running.kill()
+    running.wait()
+    while Path(f"/proc/{process}").exists():
+        time.sleep(0.05)
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+def test_a_worker_that_crashes_costs_its_start_only(tmp_path: Path) -> None:
+    project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 5 && m->k * m->k > 100) abort()")
+    text = project.read_text().replace("max_iterations = 2", "max_iterations = 2\nstarts = 4")
+    text = text.replace('["tau", "k"]', '["k"]')
+    project.write_text(f"{text}[parameters.k]\nbounds = [-50, 50]\n")
+    status, out, _ = run_command(project, "calibrate", "--workers", "2")
+    assert status in (0, 1)
+    assert "3 of them failed, one with the message: The worker process of this start ended: lag.fmu: its code" in out
+    assert "crashed in fmi2GetDerivatives, instance 1, at t = " in out
+    assert leftovers(tmp_path) == ["results"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "limit"),
+    [
+        (["calibrate", "kennfeld.toml"], 2.0),
+        (["calibrate", "-q", "kennfeld.toml", "--workers", "2"], 2.0),
+        (["app", "kennfeld.toml"], 2.0),
+        (["app"], 60.0),
+        (["check", "--no-run", "kennfeld.toml"], None),
+        (["check", "--help"], None),
+        (["info", "lag.fmu"], None),
+        (["check", "missing.toml"], None),
+        (["check", "plain.toml"], None),
+        ([], None),
+    ],
+)
+def test_commands_that_evaluate_foreign_code_have_a_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], limit: float | None
+) -> None:
+    (tmp_path / "kennfeld.toml").write_text('[model]\nfile = "lag.fmu"\ntimeout = 2\n')
+    (tmp_path / "plain.toml").write_text('[model]\nfile = "torque.kf"\n[functions]\nf = "lag.c:lag"\n')
+    monkeypatch.chdir(tmp_path)
+    assert call_limit(arguments) == limit
