@@ -80,6 +80,20 @@ PROGRAMS = {
             { double p = 5; q += p; }
             return q;
         }""",
+    "ends": """
+        #include <stddef.h>
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            static double ring[4];
+            double list[] = {u, 1, 2 * u}, sum = 0, low;
+            size_t i, count = sizeof(list) / sizeof(list[0]);
+            for (i = 0; i < count; i++) sum += list[i];
+            for (int k = 0; k < n; k++) ring[k] += u;
+            for (int k = 3; k >= 0 && ring[k] == 0; k--) sum += k;
+            low = fmin(u, 0.0 / 0.0) + fmax(sqrt(u), -1.0);
+            *y = sum + ring[2];
+            return low + (n > 0 && ring[n - 1] > 0 ? ring[n - 1] : 0);
+        }""",
     "mathematics": """
         #include <math.h>
         double step(double u, int n, double *y) {
@@ -108,7 +122,7 @@ def _reference(source, folder, u, n):
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     rng = np.random.default_rng(3)
-    u, n = rng.normal(0.0, 5.0, 60), rng.integers(-2, 6, 60).astype(float)
+    u, n = rng.normal(0.0, 5.0, 60), rng.integers(-2, 5 if program == "ends" else 6, 60).astype(float)
     value, y = _reference(PROGRAMS[program], tmp_path, u, n)
     model = as_model(read_function_file("program.c:step", tmp_path))
     columns = {"u": u, "n": n}

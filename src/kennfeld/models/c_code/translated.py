@@ -242,7 +242,9 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
         problem = UnsupportedCError(error.message, error.line or whole.function.line)
     except UnsupportedCError as error:
         problem = error
-    except (AbortedPathError, GraphTooLargeError, RecursionError):
+    except AbortedPathError:
+        problem = UnsupportedCError("an index is always out of range of its array", whole.function.line)
+    except (GraphTooLargeError, RecursionError):
         problem = UnsupportedCError("it is too large or nested too deeply", whole.function.line)
     else:
         return whole
