@@ -80,6 +80,18 @@ PROGRAMS = {
             { double p = 5; q += p; }
             return q;
         }""",
+    "effects": """
+        static int calls;
+        static double count(double x) { calls++; return x; }
+        double step(double u, int n, double *y) {
+            int before = n, more = 0;
+            double r = (u > 0 && n++ > 1) ? count(u) : u - n--;
+            if (n > 0 || (more = before) < 0) r += more++;
+            for (int k = 0; k < 5 && n-- > 0; k++) r -= count(0.5);
+            r += (n += 2, n) > 0 ? ++more : more--;
+            *y = calls + 10 * more + 100 * n;
+            return r;
+        }""",
     "ends": """
         #include <stddef.h>
         #include <math.h>
