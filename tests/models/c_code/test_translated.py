@@ -47,6 +47,7 @@ PROGRAMS = {
             case OFF: r = -1; break;
             case 1: case SLOW: r += 10;
             case FAST: r += 100; break;
+            case 4: if (u > 0) { r = 3; if (u > 4) break; r += u; } r *= 2; break;
             default: r = 7 / 2;
             }
             *y = n > 1 ? u : -u;

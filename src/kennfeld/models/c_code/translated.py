@@ -196,6 +196,13 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     return whole if problems else _completed(whole, usage)
 
 
+def _origin(problem: UnsupportedCError, reasons: Mapping[str, UnsupportedCError]) -> UnsupportedCError:
+    """Return why a variable is not known, if the file declares it: perhaps because of another variable."""
+    for _ in range(10):
+        problem = reasons.get(problem.message, problem)
+    return problem
+
+
 def _called(name: str, translations: Mapping[str, FunctionTranslation]) -> Iterator[str]:
     """Yield the names of a function and of all that it calls."""
     waiting, seen = [name], {name}
