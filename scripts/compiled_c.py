@@ -122,7 +122,8 @@ def _driver(file: CSourceFile, function: TranslatedFunction) -> str:
     declared, passed = [], []
     for tree in parameters.params if parameters is not None else []:
         if isinstance(tree, c_ast.Decl):
-            declared.append(_declaration(tree))
+            sizes = next((a.variable.sizes for a in function.function.arguments if a.variable.name == tree.name), ())
+            declared.append(_declaration(tree, sizes[0] if len(sizes) == 1 else 1))
             passed.append(f"argument_{tree.name}")
     linked = [
         line
@@ -152,8 +153,8 @@ def _driver(file: CSourceFile, function: TranslatedFunction) -> str:
     )  # fmt: skip
 
 
-def _declaration(tree: c_ast.Decl) -> str:
-    """Return the declaration of a variable that a call passes."""
+def _declaration(tree: c_ast.Decl, size: int) -> str:
+    """Return the declaration of a variable that a call passes; behind a pointer it has `size` elements."""
     kind = copy.deepcopy(tree.type)
     waiting = [kind]
     while waiting:
@@ -166,7 +167,7 @@ def _declaration(tree: c_ast.Decl) -> str:
             child for _, child in node.children() if not isinstance(node, c_ast.ArrayDecl) or child is node.type
         ]
     if isinstance(kind, c_ast.PtrDecl):
-        kind = c_ast.ArrayDecl(kind.type, c_ast.Constant("int", "1"), [])
+        kind = c_ast.ArrayDecl(kind.type, c_ast.Constant("int", str(size)), [])
     declaration = c_ast.Decl(f"argument_{tree.name}", [], [], ["static"], [], kind, None, None)
     return f"{CGenerator().visit(declaration)};"
 

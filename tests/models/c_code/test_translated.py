@@ -47,6 +47,7 @@ PROGRAMS = {
             case OFF: r = -1; break;
             case 1: case SLOW: r += 10;
             case FAST: r += 100; break;
+            case 4: if (u > 0) { r = 3; if (u > 4) break; r += u; } r *= 2; break;
             default: r = 7 / 2;
             }
             *y = n > 1 ? u : -u;
@@ -80,6 +81,32 @@ PROGRAMS = {
             { double p = 5; q += p; }
             return q;
         }""",
+    "effects": """
+        static int calls;
+        static double count(double x) { calls++; return x; }
+        double step(double u, int n, double *y) {
+            int before = n, more = 0;
+            double r = (u > 0 && n++ > 1) ? count(u) : u - n--;
+            if (n > 0 || (more = before) < 0) r += more++;
+            for (int k = 0; k < 5 && n-- > 0; k++) r -= count(0.5);
+            r += (n += 2, n) > 0 ? ++more : more--;
+            *y = calls + 10 * more + 100 * n;
+            return r;
+        }""",
+    "ends": """
+        #include <stddef.h>
+        #include <math.h>
+        double step(double u, int n, double *y) {
+            static double ring[4];
+            double list[] = {u, 1, 2 * u}, sum = 0, low;
+            size_t i, count = sizeof(list) / sizeof(list[0]);
+            for (i = 0; i < count; i++) sum += list[i];
+            for (int k = 0; k < n; k++) ring[k] += u;
+            for (int k = 3; k >= 0 && ring[k] == 0; k--) sum += k;
+            low = fmin(u, 0.0 / 0.0) + fmax(sqrt(u), -1.0);
+            *y = sum + ring[2];
+            return low + (n > 0 && ring[n - 1] > 0 ? ring[n - 1] : 0);
+        }""",
     "mathematics": """
         #include <math.h>
         double step(double u, int n, double *y) {
@@ -108,7 +135,7 @@ def _reference(source, folder, u, n):
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     rng = np.random.default_rng(3)
-    u, n = rng.normal(0.0, 5.0, 60), rng.integers(-2, 6, 60).astype(float)
+    u, n = rng.normal(0.0, 5.0, 60), rng.integers(-2, 5 if program == "ends" else 6, 60).astype(float)
     value, y = _reference(PROGRAMS[program], tmp_path, u, n)
     model = as_model(read_function_file("program.c:step", tmp_path))
     columns = {"u": u, "n": n}

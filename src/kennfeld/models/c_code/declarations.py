@@ -20,6 +20,7 @@ from kennfeld.models.c_code.struct_types import (
     OpaqueType,
     Sizes,
     TypeTable,
+    integer_literal,
     leaves_of,
 )
 
@@ -234,8 +235,28 @@ def _argument(tree: c_ast.Decl, function: c_ast.FuncDef, file: CFile) -> CArgume
     sizes = declared.sizes
     if declared.is_pointer and (sizes or is_indexed(function.body, name)):
         sizes = (0, *sizes)
+    if sizes[:1] == (0,):
+        sizes = (_constant_size(function.body, name), *sizes[1:])
     variable = CVariable(name, declared.type, sizes, True, is_constant=declared.is_constant)
     return CArgument(variable, "input" if declared.is_constant else "output", text)
+
+
+def _constant_size(tree: c_ast.Node, name: str) -> int:
+    """Return the size of an array behind a pointer of which a function names elements only by constants; else 0."""
+    largest, waiting = 0, [tree]
+    while waiting:
+        match waiting.pop():
+            case c_ast.ArrayRef(name=c_ast.ID(name=indexed), subscript=c_ast.Constant(type="int", value=text)) if (
+                indexed == name
+            ):
+                largest = max(largest, integer_literal(text) + 1)
+            case c_ast.ID(name=used) if used == name:
+                return 0
+            case c_ast.StructRef(name=of):  # whose member may have the same name
+                waiting.append(of)
+            case node:
+                waiting += [child for _, child in node.children()]
+    return largest if largest <= MAX_SIZE else 0
 
 
 def is_indexed(tree: c_ast.Node, name: str) -> bool:

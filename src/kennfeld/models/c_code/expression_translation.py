@@ -1,5 +1,6 @@
 """Translation of C expressions to the shared syntax tree, with their types."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -17,6 +18,7 @@ from kennfeld.models.c_code.number_types import (
     FLOAT,
     INT,
     LONG,
+    SIZE,
     UNSIGNED,
     CType,
     UnsupportedCError,
@@ -25,7 +27,7 @@ from kennfeld.models.c_code.number_types import (
     promoted,
 )
 from kennfeld.models.c_code.places import CPlace, PlaceTranslation, assigned_leaves, kind_of
-from kennfeld.models.c_code.struct_types import CStructType, integer_literal
+from kennfeld.models.c_code.struct_types import CStructType, DeclaredType, integer_literal
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor"}
@@ -104,8 +106,8 @@ class CExpressionTranslation(PlaceTranslation):
                 return self._read(tree)
             case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
                 return self._step(op, target, tree)
-            case c_ast.UnaryOp(op="sizeof"):
-                raise UnsupportedCError("sizeof is not supported here")
+            case c_ast.UnaryOp(op="sizeof", expr=expr):
+                return COperand(m.Number(float(self._bytes(expr))), SIZE)
             case c_ast.UnaryOp(op=op, expr=expr):
                 return self._unary(op, expr)
             case c_ast.BinaryOp():
@@ -122,6 +124,14 @@ class CExpressionTranslation(PlaceTranslation):
             case c_ast.FuncCall():
                 return self.call(tree)
         raise UnsupportedCError(f"{kind_of(tree)} is not supported", line_of(tree))
+
+    def _bytes(self, tree: c_ast.Node) -> int:
+        """Return the size in bytes of a type, or of what an expression names."""
+        declared: DeclaredType | CPlace
+        declared = self.file.types.declared(tree) if isinstance(tree, c_ast.Typename) else self.place(tree)
+        if declared.is_pointer or not isinstance(declared.type, CType) or 0 in declared.sizes:
+            raise UnsupportedCError("sizeof is supported of numbers and arrays of known size only")
+        return declared.type.bytes * math.prod(declared.sizes)
 
     def apart(self, translate: Callable[[], COperand]) -> tuple[COperand, list[m.Statement]]:
         """Translate an expression that is evaluated only under a condition; return it with its statements."""
@@ -405,7 +415,10 @@ def _literal(kind: str, text: str) -> COperand:
         return COperand(m.Number(float(number)), result)
     if kind in ("double", "float", "long double"):
         plain = text.rstrip("fFlL") if not text.casefold().startswith("0x") else text.rstrip("lL")
-        number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)
+        try:
+            number_value = float.fromhex(plain) if plain.casefold().startswith("0x") else float(plain)
+        except OverflowError:
+            number_value = math.inf
         return COperand(m.Number(number_value), FLOAT if kind == "float" else DOUBLE)
     if kind in ("bool", "_Bool"):
         return COperand(m.Number(float(text == "true")), BOOL)

@@ -10,7 +10,7 @@ from kennfeld.graph import GraphBuilder
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import LibraryFunction, SymbolicEvaluator
-from kennfeld.models.imperative.evaluation_errors import ProgramError
+from kennfeld.models.imperative.evaluation_errors import AbortedPathError, ProgramError
 from kennfeld.models.imperative.graph_operators import INVERSE_HYPERBOLIC, ONE, TWO, TWO_IN_C, operation
 from kennfeld.models.imperative.integer_types import EXACT, IntegerType, wrap_to_type
 from kennfeld.models.imperative.library.function_registry import SYMBOLIC_FUNCTIONS
@@ -95,6 +95,14 @@ def _shift(direction: float) -> Rule:
     return rule
 
 
+def _index(evaluator: SymbolicEvaluator, place: Nodes, size: Nodes) -> Nodes:
+    """Return an index, counted from 1; a path on which it is certainly out of range is one that C does not define."""
+    value = evaluator.builder.value(int(place.item()))
+    if value is not None and not 1 <= value <= _number(evaluator, size):
+        raise AbortedPathError
+    return place
+
+
 def _zeros(evaluator: SymbolicEvaluator, *sizes: Nodes) -> Nodes:
     shape = [_number(evaluator, size) for size in sizes]
     if math.prod(shape) > _MAX_ELEMENTS:
@@ -151,7 +159,8 @@ def _without_nan(name: str) -> Callable[..., Nodes]:
         apply = Elementwise(builder)
         result = operation(name)(builder, x, y)
         for value, other in ((x, y), (y, x)):
-            if any(builder.value(int(node)) is None for node in value.ravel()):
+            numbers = [builder.value(int(node)) for node in value.ravel()]
+            if any(number is None or math.isnan(number) for number in numbers):
                 result = apply("select", apply("ne", value, value), other, result)
         return result
 
@@ -212,6 +221,7 @@ _INTERNAL: Final = (
     CFunction("xor", 4, _bits("bitxor")),
     CFunction("left", 2, _shift(1.0)),
     CFunction("right", 2, _shift(-1.0)),
+    CFunction("index", 2, _index),
     CFunction("zeros", 1, _zeros),
     CFunction("array", 2, _array),
 )

@@ -32,6 +32,13 @@ class CType:
     word: IntegerType | None = None
     truth: bool = False
 
+    @property
+    def bytes(self) -> int:
+        """Its size."""
+        if self.word is None:
+            return 4 if self.name == "float" else 8
+        return self.word.bits // 8
+
 
 DOUBLE: Final = CType("double")
 FLOAT: Final = CType("float")
@@ -40,6 +47,7 @@ INT: Final = CType("int", IntegerType(32, True))
 ENUMERATION: Final = CType("enum", IntegerType(32, True))
 UNSIGNED: Final = CType("unsigned int", IntegerType(32, False))
 LONG: Final = CType("long", IntegerType(64, True))
+SIZE: Final = CType("size_t", IntegerType(64, False))
 _BITS: Final = {"char": 8, "short": 16, "long": 64}
 VOID: Final = "void"
 
@@ -56,7 +64,7 @@ KNOWN_TYPES: Final[Mapping[str, CType]] = {
     **dict.fromkeys(("char_T", "byte_T"), CType("char", IntegerType(8, True))),
     "uchar_T": CType("unsigned char", IntegerType(8, False)),
     **dict.fromkeys(("int_T",), INT), **dict.fromkeys(("uint_T",), UNSIGNED),
-    "size_t": CType("size_t", IntegerType(64, False)), "ptrdiff_t": LONG, "intptr_t": LONG,
+    "size_t": SIZE, "ptrdiff_t": LONG, "intptr_t": LONG,
 }  # fmt: skip
 
 

@@ -153,10 +153,23 @@ class PlaceTranslation:
 
     def _element(self, place: CPlace, subscript: c_ast.Node, tree: c_ast.Node) -> CPlace:
         if place.sizes:
-            return replace(place, sizes=place.sizes[1:], indices=(*place.indices, self.index(subscript)))
+            index = self._bounded(self.index(subscript), place, tree)
+            return replace(place, sizes=place.sizes[1:], indices=(*place.indices, index))
         if place.is_pointer and isinstance(subscript, c_ast.Constant) and subscript.value.rstrip("uU") == "0":
             return self._pointed(place, tree)
         raise UnsupportedCError(f"{place.label} is a number, not an array", line_of(tree), wrong=True)
+
+    def _bounded(self, index: m.Expression, place: CPlace, tree: c_ast.Node) -> m.Expression:
+        """Return an index that is checked, unless the size of its array is not known."""
+        size = place.sizes[0]
+        if not size:
+            return index
+        if isinstance(index, m.Number):
+            if not 1 <= index.value <= size:
+                message = f"index {index.value - 1:g} of {place.label}, which has {size} elements"
+                raise UnsupportedCError(message, line_of(tree), wrong=True)
+            return index
+        return m.Call(m.Name("c:index"), (index, m.Number(float(size))))
 
     def _member(self, place: CPlace, operator: str, name: str, tree: c_ast.Node) -> CPlace:
         if operator == "->":

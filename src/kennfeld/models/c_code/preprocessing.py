@@ -78,7 +78,7 @@ class _Preprocessor:
     )
     missing: dict[str, None] = field(default_factory=dict)
     result: list[SourceLine] = field(default_factory=list)
-    # of each open #if: whether its lines count now, and whether one of its parts has counted
+    # of each open #if: whether its lines count now, within those around it, and whether one of its parts has counted
     open: list[tuple[bool, bool]] = field(default_factory=list)
     file: str = ""
     size: int = 0
@@ -105,6 +105,9 @@ class _Preprocessor:
     def _line(self, lines: Sequence[str], at: int) -> int:
         """Add a line, with those that end the call of a macro in it; return their number."""
         line, number = lines[at], at + 1
+        if not line:
+            self.result.append(SourceLine(line, self.file, number))
+            return 1
         if line.lstrip().startswith("#"):
             match = _DIRECTIVE.match(line)
             assert match is not None
@@ -126,7 +129,7 @@ class _Preprocessor:
 
     @property
     def _counts(self) -> bool:
-        return all(counts for counts, _ in self.open)
+        return not self.open or self.open[-1][0]
 
     def _error(self, number: int, message: str, remedy: str) -> None:
         self.problems += 1

@@ -320,7 +320,7 @@ class FunctionTranslation(CExpressionTranslation):
                 keys.append(m.Binary("==", m.Name(name), self.operand(case.expr).tree))
             if not case.stmts and at + 1 < len(cases):
                 continue
-            body = self._block(_followed(cases[at:]))
+            body = self._case(_followed(cases[at:]), place)
             if is_default:
                 otherwise = body  # where its other keys lead as well
             else:
@@ -328,6 +328,15 @@ class FunctionTranslation(CExpressionTranslation):
             keys, is_default = [], False
         whole: list[m.Statement] = [m.If(tuple(branches), otherwise, place=place)] if branches else list(otherwise)
         return [*head, *whole]
+
+    def _case(self, statements: Sequence[c_ast.Node], place: m.SourcePosition) -> tuple[m.Statement, ...]:
+        """Translate the statements of a case; with a break under a condition, as a loop of one pass."""
+        body = self._block(statements)
+        if not any(_has_jump(statement, c_ast.Break) for statement in statements):
+            return body
+        if any(_has_jump(statement, c_ast.Continue) for statement in statements):
+            raise UnsupportedCError("a case with both break and continue under conditions is not supported", place.line)
+        return (m.While(_YES, (*body, m.Jump("break", place=place)), place=place),)
 
 
 def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[UnsupportedCError]]:
@@ -340,7 +349,8 @@ def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[Uns
     problems: list[UnsupportedCError] = []
     empty = c_ast.FuncDef(None, None, c_ast.Compound([]))
     translation = FunctionTranslation(file, CFunctionDeclaration("", empty, (), None), scope)
-    for name, tree in file.variables.items():
+    # addresses after the variables that they lead to
+    for name, tree in sorted(file.variables.items(), key=lambda item: isinstance(item[1].type, c_ast.PtrDecl)):
         try:
             if isinstance(tree.type, c_ast.PtrDecl):
                 scope[name] = translation.address(tree.init)
@@ -383,8 +393,6 @@ def _followed(cases: Sequence[c_ast.Node]) -> list[c_ast.Node]:
         for statement in statements:
             if isinstance(statement, c_ast.Break):
                 return result
-            if _has_jump(statement, c_ast.Break):
-                raise UnsupportedCError("a break under a condition within a case is not supported", line_of(statement))
             result.append(statement)
             if isinstance(statement, c_ast.Return | c_ast.Continue):
                 return result

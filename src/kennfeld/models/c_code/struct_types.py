@@ -12,6 +12,7 @@ from kennfeld.models.c_code.number_types import KNOWN_TYPES, CType, UnsupportedC
 Sizes: TypeAlias = tuple[int, ...]
 MAX_SIZE: Final = 100_000  # numbers of a variable
 _MAX_NESTING: Final = 20
+_MAX_PATHS: Final = 20_000  # of a struct, through the structs in it
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,11 @@ class OpaqueType:
 
 @dataclass(frozen=True)
 class CStructType:
-    """A struct by its members, in order."""
+    """A struct by its members, in order; `count` is how many paths lead to numbers in it."""
 
     name: str
     members: "tuple[Member, ...]"
+    count: int = 0
 
     def member(self, name: str) -> "Member":
         """Return a member; raises `UnsupportedCError` if there is none of this name, or it cannot be used."""
@@ -177,7 +179,10 @@ class TypeTable:
                 continue
             kind = DeclaredType(OpaqueType("a bit field")) if item.bitsize is not None else self._member(item, depth)
             members.append(Member(str(item.name), kind))
-        struct = CStructType(f"struct {tree.name}" if tree.name else "the struct", tuple(members))
+        count = sum(getattr(member.declared.type, "count", 1) for member in members)
+        if count > _MAX_PATHS:
+            return OpaqueType(f"a struct of more than {_MAX_PATHS} members")
+        struct = CStructType(f"struct {tree.name}" if tree.name else "the struct", tuple(members), count)
         if tree.name:
             self.structs[tree.name] = struct
         return struct
@@ -199,7 +204,7 @@ class TypeTable:
             declared = DeclaredType(OpaqueType(error.message))
         struct = declared.type
         if isinstance(struct, CStructType) and struct.name == "the struct":
-            declared = _changed(declared, type=CStructType(str(tree.name), struct.members))
+            declared = _changed(declared, type=CStructType(str(tree.name), struct.members, struct.count))
         self.typedefs[str(tree.name)] = declared
 
     def enumerate(self, tree: c_ast.Node) -> None:

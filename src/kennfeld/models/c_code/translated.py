@@ -196,6 +196,13 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     return whole if problems else _completed(whole, usage)
 
 
+def _origin(problem: UnsupportedCError, reasons: Mapping[str, UnsupportedCError]) -> UnsupportedCError:
+    """Return why a variable is not known, if the file declares it: perhaps because of another variable."""
+    for _ in range(10):
+        problem = reasons.get(problem.message, problem)
+    return problem
+
+
 def _called(name: str, translations: Mapping[str, FunctionTranslation]) -> Iterator[str]:
     """Yield the names of a function and of all that it calls."""
     waiting, seen = [name], {name}
@@ -242,7 +249,9 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
         problem = UnsupportedCError(error.message, error.line or whole.function.line)
     except UnsupportedCError as error:
         problem = error
-    except (AbortedPathError, GraphTooLargeError, RecursionError):
+    except AbortedPathError:
+        problem = UnsupportedCError("an index is always out of range of its array", whole.function.line)
+    except (GraphTooLargeError, RecursionError):
         problem = UnsupportedCError("it is too large or nested too deeply", whole.function.line)
     else:
         return whole
