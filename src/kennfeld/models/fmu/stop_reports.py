@@ -1,4 +1,4 @@
-"""Messages about trajectories of FMUs that stopped, with what the FMU logged; each kind is said once."""
+"""Messages about trajectories of FMUs that stopped, and messages of the FMUs themselves; each one is said once."""
 
 import ctypes
 import logging
@@ -46,21 +46,28 @@ class StopReports:
         self.sentences: list[str] = []
         self._source, self._library = source, library
         self._said: set[int] = set()
+        self._library.listener = self._hear
         self._lock = threading.Lock()
         self._callback = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_double)(self._report)
 
     @contextmanager
     def muted(self) -> Iterator[None]:
-        """Run a block whose reports do not matter."""
+        """Run a block whose messages do not matter."""
         said, self._said = self._said, set(_SENTENCES)
-        yield
-        self._library.messages.clear()
-        self._said = said
+        self._library.listener = lambda _: None
+        try:
+            yield
+        finally:
+            self._library.messages.clear()
+            self._library.listener, self._said = self._hear, said
 
     @property
     def address(self) -> int:
         """Address of `void report(int reason, double time)`."""
         return ctypes.cast(self._callback, ctypes.c_void_p).value or 0
+
+    def _hear(self, message: str) -> None:
+        _LOGGER.warning("%s logged: %s", self._source.name, message)
 
     def _report(self, reason: int, time: float) -> None:
         with self._lock:
@@ -68,8 +75,6 @@ class StopReports:
                 return
             self._said.add(reason)
         sentence = _SENTENCES.get(reason, _SENTENCES[ERROR]).format(time=time)
-        logged = "".join(f"; it logged: {message}" for message in self._library.messages)
-        self._library.messages.clear()
         since = "afterwards" if reason == TERMINATED else "from there on"
-        self.sentences.append(f"{self._source.name}: {sentence}; its outputs are NaN {since}{logged}")
+        self.sentences.append(f"{self._source.name}: {sentence}; its outputs are NaN {since}")
         _LOGGER.warning(self.sentences[-1])
