@@ -40,10 +40,16 @@ _SENTENCES: Final = {
 
 
 class StopReports:
-    """Messages about the trajectories of an FMU; threads of machine code report at `address`."""
+    """Messages about the trajectories of an FMU; threads of machine code report at `address`.
+
+    Attributes:
+        sentences: the messages.
+        reasons: all reasons why trajectories stopped, those without a message as well.
+    """
 
     def __init__(self, source: Path, library: FmuLibrary) -> None:
         self.sentences: list[str] = []
+        self.reasons: set[int] = set()
         self._source, self._library = source, library
         self._said: set[int] = set()
         self._library.listener = self._hear
@@ -71,6 +77,7 @@ class StopReports:
 
     def _report(self, reason: int, time: float) -> None:
         with self._lock:
+            self.reasons.add(reason)
             if reason in self._said:
                 return
             self._said.add(reason)

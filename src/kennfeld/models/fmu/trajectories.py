@@ -21,7 +21,7 @@ from kennfeld.models.fmu.library import FmuLibrary, thread_address, yield_addres
 from kennfeld.models.fmu.number_access import NumberGroup, group_numbers
 from kennfeld.models.fmu.stop_reports import StopReports
 from kennfeld.models.fmu.trajectory_code import (
-    INSTANCE,
+    NO_INSTANCE,
     REUSED,
     SLOTS,
     THREAD,
@@ -111,7 +111,8 @@ class FmuTrajectories:
         control = np.zeros(16, dtype=np.int64)
         control[REUSED] = 1
         self._keep("control", control)
-        self._keep("slots", np.zeros(layout.words * layout.slots, dtype=np.int64))
+        slots = np.zeros((layout.slots, layout.words), dtype=np.int64)
+        self._keep("slots", slots)
         self._keep_references(layout.parameters, set_at_start(self.description))
         self._keep_references(layout.inputs, inputs_of(self.description))
         self._keep_references(layout.outputs, outputs_of(self.description))
@@ -145,7 +146,7 @@ class FmuTrajectories:
         others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         with self.reports.muted():
             first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
-            if not self._memory["slots"][INSTANCE]:
+            if NO_INSTANCE in self.reports.reasons:
                 said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
                 message = f"its code does not create an instance{said}"
                 raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")

@@ -25,7 +25,7 @@ ORDER, UNEVEN, NOT_A_NUMBER, EARLY, TERMINATED, LOST, NO_INSTANCE = range(10, 17
 THREAD, YIELD = "current_thread", "yield_processor"
 UNEVEN_SHARE = 1e-3  # of the step, by which the steps of an FMU that needs equal ones may differ
 
-_LOCK, INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT, _OUTPUTS = range(12)
+_LOCK, _INSTANCE, _TICKET, _THREAD, _PLACE, _STATE, _LATEST, _TIME, _STEP, _BEGAN, _COUNT, _OUTPUTS = range(12)
 _RUNNING, _FAILED, _ENDED = range(3)  # states of a trajectory
 _LAST_TIME, _TERMINATED = 2, 3  # kinds of status of FMI 2.0
 _LINE = 16  # words of 8 bytes that no two processors should write at once
@@ -115,7 +115,7 @@ class _SlotCalls:
 
     def __call__(self, name: str, *arguments: str) -> None:
         f, function = self.f, self.memory(f"fmi{self.layout.version[0]}{name}")
-        instance = f.load(self.slot, INSTANCE, "ptr")
+        instance = f.load(self.slot, _INSTANCE, "ptr")
         status = f.new(f"call i32 {function}({', '.join((f'ptr {instance}', *arguments))})")
         worst = f.load(self.worst, kind="i32")
         worse = f.new(f"icmp sgt i32 {status}, {worst}")
@@ -266,7 +266,7 @@ def _begin(layout: TrajectoryLayout) -> FunctionWriter:
     for word, value in ((_TIME, time), (_BEGAN, time), (_STEP, ZERO)):
         f.store(value, "%slot", word)
     f.call("renew", [("ptr", "%slot")])
-    with f.when(f.new(f"icmp eq ptr {f.load('%slot', INSTANCE, 'ptr')}, null")):
+    with f.when(f.new(f"icmp eq ptr {f.load('%slot', _INSTANCE, 'ptr')}, null")):
         calls.stop(NO_INSTANCE, time)
     with calls.running():
         times = [calls.false, f"double {ZERO}", f"double {time}", calls.false, f"double {ZERO}"]
@@ -290,7 +290,7 @@ def _renew(layout: TrajectoryLayout) -> FunctionWriter:
     worst = f.slot("i32")
     f.store("0", worst, kind="i32")
     calls = _SlotCalls(f, layout, "%slot", worst)
-    instance = f.load("%slot", INSTANCE, "ptr")
+    instance = f.load("%slot", _INSTANCE, "ptr")
     with f.when(f.new(f"icmp ne ptr {instance}, null")):
         with f.when(f.new(f"icmp ne i64 {f.load(calls.memory('control'), REUSED, 'i64')}, 0")):
             calls("Reset")
@@ -298,9 +298,9 @@ def _renew(layout: TrajectoryLayout) -> FunctionWriter:
         fine = f.new(f"icmp slt i32 {f.load(worst, kind='i32')}, {DISCARD}")
         with f.unless(kept, fine):
             f.do(f"call void {calls.memory(f'fmi{layout.version[0]}FreeInstance')}(ptr {instance})")
-            f.store("null", "%slot", INSTANCE, "ptr")
-    with f.when(f.new(f"icmp eq ptr {f.load('%slot', INSTANCE, 'ptr')}, null")):
-        f.store(_instantiate(calls), "%slot", INSTANCE, "ptr")
+            f.store("null", "%slot", _INSTANCE, "ptr")
+    with f.when(f.new(f"icmp eq ptr {f.load('%slot', _INSTANCE, 'ptr')}, null")):
+        f.store(_instantiate(calls), "%slot", _INSTANCE, "ptr")
     return f
 
 
@@ -411,7 +411,7 @@ def _find_end(calls: _SlotCalls, length: str, time: str) -> None:
     with f.when(f.new(f"icmp eq i32 {f.load(calls.worst, kind='i32')}, {DISCARD}")):
         f.store("0", ended, kind="i32")
         f.store(_NAN, reached)
-        instance = f"ptr {f.load(calls.slot, INSTANCE, 'ptr')}"
+        instance = f"ptr {f.load(calls.slot, _INSTANCE, 'ptr')}"
         f.new(f"call i32 {calls.memory('fmi2GetBooleanStatus')}({instance}, i32 {_TERMINATED}, ptr {ended})")
         f.new(f"call i32 {calls.memory('fmi2GetRealStatus')}({instance}, i32 {_LAST_TIME}, ptr {reached})")
         with f.when(f.new(f"icmp ne i32 {f.load(ended, kind='i32')}, 0")):
