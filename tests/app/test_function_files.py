@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tank_fmu
 from function_samples import write_functions
 from lag_fmu import build
 
@@ -216,6 +217,14 @@ def test_an_fmu_is_shown_and_runs_once_it_is_allowed(tmp_path: Path) -> None:
     assert np.isfinite(session.require_view().now.scores[0].rmse)
     with pytest.raises(ArgumentError, match="cannot be written as formula text"):
         ask(session, "convert-function")
+
+
+def test_an_fmu_for_co_simulation_is_shown(tmp_path: Path) -> None:
+    tank_fmu.build(tmp_path, 2)
+    own = ask(Session(write_functions(tmp_path, file="tank.fmu:co_simulation")), "function-file")
+    assert dict(own["facts"])["standard"] == "FMI 2.0 for co-simulation"
+    assert [each["name"] for each in own["outputs"]] == ["y", "steps", "high"]
+    assert (own["states"], own["solver"], own["runs"]) == ([], "", True)
 
 
 def test_a_network_is_shown_with_its_layers(tmp_path: Path) -> None:

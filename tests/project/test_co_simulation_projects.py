@@ -77,6 +77,16 @@ def test_a_value_before_an_fmu_is_calibrated_through_it(tmp_path, tank):
     assert result["plant.level"].value == pytest.approx(0.4 - 0.3 * flow, rel=1e-4)
 
 
+def test_steady_state_points_are_held_until_an_fmu_has_settled(tmp_path, tank):
+    project = written(tmp_path, tank, TANK.replace('"bench.csv"]', '"bench.csv"]\nsettle = 20'))
+    rows = [f"{flow},0,1,{flow * 1.3 * 0.7}" for flow in (0.5, 1.0, 1.5, 2.0)]
+    (tmp_path / "bench.csv").write_text("\n".join(["flow,mode,open,wanted", *rows, ""]))
+    text = (tmp_path / "kennfeld.toml").read_text().replace('"gain", "tau", "level"', '"tau"')
+    (tmp_path / "kennfeld.toml").write_text(f"{text}[parameters]\ngain = {{ initial = 1.3 }}\n")
+    assert cli.run(["calibrate", project]) == 0
+    assert read(tmp_path / "results/parameters.json")["tau"].value == pytest.approx(0.7, rel=1e-6)
+
+
 def test_an_unknown_interface_is_a_finding(tmp_path, tank, capsys):
     project = written(tmp_path, tank, TANK.replace("co_simulation", "scheduled"))
     assert cli.run(["check", project]) == 2

@@ -96,7 +96,8 @@ class DataForm:
 
     Attributes:
         weighting: criteria with sample weights.
-        restarts: True if steady-state points are held until the model has settled.
+        restarts: True if steady-state points are held until the model has settled, and follow each other in longer
+            pieces within which its states restart. Functions that keep memory have a piece for each point instead.
         step: time step in s, if it is the same everywhere.
         partitioned: True if the data are evaluated in partitions.
     """
@@ -111,7 +112,9 @@ class DataForm:
         """Return the form of the data of a problem."""
         training, partitions = problem.training, problem.partitions
         weighting = SampleWeights.of(problem.criteria, training)
-        restarts = any(bound.hold is not None for bound in training)
+        restarts = any(bound.hold is not None for bound in training) and not any(
+            map(is_sequential, problem.graph.nodes)
+        )
         step = even_step(training) if partitions is None else partitions.step
         return cls(weighting, restarts, step, partitions is not None)
 
@@ -489,7 +492,7 @@ class CompiledProblem:
         for bound in problem.gathered:
             ages = sample_ages(bound.hold, bound.count) if self.form.restarts else {}
             further = self.weighting.columns(bound) | ages
-            starts = bound.starts if bound.hold is None else group_points(bound.starts)
+            starts = group_points(bound.starts) if self.form.restarts and bound.hold is not None else bound.starts
             further |= {name: np.zeros(bound.count) for name in self._called.inputs}
             whole = replace(bound, clock={**bound.clock, **further}, starts=starts)
             targets = [

@@ -47,9 +47,11 @@ def describe_file(
     Raises:
         InputError: the file does not exist, or is of none of these kinds.
     """
-    kind = kind_of(str(path))
+    kind, (name, choice) = kind_of(str(path)), split_reference(str(path))
     if kind is not None and kind.named:
-        return describe_function(str(path)) if split_reference(str(path))[1] else describe_functions(Path(path))
+        return describe_function(str(path)) if choice else describe_functions(Path(path))
+    if kind is not None and choice in kind.choices:
+        return describe_fmu(Path(name), choice)
     file = _InputFile(Path(path), a2l, selection)
     if file.path.is_file():
         for recognises, describe in _DESCRIBERS:

@@ -14,8 +14,12 @@ if TYPE_CHECKING:
 _MOST_PLATFORMS = 8
 
 
-def describe_fmu(path: Path) -> FileInfo:
+def describe_fmu(path: Path, interface: str = "") -> FileInfo:
     """Describe an FMU: its interfaces, inputs, outputs, states and parameters. None of its code runs.
+
+    Args:
+        path: the file.
+        interface: `model_exchange` or `co_simulation`; by default the one that is used.
 
     Raises:
         InputError: the file is damaged.
@@ -31,10 +35,11 @@ def describe_fmu(path: Path) -> FileInfo:
     )
 
     description = read_archive(path)
-    interfaces, used = _interfaces(description), usable_interface(description, path)
+    interfaces, used = _interfaces(description), interface or usable_interface(description, path)
     inputs = [(name, v.unit) for v in description.number_inputs for name in v.elements]
     outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
-    states = [(name, v.unit, _start(v.start, k)) for v in description.states for k, name in enumerate(v.elements)]
+    kept = description.started_states if used == CO_SIMULATION else description.states
+    states = [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)]
     variability = {v.name: v.variability for v in description.parameters}
     parameters = parameters_of(description.parameters).parameters.parameters
     obstacles = find_obstacles(description, path, used)
@@ -45,7 +50,7 @@ def describe_fmu(path: Path) -> FileInfo:
     tables: list[Table] = [
         [("input", "unit"), *inputs],
         [("parameter", "kind", "unit", "start", "minimum", "maximum", ""), *_parameter_rows(parameters, variability)],
-        [("state", "unit", "start"), *([] if used == CO_SIMULATION else states)],
+        [("state", "unit", "start"), *states],
         [("output", "unit"), *outputs],
     ]
     summary = f"{path.name}: FMI {description.version} for {' and '.join(interfaces) or 'no interface'}, {platforms}"

@@ -51,7 +51,8 @@ static Tank *create(void *environment, Log log) {
 
 static void say(Tank *m, int status, const char *text) {
 #if FMI == 2
-    ((void (*)(void *, const char *, int, const char *, const char *, ...))m->log)(m->environment, "tank", status, "e", text);
+    void (*log)(void *, const char *, int, const char *, const char *, ...) = (void *)m->log;
+    log(m->environment, "tank", status, "error", "%s by %.1f l at %d bar, %d %d %d %g", text, 2.5, 7, 1, 2, 3, m->fault);
 #else
     ((void (*)(void *, int, const char *, const char *))m->log)(m->environment, status, "e", text);
 #endif

@@ -168,6 +168,16 @@ def test_equations_with_memory_are_refused(tmp_path, version):
         load_instance(str(path), digest_of(path))
 
 
+def test_co_simulation_is_named_where_the_equations_cannot_be_used(tmp_path):
+    path, other = build(tmp_path, 2, "-DMEMORY"), tmp_path / "both.fmu"
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
+        for name in old.namelist():
+            both = b'<CoSimulation modelIdentifier="lag"/><ModelExchange'
+            new.writestr(name, old.read(name).replace(b"<ModelExchange", both))
+    with pytest.raises(InputError, match="Choose its co-simulation"):
+        load_instance(str(other), digest_of(other))
+
+
 def test_slopes_that_are_not_needed_are_not_computed(lag):
     call = load_instance(str(lag.resolve()), digest_of(lag)).equations.call
     point, results, slopes = np.array([0.0, 1.5, 3.0, 0.8, 1.2, *range(6)]), np.empty(2), np.full((2, 11), 7.0)

@@ -1,3 +1,4 @@
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -45,10 +46,10 @@ def test_a_failed_step_gives_nan_from_there_on_and_is_said_once(tmp_path, caplog
     for _ in range(2):
         y = kf.simulate(model, data, {"fault": float(fault), "at": 1.0})["y"].values
     np.testing.assert_array_equal(np.isnan(y), (data["time"] > 1.0 - 1e-6) | (fault == 4))
-    (record,) = caplog.records
-    assert words in record.message
-    assert "t = 1 s" in record.message
-    assert "the tank leaks" in record.message
+    logged, stopped = (record.message for record in caplog.records)
+    assert logged == f"tank.fmu logged: the tank leaks by 2.5 l at 7 bar, 1 2 3 {fault}"
+    assert words in stopped
+    assert stopped.endswith("t = 1 s; its outputs are NaN from there on") or fault == 4
 
 
 def test_a_trajectory_after_an_error_is_not_affected(tank):
@@ -202,3 +203,14 @@ def test_trajectories_are_those_of_fmpy(tank):
     nodes = kf.simulate(fmu(tank), data, {"tau": 0.7, "gain": 1.3})
     for name in ("y", "steps", "high"):
         np.testing.assert_allclose(nodes[name].values, result[name], rtol=1e-12)
+
+
+def test_a_library_that_does_not_create_an_instance_is_reported(tmp_path):
+    path = build(tmp_path, 2)
+    other = path.with_name("other.fmu")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
+        for name in old.namelist():
+            content = old.read(name)
+            new.writestr(name, content.replace(b"{tank}", b"{new}") if name.endswith("xml") else content)
+    with pytest.raises(InputError, match="does not create an instance"):
+        load(other)

@@ -4,17 +4,21 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import InputError, Location
 from kennfeld.machine_code.call_record import CallRecord
-from kennfeld.machine_code.external import c_function
+from kennfeld.machine_code.engine import compile_functions
+from kennfeld.machine_code.external import c_function, provide
 from kennfeld.models.fmu.description import FmuDescription
+from kennfeld.models.fmu.logger_code import can_format, write_logger
 
 LOADING = "loading its library"  # which runs code as well
 _MODEL_EXCHANGE = 0
-_MOST_MESSAGES = 20
+_MOST_MESSAGES, _MOST_CHARACTERS = 20, 300
+_numbers = count()
 
 
 class _Callbacks2(ctypes.Structure):
@@ -30,7 +34,9 @@ class _Callbacks2(ctypes.Structure):
 
 
 class FmuLibrary:
-    """A library in this process, and what it logged; both stay until the process ends.
+    """A library in this process, and the different messages it logged; both stay until the process ends.
+
+    `listener` is called with each of these.
 
     `creation` holds the addresses of what it needs to create instances, by name; `record` what runs.
     """
@@ -38,6 +44,7 @@ class FmuLibrary:
     def __init__(self, path: Path, description: FmuDescription, source: Path, record: CallRecord) -> None:
         self.description, self.source, self.record = description, source, record
         self.messages: list[str] = []
+        self.listener: Callable[[str], None] = _ignore
         self.creation: dict[str, int] = {}
         self._kept: list[Any] = []  # objects whose memory the library refers to
         folder = Path.cwd()
@@ -94,14 +101,27 @@ class FmuLibrary:
         return texts[0], texts[1], texts[2], log
 
     def _callbacks_2(self) -> int:
-        pointer, text = ctypes.c_void_p, ctypes.c_char_p
-        logger = ctypes.CFUNCTYPE(None, pointer, text, ctypes.c_int, text, text)(
-            lambda _env, _name, _status, _category, message: self._log(message)
-        )
         allocate, free = c_function("calloc"), c_function("free")
-        callbacks = _Callbacks2(ctypes.cast(logger, pointer), allocate, free, None, None)
-        self._kept += [logger, callbacks]
+        callbacks = _Callbacks2(self._logger_2(), allocate, free, None, None)
+        self._kept.append(callbacks)
         return ctypes.addressof(callbacks)
+
+    def _logger_2(self) -> int:
+        """Return the address of a logger that formats messages, if that is possible."""
+        pointer, text = ctypes.c_void_p, ctypes.c_char_p
+        if not can_format():
+            plain = ctypes.CFUNCTYPE(None, pointer, text, ctypes.c_int, text, text)(
+                lambda _env, _name, _status, _category, message: self._log(message)
+            )
+            self._kept.append(plain)
+            return ctypes.cast(plain, pointer).value or 0
+        sink = ctypes.CFUNCTYPE(None, ctypes.c_int64, text)(lambda _status, message: self._log(message))
+        name, place = f"fmu_log_{next(_numbers)}", ctypes.c_void_p()
+        provide(name, ctypes.cast(sink, pointer).value or 0)
+        logger = compile_functions(*write_logger(name))["logger"]
+        logger(ctypes.addressof(place))
+        self._kept += [sink, logger]
+        return place.value or 0
 
     def _logger_3(self) -> int:
         text = ctypes.c_char_p
@@ -120,7 +140,14 @@ class FmuLibrary:
 
     def _log(self, message: bytes | None) -> None:
         if message and len(self.messages) < _MOST_MESSAGES:
-            self.messages.append(message.decode("utf-8", errors="replace")[:300])
+            text = message.decode("utf-8", errors="replace").strip()[:_MOST_CHARACTERS]
+            if text not in self.messages:
+                self.messages.append(text)
+                self.listener(text)
+
+
+def _ignore(_: str) -> None:
+    """Ignore a message, which `messages` keep."""
 
 
 def yield_address() -> int:

@@ -1,4 +1,4 @@
-"""Messages about trajectories of FMUs that stopped, with what the FMU logged; each kind is said once."""
+"""Messages about trajectories of FMUs that stopped, and messages of the FMUs themselves; each one is said once."""
 
 import ctypes
 import logging
@@ -40,36 +40,48 @@ _SENTENCES: Final = {
 
 
 class StopReports:
-    """Messages about the trajectories of an FMU; threads of machine code report at `address`."""
+    """Messages about the trajectories of an FMU; threads of machine code report at `address`.
+
+    Attributes:
+        sentences: the messages.
+        reasons: all reasons why trajectories stopped, those without a message as well.
+    """
 
     def __init__(self, source: Path, library: FmuLibrary) -> None:
         self.sentences: list[str] = []
+        self.reasons: set[int] = set()
         self._source, self._library = source, library
         self._said: set[int] = set()
+        self._library.listener = self._hear
         self._lock = threading.Lock()
         self._callback = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.c_double)(self._report)
 
     @contextmanager
     def muted(self) -> Iterator[None]:
-        """Run a block whose reports do not matter."""
+        """Run a block whose messages do not matter."""
         said, self._said = self._said, set(_SENTENCES)
-        yield
-        self._library.messages.clear()
-        self._said = said
+        self._library.listener = lambda _: None
+        try:
+            yield
+        finally:
+            self._library.messages.clear()
+            self._library.listener, self._said = self._hear, said
 
     @property
     def address(self) -> int:
         """Address of `void report(int reason, double time)`."""
         return ctypes.cast(self._callback, ctypes.c_void_p).value or 0
 
+    def _hear(self, message: str) -> None:
+        _LOGGER.warning("%s logged: %s", self._source.name, message)
+
     def _report(self, reason: int, time: float) -> None:
         with self._lock:
+            self.reasons.add(reason)
             if reason in self._said:
                 return
             self._said.add(reason)
         sentence = _SENTENCES.get(reason, _SENTENCES[ERROR]).format(time=time)
-        logged = "".join(f"; it logged: {message}" for message in self._library.messages)
-        self._library.messages.clear()
         since = "afterwards" if reason == TERMINATED else "from there on"
-        self.sentences.append(f"{self._source.name}: {sentence}; its outputs are NaN {since}{logged}")
+        self.sentences.append(f"{self._source.name}: {sentence}; its outputs are NaN {since}")
         _LOGGER.warning(self.sentences[-1])

@@ -22,6 +22,7 @@ from kennfeld.models.fmu.library import LOADING, FmuLibrary, thread_address, yie
 from kennfeld.models.fmu.number_access import NumberGroup, group_numbers
 from kennfeld.models.fmu.stop_reports import StopReports
 from kennfeld.models.fmu.trajectory_code import (
+    NO_INSTANCE,
     RECORD,
     REUSED,
     SLOTS,
@@ -144,12 +145,16 @@ class FmuTrajectories:
     def _check_reset(self) -> None:
         """Check on a few steps if an instance is as new after a reset; otherwise each trajectory needs a new one.
 
-        Inputs differ from their start values, at which outputs may rest whether the reset works or not.
+        The inputs differ from their start values, at which outputs may rest whether the reset works or not.
         """
         starts = np.array([_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         others = np.array([_other_start_of(v, k) for v in inputs_of(self.description) for k in range(v.size)])
         with self.reports.muted():
             first, second, _, last = (self._trial(inputs) for inputs in (others, others, starts, others))
+            if NO_INSTANCE in self.reports.reasons:
+                said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
+                message = f"its code does not create an instance{said}"
+                raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
         scale = np.max(np.abs(first), axis=0, initial=0.0)
         same = [np.all(np.abs(again - first) <= _REPEATED * scale) for again in (second, last)]
         self._memory["control"][REUSED] = all(same)
