@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from function_samples import write_functions
 from lag_fmu import build
+from tank_fmu import build as build_tank
 
 from kennfeld.app import code_consent
 from kennfeld.app.questions import COMMANDS, QUESTIONS
@@ -208,7 +209,7 @@ def test_an_fmu_is_shown_and_runs_once_it_is_allowed(tmp_path: Path) -> None:
     assert [each["name"] for each in own["states"]] == ["x"]
     assert [each["name"] for each in own["parameters"]] == ["tau", "k", "table"]
     assert (own["step"], own["solver"], own["runs"]) == (0.1, "ode4", True)
-    assert any("directional derivatives" in note for note in own["notes"])
+    assert any("runs code of lag.fmu" in note for note in own["notes"])
     session.do(SetKeys("free", session.path.name, [(("parameters", "K"), None)]))
     assert "[model] file: runs code of lag.fmu" in errors(session)[0]
     allow(session)
@@ -216,6 +217,16 @@ def test_an_fmu_is_shown_and_runs_once_it_is_allowed(tmp_path: Path) -> None:
     assert np.isfinite(session.require_view().now.scores[0].rmse)
     with pytest.raises(ArgumentError, match="cannot be written as formula text"):
         ask(session, "convert-function")
+
+
+def test_an_fmu_for_co_simulation_keeps_its_states_to_itself(tmp_path: Path) -> None:
+    project = write_functions(tmp_path, file="tank.fmu")
+    build_tank(tmp_path, 2)
+    session = Session(project)
+    own = ask(session, "function-file")
+    assert dict(own["facts"])["standard"] == "FMI 2.0 for co-simulation"
+    assert (own["states"], own["step"], own["solver"], own["runs"]) == ([], 0.1, "", True)
+    assert [code.file for code in session.undecided] == ["tank.fmu"]
 
 
 def test_a_network_is_shown_with_its_layers(tmp_path: Path) -> None:

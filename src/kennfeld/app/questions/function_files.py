@@ -13,6 +13,7 @@ from kennfeld.app.session.state import SetKeys
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.formatting import count_noun
 from kennfeld.graph import Graph
+from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.node import CLOCK
 from kennfeld.models import Model
 from kennfeld.models.formula import to_lines
@@ -107,8 +108,13 @@ def _of_function(source: FunctionSource, function: ModelFunction, model: Model) 
 
 
 def _states(source: FunctionSource, model: Model) -> list[dict[str, Any]]:
-    """Return the states with their names, as far as the file states them, and their first values."""
+    """Return the states with their names, as far as the file states them, and their first values.
+
+    Functions that are called over a whole trajectory keep theirs to themselves.
+    """
     graph = model.equations or model.graph
+    if any(is_sequential(node) for node in graph.nodes):
+        return []
     nodes = [graph.nodes[state.init] for state in graph.states]
     starts = [finite(float(node.payload)) if node.op == "const" else None for node in nodes]
     names = _state_names(source)

@@ -71,7 +71,7 @@ function Notes({ own }: { own: FileFunction }) {
   const step = own.step ? `the step ${plain(own.step)} s` : "the step of the data";
   return (
     <>
-      {own.whole && (own.states ?? []).length > 0 && <div class="note"><span class="q">?</span><span>Runs with {own.solver && `solver ${own.solver} and `}{step}.</span></div>}
+      {own.whole && ((own.states ?? []).length > 0 || own.step) && <div class="note"><span class="q">?</span><span>Runs with {own.solver && `solver ${own.solver} and `}{step}.</span></div>}
       {notes.length > 0 && <details class="more" open><summary>{notes.length} {notes.length === 1 ? "remark" : "remarks"}</summary><ul>{notes.map((note) => <li>{note}</li>)}</ul></details>}
     </>
   );
