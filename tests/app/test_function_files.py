@@ -1,5 +1,6 @@
 """Functions in files of other tools: as the function, as functions of formula text, and the consent to run code."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -256,3 +257,16 @@ def test_a_criterion_follows_a_function_in_c(tmp_path: Path) -> None:
     assert errors(session) == []
     view = session.require_view()
     assert np.allclose(view.now.outputs[0][0], 2 * np.arange(1.0, 9.0))
+
+
+def test_a_run_calibrates_through_code_that_is_allowed(tmp_path: Path) -> None:
+    session = Session(write_functions(tmp_path, "y = K * table(u) + 0.5 * u + 1\n", CALLS))
+    allow(session)
+    session.run()
+    deadline = time.monotonic() + 120
+    while session.job.state == "running":
+        assert time.monotonic() < deadline, "the run does not end"
+        time.sleep(0.02)
+        session.pump()
+    assert session.job.state == "converged"
+    assert float(session.parameters["K"].values) == pytest.approx(1.25)
