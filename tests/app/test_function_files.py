@@ -75,7 +75,10 @@ def test_the_only_function_of_a_file_is_chosen(tmp_path: Path) -> None:
     ("file", "content", "message"),
     [
         ("engine.c:lag", "double lag(", "not valid C"),
+        ("engine.c", "double lag(", "not valid C"),
         ("gain.py:gain", "def gain(", "not valid Python"),
+        ("gain.py", "def gain(", "not valid Python"),
+        ("gain.py", "GAIN = 2.5", "no functions"),
         ("gain.py:other", "def gain(x):\n    return x\n", "no function other"),
         ("lag.fmu", "no archive", "is not a readable ZIP archive"),
         ("net.onnx", "no network", "net.onnx"),

@@ -38,10 +38,16 @@ def function_file(session: Session, given: Given) -> Answer:
         model = as_model(function)
         head["facts"] = list(_facts(source))
     except InputError as error:
-        missing = source.kind is not None and source.kind.named and not source.function
-        findings = [f for f in refused if not source.path.is_file()] or error.findings
-        return Answer({**head, "whole": False, "problems": [] if missing and source.names else _problems(findings)})
+        findings = [f for f in refused if not source.path.is_file()] or _reasons(source, error)
+        return Answer({**head, "whole": False, "problems": _problems(findings)})
     return Answer({**head, **_of_function(source, function, model), "whole": True, "problems": []})
+
+
+def _reasons(source: FunctionSource, error: InputError) -> Sequence[Finding]:
+    """Return what has to be solved so that a function can be read; empty if it has to be chosen only."""
+    if source.kind is not None and source.kind.named and not source.function:
+        return source.listing_problems
+    return error.findings
 
 
 def require_function(session: Session) -> FunctionSource:
@@ -169,7 +175,8 @@ def _calls(source: FunctionSource) -> dict[str, Any]:
     try:
         function = source.read()
     except InputError as error:
-        return {"calls": [], "parameters": [], "notes": [], "problems": _problems(error.findings)}
+        findings = source.listing_problems or error.findings
+        return {"calls": [], "parameters": [], "notes": [], "problems": _problems(findings)}
     units = [output.unit for output in function.outputs]
     rules = _rules(function)
     return {

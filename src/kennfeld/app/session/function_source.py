@@ -1,19 +1,21 @@
 """Functions in files of other tools as a project names them, also if the project cannot be read otherwise."""
 
 import ast
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from kennfeld.app.session.simulink_source import stamps
-from kennfeld.errors import InputError, Location
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.function_files import FunctionKind, kind_of, read_function_file, split_reference
 from kennfeld.models.model_function import ModelFunction, as_model
 from kennfeld.optional_packages import optional_package
 
+_ANY = "function"  # of no file that cannot be listed
 _MAX_LISTED = 2_000_000  # bytes of a source file whose functions are listed
 
 
@@ -72,6 +74,17 @@ class FunctionSource:
     def names(self) -> tuple[str, ...]:
         """The functions of the file that can be chosen; empty if it holds one, or cannot be read."""
         return function_names(self.path) if self.kind is not None and self.kind.named else ()
+
+    @property
+    def listing_problems(self) -> Sequence[Finding]:
+        """Why the functions of the file cannot be listed; empty if they can, or need not be chosen."""
+        if self.kind is None or not self.kind.named or self.names:
+            return ()
+        try:
+            replace(self, reference=f"{self.file}:{_ANY}").read()
+        except InputError as error:
+            return error.findings
+        return ()
 
     @property
     def runs(self) -> bool:

@@ -40,8 +40,11 @@ export function FileFunction() {
   );
 }
 
+/** True if code has to be allowed before anything is evaluated. */
+const isPending = (): boolean => state.value.code.length > 0;
+
 function Verdict({ own }: { own: Own }) {
-  if (own.whole && state.value.code.length > 0) return <span class="tag w">runs code</span>;
+  if (own.whole && isPending()) return <span class="tag w">runs code</span>;
   if (own.whole) return <span class="tag g">can be calibrated</span>;
   return own.problems.length > 0 ? <span class="tag b">{own.problems.length} to solve</span> : <span class="tag w">choose a function</span>;
 }
@@ -52,8 +55,8 @@ const withoutText = (own: Own): string => (own.runs ? `The code of ${own.file} i
 function Values({ own }: { own: Own }) {
   return (
     <div class="scroll grow">
-      <div class="head"><h2>At the cursor</h2><span class="sub">{split.value ? placeText(split.value) : ""}</span></div>
-      <ErrorSplit nodes />
+      <div class="head"><h2>At the cursor</h2><span class="sub">{split.value && !isPending() ? placeText(split.value) : ""}</span></div>
+      {isPending() ? <p class="pad q">Values are shown once the code may run.</p> : <ErrorSplit nodes />}
       <p class="pad q">{withoutText(own)}</p>
     </div>
   );
@@ -73,7 +76,7 @@ function Facts({ own }: { own: Own }) {
 /** Messages of the check that the pane in the middle does not show. */
 function Findings({ own }: { own: Own | null }) {
   const known = [...(own?.problems ?? []).map((each) => each.message), ...(own?.notes ?? [])];
-  const others = state.value.findings.filter((each) => each.screen === "function" && !isAsked(each) && !known.some((text) => each.text.includes(text) || text.includes(each.message)));
+  const others = state.value.findings.filter((each) => each.screen === "function" && !isAsked(each) && (own?.whole || each.file !== own?.file) && !known.some((text) => each.text.includes(text) || text.includes(each.message)));
   if (others.length === 0) return null;
   return <div class="cks" role="list" aria-label="Messages">{others.map((each) => <div class={`ck ${each.severity === "remark" ? "i" : "w"}`} role="listitem"><Icon name={each.severity === "remark" ? "find" : "warning"} /><span class="grow">{each.text}</span></div>)}</div>;
 }

@@ -4,9 +4,12 @@ import { CodeConsent } from "../../code-consent";
 import { plain } from "../../drawing/numbers";
 import { Icon } from "../../icons";
 import { open, screen, state } from "../../store";
-import { fileFunction, type FileFunction } from "./file-source";
+import { showLine } from "./code-text";
+import { fileFunction, type FileFunction, type FileProblem } from "./file-source";
 import { limits, Ports, range } from "./import-lists";
 import { choose, type Variable } from "./source";
+
+const FEW = 8; // problems that are listed at once
 
 export function FileState() {
   const own = fileFunction.value;
@@ -14,7 +17,8 @@ export function FileState() {
   return (
     <div class="import">
       <CodeConsent />
-      {own.problems.map((problem) => <div class="note bad" role="alert"><Icon name="warning" /><span class="grow">{problem.text}</span></div>)}
+      {own.problems.slice(0, FEW).map((problem) => <Problem problem={problem} />)}
+      {own.problems.length > FEW && <details class="more"><summary>{own.problems.length - FEW} more</summary>{own.problems.slice(FEW).map((problem) => <Problem problem={problem} />)}</details>}
       <Choice own={own} />
       {own.whole && state.value.code.length === 0 && <p class="pad q"><Icon name="done" kind="good" /> Nothing stops it.</p>}
       <Ports own={own} name="input" />
@@ -22,6 +26,14 @@ export function FileState() {
       <States own={own} />
       <Notes own={own} />
     </div>
+  );
+}
+
+function Problem({ problem }: { problem: FileProblem }) {
+  return (
+    <div class="note bad" role="alert"><Icon name="warning" /><span class="grow">
+      {problem.line > 0 ? <button class="link plain" title="Show the line" onClick={() => showLine(problem.line)}>{problem.text}</button> : problem.text}
+    </span></div>
   );
 }
 
