@@ -77,7 +77,7 @@ class FunctionSource:
 
     @property
     def listing_problems(self) -> Sequence[Finding]:
-        """Why the functions of the file cannot be listed; empty if they can, or need not be chosen."""
+        """The reasons that the functions of the file cannot be listed; empty if they can, or need not be chosen."""
         if self.kind is None or not self.kind.named or self.names:
             return ()
         try:
