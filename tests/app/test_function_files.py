@@ -125,6 +125,33 @@ def test_dropped_files_are_called_by_free_names(tmp_path: Path) -> None:
         ask(session, "add-functions", files=["bench.csv"])
 
 
+def test_a_c_file_is_chosen_before_its_file_of_data_and_read_again_with_its_headers(tmp_path: Path) -> None:
+    session = Session(write_functions(tmp_path))
+    (tmp_path / "idle_data.c").write_text("const volatile double GAIN = 2.0;\n")
+    (tmp_path / "idle.c").write_text('#include "idle.h"\nreal step(real x) { return GAIN * x; }\n')
+    header = tmp_path / "idle.h"
+    ask(session, "add-files", files=["idle_data.c", "idle.c"])
+    assert session.settings["model"]["file"] == "idle.c:step"
+    assert "line 2" in ask(session, "function-file")["problems"][0]["text"]
+    header.write_text("typedef double real;\nextern const volatile double GAIN;\n")
+    assert ask(session, "add-files", files=["idle.h"])["kinds"] == {"idle.h": "header"}
+    own = ask(session, "function-file")
+    assert own["whole"]
+    assert [each["name"] for each in own["parameters"]] == ["GAIN"]
+
+
+def test_the_interface_of_an_fmu_is_chosen(tmp_path: Path) -> None:
+    head = 'providesDirectionalDerivative="true"/><CoSimulation modelIdentifier="lag"'
+    session = Session(write_functions(tmp_path, file="lag.fmu"))
+    build(tmp_path, 2, head=head)
+    own = ask(session, "function-file")
+    assert (own["choices"], own["function"], own["solver"]) == (["co_simulation", "model_exchange"], "", "ode4")
+    ask(session, "choose-function", file="lag.fmu:co_simulation")
+    own = ask(session, "function-file")
+    assert (own["file"], own["function"], own["solver"]) == ("lag.fmu", "co_simulation", "")
+    assert [code.file for code in session.undecided] == ["lag.fmu"]
+
+
 def test_completions_have_the_calls_of_functions(tmp_path: Path) -> None:
     session = Session(write_functions(tmp_path, functions='[functions]\ngain = "gain.py:gain"'))
     rows = {row["label"]: row for row in ask(session, "completions")["completions"]}

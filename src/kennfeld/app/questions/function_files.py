@@ -86,7 +86,22 @@ def _file_of(source: FunctionSource) -> dict[str, Any]:
         "named": kind is not None and kind.named,
         "function": source.function,
         "functions": list(source.names),
+        "choices": _choices(source),
     }
+
+
+def _choices(source: FunctionSource) -> list[str]:
+    """Return the ways in which an FMU can be used; empty if there is one only."""
+    if source.path.suffix.casefold() != ".fmu" or source.kind is None:
+        return []
+    from kennfeld.models.fmu.fmu_archive import read_archive
+
+    try:
+        description = read_archive(source.path)
+    except InputError:
+        return []
+    offered = [choice for choice in source.kind.choices if getattr(description, choice) is not None]
+    return offered if len(offered) > 1 else []
 
 
 def _text(source: FunctionSource) -> str:

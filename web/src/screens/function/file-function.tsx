@@ -11,6 +11,7 @@ import { Fold } from "./fold";
 import { FormulaLines } from "./formula-lines";
 import { FunctionChoice } from "./function-choice";
 import { FunctionSettings } from "./settings";
+import { addLibraries } from "./source";
 
 export function FileFunction() {
   const own = fileFunction.value;
@@ -24,7 +25,7 @@ export function FileFunction() {
       <section class="pane state">
         <div class="head"><h2>Import</h2><span class="sub">what it reads and returns, and what stops it</span></div>
         <div class="scroll"><FileState /></div>
-        <div class="foot"><button class="btn primary" disabled={!hasLines} title={own?.whole && !hasLines ? withoutText(own) : "Write the function as formula text, with the values of its parameters, and use that as the function\n[model] file"} onClick={() => request("convert-function")}>Edit as formula text</button><button class="btn" title="Read the file again, after it has changed on disk" onClick={() => request("reread-function")}>Read again</button></div>
+        <div class="foot"><button class="btn primary" disabled={!hasLines} title={own?.whole && !hasLines ? withoutText(own) : "Write the function as formula text, with the values of its parameters, and use that as the function\n[model] file"} onClick={() => request("convert-function")}>Edit as formula text</button><button class="btn" title="Read the file again, after it has changed on disk" onClick={() => request("reread-function")}>Read again</button>{/\.c$/i.test(own?.file ?? "") && <label class="btn" title="Files that it includes, and its file of data; they are stored beside it">Add files<input type="file" multiple accept=".h,.c" aria-label="Included files" hidden onChange={(event) => { void addLibraries([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} /></label>}</div>
       </section>
       <section class="pane lines">
         {own?.whole && !hasLines ? <Values own={own} /> : (

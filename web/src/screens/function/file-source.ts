@@ -9,7 +9,7 @@ import { upload } from "../../uploads";
 import { chosen, functionFile, type Line, type Port, type Variable } from "./source";
 
 export interface FileProblem { line: number; message: string; remedy: string; text: string }
-interface OfFile { file: string; reference: string; kind: string; function: string; functions: string[]; named: boolean; problems: FileProblem[] }
+interface OfFile { file: string; reference: string; kind: string; function: string; functions: string[]; choices: string[]; named: boolean; problems: FileProblem[] }
 
 /** The function of the project; inputs and what follows are known if it can be read. */
 export interface FileFunction extends OfFile {

@@ -39,6 +39,7 @@ function Problem({ problem }: { problem: FileProblem }) {
 
 /** The functions of a source file, one of which is the function of the project. */
 function Choice({ own }: { own: FileFunction }) {
+  if (own.choices.length > 0) return <Interface own={own} />;
   if (!own.named || own.functions.length === 0) return null;
   return (
     <>
@@ -46,6 +47,19 @@ function Choice({ own }: { own: FileFunction }) {
       <div class="pad"><select class="field" aria-label="Function of the file" title="[model] file" value={own.function} onChange={(event) => { if (event.currentTarget.value) choose(`${own.file}:${event.currentTarget.value}`); }}>
         {!own.functions.includes(own.function) && <option value={own.function}>{own.function ? `${own.function} (not in the file)` : "choose one"}</option>}
         {own.functions.map((name) => <option value={name}>{name}</option>)}
+      </select></div>
+    </>
+  );
+}
+
+/** The interfaces of an FMU, one of which is used. */
+function Interface({ own }: { own: FileFunction }) {
+  return (
+    <>
+      <div class="head mid"><h2>Interface</h2><span class="sub">with the solver of Kennfeld, or of the FMU</span></div>
+      <div class="pad"><select class="field" aria-label="Interface of the FMU" title="[model] file" value={own.function} onChange={(event) => choose(event.currentTarget.value ? `${own.file}:${event.currentTarget.value}` : own.file)}>
+        <option value="">by default</option>
+        {own.choices.map((name) => <option value={name}>{name.replace("_", name.startsWith("co") ? "-" : " ")}</option>)}
       </select></div>
     </>
   );
