@@ -73,8 +73,8 @@ function Parameters({ rows }: { rows: Variable[] }) {
       <div class="head mid"><h2>Parameters</h2><span class="sub">{rows.length} of the file</span></div>
       <table class="list">
         <thead><tr><th>name</th><th>kind</th><th class="num">value</th></tr></thead>
-        <tbody>{rows.map((each) => <tr key={each.name} title={limits(each)}>
-          <td class="cut">{known.has(each.name) ? <button class="link" title={`Open ${each.name}`} onClick={() => { open(each.name); screen.value = "parameters"; }}>{each.name}</button> : <b>{each.name}</b>}</td>
+        <tbody>{rows.map((each) => <tr key={each.name} title={[each.name, limits(each)].filter(Boolean).join("\n")}>
+          <td class="cut long">{known.has(each.name) ? <button class="link" title={`Open ${each.name}`} onClick={() => { open(each.name); screen.value = "parameters"; }}>{each.name}</button> : <b>{each.name}</b>}</td>
           <td class="q">{each.kind} {each.shape.join(" × ")}{each.locked && " locked"}</td><td class="num ink">{range(each)} <span class="q">{each.unit}</span></td></tr>)}</tbody>
       </table>
     </>
