@@ -100,6 +100,7 @@ def test_a_file_that_cannot_be_read_is_one_message(
 
 def write_model(folder: Path, **options: str) -> Path:
     """Write a project with a Simulink model that a function call runs: it has a remark on `file`."""
+    folder.mkdir(exist_ok=True)
     model = Model("plant", solver="FixedStepDiscrete", step="0.1", **options)
     model.inport("u")
     model.inport("Task", OutputFunctionCall="on")
@@ -129,6 +130,13 @@ def test_a_remark_on_the_model_does_not_stop_it(tmp_path: Path) -> None:
     assert own["problems"] == []
     assert own["whole"]
     assert "y = K * u" in {line["text"] for line in own["lines"]}
+
+
+def test_a_solver_is_named_for_models_with_continuous_states(sensor: Session, tmp_path: Path) -> None:
+    project = write_model(tmp_path / "discrete")
+    project.write_text(f"{project.read_text()}[parameters.K]\ninitial = 1.0\n")
+    solvers = [QUESTIONS["diagram"](session, {}).head["solver"] for session in (sensor, Session(project))]
+    assert solvers == ["ode3", ""]
 
 
 def test_a_missing_dictionary_is_named_with_what_stops_the_import(tmp_path: Path) -> None:

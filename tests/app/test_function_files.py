@@ -1,5 +1,6 @@
 """Functions in files of other tools: as the function, as functions of formula text, and the consent to run code."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +75,10 @@ def test_the_only_function_of_a_file_is_chosen(tmp_path: Path) -> None:
     ("file", "content", "message"),
     [
         ("engine.c:lag", "double lag(", "not valid C"),
+        ("engine.c", "double lag(", "not valid C"),
         ("gain.py:gain", "def gain(", "not valid Python"),
+        ("gain.py", "def gain(", "not valid Python"),
+        ("gain.py", "GAIN = 2.5", "no functions"),
         ("gain.py:other", "def gain(x):\n    return x\n", "no function other"),
         ("lag.fmu", "no archive", "is not a readable ZIP archive"),
         ("net.onnx", "no network", "net.onnx"),
@@ -119,6 +123,33 @@ def test_dropped_files_are_called_by_free_names(tmp_path: Path) -> None:
     assert "functions" not in session.settings
     with pytest.raises(ArgumentError, match="holds no functions"):
         ask(session, "add-functions", files=["bench.csv"])
+
+
+def test_a_c_file_is_chosen_before_its_file_of_data_and_read_again_with_its_headers(tmp_path: Path) -> None:
+    session = Session(write_functions(tmp_path))
+    (tmp_path / "idle_data.c").write_text("const volatile double GAIN = 2.0;\n")
+    (tmp_path / "idle.c").write_text('#include "idle.h"\nreal step(real x) { return GAIN * x; }\n')
+    header = tmp_path / "idle.h"
+    ask(session, "add-files", files=["idle_data.c", "idle.c"])
+    assert session.settings["model"]["file"] == "idle.c:step"
+    assert "line 2" in ask(session, "function-file")["problems"][0]["text"]
+    header.write_text("typedef double real;\nextern const volatile double GAIN;\n")
+    assert ask(session, "add-files", files=["idle.h"])["kinds"] == {"idle.h": "header"}
+    own = ask(session, "function-file")
+    assert own["whole"]
+    assert [each["name"] for each in own["parameters"]] == ["GAIN"]
+
+
+def test_the_interface_of_an_fmu_is_chosen(tmp_path: Path) -> None:
+    head = 'providesDirectionalDerivative="true"/><CoSimulation modelIdentifier="lag"'
+    session = Session(write_functions(tmp_path, file="lag.fmu"))
+    build(tmp_path, 2, head=head)
+    own = ask(session, "function-file")
+    assert (own["choices"], own["function"], own["solver"]) == (["co_simulation", "model_exchange"], "", "ode4")
+    ask(session, "choose-function", file="lag.fmu:co_simulation")
+    own = ask(session, "function-file")
+    assert (own["file"], own["function"], own["solver"]) == ("lag.fmu", "co_simulation", "")
+    assert [code.file for code in session.undecided] == ["lag.fmu"]
 
 
 def test_completions_have_the_calls_of_functions(tmp_path: Path) -> None:
@@ -209,7 +240,7 @@ def test_an_fmu_is_shown_and_runs_once_it_is_allowed(tmp_path: Path) -> None:
     assert [each["name"] for each in own["states"]] == ["x"]
     assert [each["name"] for each in own["parameters"]] == ["tau", "k", "table"]
     assert (own["step"], own["solver"], own["runs"]) == (0.1, "ode4", True)
-    assert any("directional derivatives" in note for note in own["notes"])
+    assert any("runs code of lag.fmu" in note for note in own["notes"])
     session.do(SetKeys("free", session.path.name, [(("parameters", "K"), None)]))
     assert "[model] file: runs code of lag.fmu" in errors(session)[0]
     allow(session)
@@ -219,12 +250,15 @@ def test_an_fmu_is_shown_and_runs_once_it_is_allowed(tmp_path: Path) -> None:
         ask(session, "convert-function")
 
 
-def test_an_fmu_for_co_simulation_is_shown(tmp_path: Path) -> None:
+def test_an_fmu_for_co_simulation_keeps_its_states_to_itself(tmp_path: Path) -> None:
+    project = write_functions(tmp_path, file="tank.fmu:co_simulation")
     tank_fmu.build(tmp_path, 2)
-    own = ask(Session(write_functions(tmp_path, file="tank.fmu:co_simulation")), "function-file")
+    session = Session(project)
+    own = ask(session, "function-file")
     assert dict(own["facts"])["standard"] == "FMI 2.0 for co-simulation"
     assert [each["name"] for each in own["outputs"]] == ["y", "steps", "high"]
-    assert (own["states"], own["solver"], own["runs"]) == ([], "", True)
+    assert (own["states"], own["step"], own["solver"], own["runs"]) == ([], 0.1, "", True)
+    assert [code.file for code in session.undecided] == ["tank.fmu"]
 
 
 def test_a_network_is_shown_with_its_layers(tmp_path: Path) -> None:
@@ -254,3 +288,16 @@ def test_a_criterion_follows_a_function_in_c(tmp_path: Path) -> None:
     assert errors(session) == []
     view = session.require_view()
     assert np.allclose(view.now.outputs[0][0], 2 * np.arange(1.0, 9.0))
+
+
+def test_a_run_calibrates_through_code_that_is_allowed(tmp_path: Path) -> None:
+    session = Session(write_functions(tmp_path, "y = K * table(u) + 0.5 * u + 1\n", CALLS))
+    allow(session)
+    session.run()
+    deadline = time.monotonic() + 120
+    while session.job.state == "running":
+        assert time.monotonic() < deadline, "the run does not end"
+        time.sleep(0.02)
+        session.pump()
+    assert session.job.state == "converged"
+    assert float(session.parameters["K"].values) == pytest.approx(1.25)

@@ -7,7 +7,7 @@ from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import confined
 from kennfeld.app.questions.program_files import main_program, place_by_package
 from kennfeld.app.session.esdl_source import EsdlSource
-from kennfeld.app.session.function_source import completed_reference
+from kennfeld.app.session.function_source import completed_reference, has_no_functions
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.calfiles import endings, recognise
@@ -41,18 +41,20 @@ def add_files(session: Session, given: Given) -> Answer:
         changes.append((("model", "file"), main))
     if changes:
         session.do(SetKeys(f"Added {', '.join([*kinds][:3])}", session.path.name, changes))
-    if placed:
-        session.refresh()  # packages that were missing
+    if placed or "header" in kinds.values():
+        session.refresh()  # packages or included files that were missing
     return Answer({"kinds": kinds})
 
 
 def kind_of(path: Path) -> str:
-    """Return what a file is for: recording, database, function, program, calibration or description."""
+    """Return what a file is for: recording, database, function, header, program, calibration or description."""
     ending = path.suffix.lower()
     if is_esdl_file(path.name):
         return "program"
     if ending in FUNCTIONS or function_files.kind_of(path.name) is not None:
         return "function"
+    if ending == ".h":
+        return "header"
     if ending == ".a2l":
         return "description"
     if ending == ".dbc":
@@ -89,7 +91,8 @@ def _with(entry: Any, databases: list[str]) -> list[Any]:
 
 
 def _function(folder: Path, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:
-    return [(("model", "file"), completed_reference(folder, name)) for name in _named(kinds, "function")[:1]]
+    names = sorted(_named(kinds, "function"), key=lambda name: has_no_functions(folder / name))
+    return [(("model", "file"), completed_reference(folder, name)) for name in names[:1]]
 
 
 def _initial(settings: Any, kinds: dict[str, str]) -> list[tuple[tuple[str | int, ...], Any]]:

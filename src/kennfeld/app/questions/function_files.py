@@ -38,10 +38,16 @@ def function_file(session: Session, given: Given) -> Answer:
         model = as_model(function)
         head["facts"] = list(_facts(source))
     except InputError as error:
-        missing = source.kind is not None and source.kind.named and not source.function
-        findings = [f for f in refused if not source.path.is_file()] or error.findings
-        return Answer({**head, "whole": False, "problems": [] if missing and source.names else _problems(findings)})
+        findings = [f for f in refused if not source.path.is_file()] or _reasons(source, error)
+        return Answer({**head, "whole": False, "problems": _problems(findings)})
     return Answer({**head, **_of_function(source, function, model), "whole": True, "problems": []})
+
+
+def _reasons(source: FunctionSource, error: InputError) -> Sequence[Finding]:
+    """Return what has to be solved so that a function can be read; empty if it has to be chosen only."""
+    if source.kind is not None and source.kind.named and not source.function:
+        return source.listing_problems
+    return error.findings
 
 
 def require_function(session: Session) -> FunctionSource:
@@ -80,7 +86,22 @@ def _file_of(source: FunctionSource) -> dict[str, Any]:
         "named": kind is not None and kind.named,
         "function": source.function,
         "functions": list(source.names),
+        "choices": _choices(source),
     }
+
+
+def _choices(source: FunctionSource) -> list[str]:
+    """Return the ways in which an FMU can be used; empty if there is one only."""
+    if source.path.suffix.casefold() != ".fmu" or source.kind is None:
+        return []
+    from kennfeld.models.fmu.fmu_archive import read_archive
+
+    try:
+        description = read_archive(source.path)
+    except InputError:
+        return []
+    offered = [choice for choice in source.kind.choices if getattr(description, choice) is not None]
+    return offered if len(offered) > 1 else []
 
 
 def _text(source: FunctionSource) -> str:
@@ -108,10 +129,13 @@ def _of_function(source: FunctionSource, function: ModelFunction, model: Model) 
 
 
 def _states(source: FunctionSource, model: Model) -> list[dict[str, Any]]:
-    """Return the states with their names, as far as the file states them, and their first values."""
+    """Return the states with their names, as far as the file states them, and their first values.
+
+    Functions that are called over a whole trajectory keep theirs to themselves.
+    """
     graph = model.equations or model.graph
-    if any(map(is_sequential, graph.nodes)):
-        return []  # they are within the function; those of the graph only hold which of its trajectories is meant
+    if any(is_sequential(node) for node in graph.nodes):
+        return []
     nodes = [graph.nodes[state.init] for state in graph.states]
     starts = [finite(float(node.payload)) if node.op == "const" else None for node in nodes]
     names = _state_names(source)
@@ -166,7 +190,8 @@ def _calls(source: FunctionSource) -> dict[str, Any]:
     try:
         function = source.read()
     except InputError as error:
-        return {"calls": [], "parameters": [], "notes": [], "problems": _problems(error.findings)}
+        findings = source.listing_problems or error.findings
+        return {"calls": [], "parameters": [], "notes": [], "problems": _problems(findings)}
     units = [output.unit for output in function.outputs]
     rules = _rules(function)
     return {

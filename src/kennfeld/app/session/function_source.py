@@ -1,20 +1,17 @@
 """Functions in files of other tools as a project names them, also if the project cannot be read otherwise."""
 
-import ast
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from kennfeld.app.session.simulink_source import stamps
-from kennfeld.errors import InputError, Location
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.models.function_files import FunctionKind, kind_of, read_function_file, split_reference
+from kennfeld.models.function_files import FunctionKind, kind_of, list_functions, read_function_file, split_reference
 from kennfeld.models.model_function import ModelFunction, as_model
-from kennfeld.optional_packages import optional_package
-
-_MAX_LISTED = 2_000_000  # bytes of a source file whose functions are listed
 
 
 @dataclass(frozen=True)
@@ -74,6 +71,17 @@ class FunctionSource:
         return function_names(self.path) if self.kind is not None and self.kind.named else ()
 
     @property
+    def listing_problems(self) -> Sequence[Finding]:
+        """The reasons that the functions of the file cannot be listed; empty if they can, or need not be chosen."""
+        if self.kind is None or not self.kind.named or self.names:
+            return ()
+        try:
+            list_functions(self.path)
+        except InputError as error:
+            return error.findings
+        return (Finding(Location(self.path.name), "the file has no functions", "Choose another file."),)
+
+    @property
     def runs(self) -> bool:
         """True if code of the file runs with the function; False if it is translated, or cannot be read."""
         if self.kind is None or not self.kind.runs:
@@ -90,7 +98,7 @@ class FunctionSource:
         Raises:
             InputError: it cannot be read.
         """
-        return _read(self, stamps(self.folder, (self.file,)))
+        return _read(self, _stamps(self.path))
 
 
 def read_called(settings: Mapping[str, Any], folder: Path) -> tuple[ModelFunction, ...]:
@@ -111,12 +119,16 @@ def completed_reference(folder: Path, file: str) -> str:
     return f"{file}:{names[0]}" if len(names) == 1 else file
 
 
+def has_no_functions(path: Path) -> bool:
+    """Return True for a source file in which no function can be chosen, such as a file of data in C."""
+    kind = kind_of(path.name)
+    return kind is not None and kind.named and not function_names(path)
+
+
 def function_names(path: Path) -> tuple[str, ...]:
     """Return the names of the functions of a source file in their order; empty if it cannot be read."""
     try:
-        if path.stat().st_size > _MAX_LISTED:
-            return ()
-        return _function_names(path, stamps(path.parent, (path.name,)))
+        return _function_names(path, _stamps(path))
     except (OSError, InputError):
         return ()
 
@@ -124,22 +136,18 @@ def function_names(path: Path) -> tuple[str, ...]:
 @lru_cache(maxsize=64)
 def _function_names(path: Path, stamp: tuple[object, ...]) -> tuple[str, ...]:
     """List functions; `stamp` tells whether the file has changed."""
-    if path.suffix.casefold() == ".py":
-        return tuple(_python_functions(path))
-    with optional_package(Location(path.name), "c"):
-        from kennfeld.models.c_code.reading import read_c_file
-
-    return tuple(read_c_file(path).declarations.functions)
+    return tuple(function.name for function in list_functions(path))
 
 
-def _python_functions(path: Path) -> Iterator[str]:
+def _stamps(path: Path) -> tuple[object, ...]:
+    """Return what tells whether a file has changed, for C also those that it may include."""
+    if path.suffix.casefold() != ".c":
+        return stamps(path.parent, (path.name,))
     try:
-        tree = ast.parse(path.read_bytes(), path.name)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return
-    for item in tree.body:
-        if isinstance(item, ast.FunctionDef):
-            yield item.name
+        names = sorted(entry.name for entry in os.scandir(path.parent) if entry.name.casefold().endswith((".h", ".c")))
+    except OSError:
+        names = []
+    return (*names, *stamps(path.parent, names))
 
 
 @lru_cache(maxsize=32)

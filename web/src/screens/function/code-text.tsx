@@ -3,6 +3,10 @@
 import { useEffect, useRef } from "preact/hooks";
 import { Icon } from "../../icons";
 import type { FileFunction } from "./file-source";
+import { chosen } from "./source";
+
+/** Show a line of the source text. */
+export const showLine = (line: number): void => { chosen.value = `line ${line}`; };
 
 /** The number of the line that defines a function, counted from 1; 0 if none is recognised. A prototype of C ends with a semicolon. */
 function definition(rows: string[], name: string): number {
@@ -16,14 +20,16 @@ export function CodeText({ own }: { own: FileFunction }) {
   const rows = own.source.replace(/\s+$/, "").split("\n");
   const begin = definition(rows, own.function);
   const wrong = new Map(own.problems.filter((each) => each.line > 0).map((each) => [each.line, each.message]));
-  const first = [...wrong.keys()][0] ?? begin;
-  useEffect(() => { list.current?.querySelector(`[data-line="${first}"]`)?.scrollIntoView({ block: wrong.size ? "center" : "start" }); }, [own.file, own.function, first]);
+  const chosenLine = /^line (\d+)$/.exec(chosen.value)?.[1];
+  const shown = chosenLine === undefined ? [...wrong.keys()][0] ?? begin : Number(chosenLine);
+  const show = () => list.current?.querySelector(`[data-line="${shown}"]`)?.scrollIntoView({ block: shown === begin ? "start" : "center" });
+  useEffect(() => { show(); }, [own.file, own.function, shown]);
   const tokens = /\.py$/i.test(own.file) ? PYTHON : C;
   return (
     <>
       <div class="head mid"><h2>Source text</h2><span class="sub">{rows.length} lines, read-only</span></div>
       <div class="code plain mono" ref={list} role="list" aria-label="Source text">
-        {own.source ? rows.map((text, k) => <Row key={k} number={k + 1} text={text} tokens={tokens} lit={k + 1 === begin} problem={wrong.get(k + 1)} />) : <p class="pad q">The text of this file cannot be shown.</p>}
+        {own.source ? rows.map((text, k) => <Row key={k} number={k + 1} text={text} tokens={tokens} lit={k + 1 === (chosenLine === undefined ? begin : shown)} problem={wrong.get(k + 1)} />) : <p class="pad q">The text of this file cannot be shown.</p>}
       </div>
     </>
   );

@@ -11,6 +11,7 @@ import { Fold } from "./fold";
 import { FormulaLines } from "./formula-lines";
 import { FunctionChoice } from "./function-choice";
 import { FunctionSettings } from "./settings";
+import { addLibraries } from "./source";
 
 export function FileFunction() {
   const own = fileFunction.value;
@@ -24,7 +25,7 @@ export function FileFunction() {
       <section class="pane state">
         <div class="head"><h2>Import</h2><span class="sub">what it reads and returns, and what stops it</span></div>
         <div class="scroll"><FileState /></div>
-        <div class="foot"><button class="btn primary" disabled={!hasLines} title={own?.whole && !hasLines ? withoutText(own) : "Write the function as formula text, with the values of its parameters, and use that as the function\n[model] file"} onClick={() => request("convert-function")}>Edit as formula text</button><button class="btn" title="Read the file again, after it has changed on disk" onClick={() => request("reread-function")}>Read again</button></div>
+        <div class="foot"><button class="btn primary" disabled={!hasLines} title={own?.whole && !hasLines ? withoutText(own) : "Write the function as formula text, with the values of its parameters, and use that as the function\n[model] file"} onClick={() => request("convert-function")}>Edit as formula text</button><button class="btn" title="Read the file again, after it has changed on disk" onClick={() => request("reread-function")}>Read again</button>{/\.c$/i.test(own?.file ?? "") && <label class="btn" title="Files that it includes, and its file of data; they are stored beside it">Add files<input type="file" multiple accept=".h,.c" aria-label="Included files" hidden onChange={(event) => { void addLibraries([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} /></label>}</div>
       </section>
       <section class="pane lines">
         {own?.whole && !hasLines ? <Values own={own} /> : (
@@ -40,8 +41,11 @@ export function FileFunction() {
   );
 }
 
+/** True if code has to be allowed before anything is evaluated. */
+const isPending = (): boolean => state.value.code.length > 0;
+
 function Verdict({ own }: { own: Own }) {
-  if (own.whole && state.value.code.length > 0) return <span class="tag w">runs code</span>;
+  if (own.whole && isPending()) return <span class="tag w">runs code</span>;
   if (own.whole) return <span class="tag g">can be calibrated</span>;
   return own.problems.length > 0 ? <span class="tag b">{own.problems.length} to solve</span> : <span class="tag w">choose a function</span>;
 }
@@ -52,8 +56,8 @@ const withoutText = (own: Own): string => (own.runs ? `The code of ${own.file} i
 function Values({ own }: { own: Own }) {
   return (
     <div class="scroll grow">
-      <div class="head"><h2>At the cursor</h2><span class="sub">{split.value ? placeText(split.value) : ""}</span></div>
-      <ErrorSplit nodes />
+      <div class="head"><h2>At the cursor</h2><span class="sub">{split.value && !isPending() ? placeText(split.value) : ""}</span></div>
+      {isPending() ? <p class="pad q">Values are shown once the code may run.</p> : <ErrorSplit nodes />}
       <p class="pad q">{withoutText(own)}</p>
     </div>
   );
@@ -73,7 +77,7 @@ function Facts({ own }: { own: Own }) {
 /** Messages of the check that the pane in the middle does not show. */
 function Findings({ own }: { own: Own | null }) {
   const known = [...(own?.problems ?? []).map((each) => each.message), ...(own?.notes ?? [])];
-  const others = state.value.findings.filter((each) => each.screen === "function" && !isAsked(each) && !known.some((text) => each.text.includes(text) || text.includes(each.message)));
+  const others = state.value.findings.filter((each) => each.screen === "function" && !isAsked(each) && (own?.whole || each.file !== own?.file) && !known.some((text) => each.text.includes(text) || text.includes(each.message)));
   if (others.length === 0) return null;
   return <div class="cks" role="list" aria-label="Messages">{others.map((each) => <div class={`ck ${each.severity === "remark" ? "i" : "w"}`} role="listitem"><Icon name={each.severity === "remark" ? "find" : "warning"} /><span class="grow">{each.text}</span></div>)}</div>;
 }

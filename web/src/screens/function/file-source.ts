@@ -6,10 +6,10 @@ import { fileOf, holdsFunctions } from "../../function-files";
 import { setKeys } from "../../settings";
 import { message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
-import { functionFile, type Line, type Port, type Variable } from "./source";
+import { chosen, functionFile, type Line, type Port, type Variable } from "./source";
 
 export interface FileProblem { line: number; message: string; remedy: string; text: string }
-interface OfFile { file: string; reference: string; kind: string; function: string; functions: string[]; named: boolean; problems: FileProblem[] }
+interface OfFile { file: string; reference: string; kind: string; function: string; functions: string[]; choices: string[]; named: boolean; problems: FileProblem[] }
 
 /** The function of the project; inputs and what follows are known if it can be read. */
 export interface FileFunction extends OfFile {
@@ -39,6 +39,7 @@ const loadCalled = newest(async (_: number) => {
   if (reply !== null) calledFunctions.value = reply.head.functions as CalledFunction[];
 });
 
+effect(() => { void functionFile.value; if (isFileFunction.value) chosen.value = ""; });
 effect(() => {
   if (!shown.value) return;
   if (isFileFunction.value) loadFunction(textRevision.value);

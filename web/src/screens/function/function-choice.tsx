@@ -30,7 +30,7 @@ export function FunctionChoice() {
 export function OpenModel({ text, kind = "small" }: { text: string; kind?: string }) {
   return (
     <label class={`btn ${kind}`} title="Open a Simulink model, .slx or .mdl, files of an ASCET project, .esdl and .app, an FMU, a network, .onnx, or a function in C or Python, .c or .py. They are stored beside the project. Or drop them on the page.">
-      {text}<input type="file" accept={`.slx,.mdl,.slxp,.esdl,.app,${FUNCTION_FILES}`} multiple hidden onChange={(event) => { void takeFiles([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />
+      {text}<input type="file" accept={`.slx,.mdl,.slxp,.esdl,.app,.h,${FUNCTION_FILES}`} multiple hidden onChange={(event) => { void takeFiles([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} />
     </label>
   );
 }

@@ -32,21 +32,22 @@ export function Folders({ title, sub, word, accept, add }: FolderProps) {
 
 /** The inputs of the function with the channels that they are read from, and its outputs. */
 export function Ports({ own, name = "inport" }: { own: { inputs?: Port[]; outputs?: Port[] }; name?: string }) {
-  if (!own.inputs?.length) return null;
+  const { inputs = [], outputs = [] } = own;
+  if (inputs.length + outputs.length === 0) return null;
   const channels = [...new Set(state.value.datasets.flatMap((data) => data.channels.map((each) => each.name)))];
   return (
     <>
-      <div class="head mid"><h2>Ports</h2><span class="sub">to the channels of the data</span></div>
-      <table class="list">
+      <div class="head mid"><h2>Ports</h2><span class="sub">{inputs.length > 0 && "to the channels of the data"}</span></div>
+      {inputs.length > 0 && <table class="list">
         <thead><tr><th>{name}</th><th>unit</th><th>channel</th><th /></tr></thead>
-        <tbody>{own.inputs.map((port) => {
+        <tbody>{inputs.map((port) => {
           const channel = String(valueAt(["channels", port.name]) ?? port.name);
           return <tr key={port.name}><td class="cut" title={port.name}><b>{port.name}</b></td><td class="q">{port.unit || MISSING}</td><td><span class="field small mono" style={{ width: "120px" }}><input aria-label={`Channel of ${port.name}`} list="channels" value={channel} title={`[channels] ${port.name}`} onChange={(event) => { const next = event.currentTarget.value.trim(); void setKeys([[["channels", port.name], next === "" || next === port.name ? null : next]], `${port.name} is read from ${next || port.name}`); }} /></span></td>
             <td>{channels.includes(channel) ? <Icon name="done" kind="good" /> : channels.length > 0 && <span title="No recording has this channel"><Icon name="warning" kind="warn" /></span>}</td></tr>;
         })}</tbody>
-      </table>
+      </table>}
       <datalist id="channels">{channels.map((name) => <option value={name} />)}</datalist>
-      <p class="pad q">Outputs: {own.outputs?.map((port) => `${port.name}${port.unit ? ` [${port.unit}]` : ""}`).join(", ") || MISSING}</p>
+      <p class="pad q">Outputs: {outputs.map((port) => `${port.name}${port.unit ? ` [${port.unit}]` : ""}`).join(", ") || MISSING}</p>
     </>
   );
 }

@@ -2,7 +2,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
-import { holdsFunctions } from "../../function-files";
+import { holdsFunctions, isHeader } from "../../function-files";
 import { setKeys, valueAt, type Path, type Toml } from "../../settings";
 import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
@@ -92,8 +92,8 @@ const ESDL = /\.(esdl|app)$/i;
 
 /** Take over files from the user's machine: a model or formula becomes the function, others give values to a model. */
 export async function takeFiles(dropped: File[]): Promise<void> {
-  const function_ = dropped.find((file) => MODEL.test(file.name)) ?? dropped.find((file) => holdsFunctions(file.name));
-  const sources = dropped.filter((file) => ESDL.test(file.name));
+  const function_ = dropped.find((file) => MODEL.test(file.name));
+  const sources = dropped.filter((file) => ESDL.test(file.name) || (function_ === undefined && (holdsFunctions(file.name) || isHeader(file.name))));
   const others = dropped.filter((file) => file !== function_ && !sources.includes(file));
   if (function_ !== undefined && state.value.project === null) return newFrom(function_);
   if (function_ !== undefined && !(await openFunction(function_))) return;
@@ -106,7 +106,7 @@ export async function takeFiles(dropped: File[]): Promise<void> {
   await addValueFiles(others);
 }
 
-/** Store files of an ASCET project by their packages; without an ASCET model so far, one of them becomes the function. */
+/** Store files of an ASCET project by their packages, or functions of other tools; one of them becomes the function, unless they add to an ASCET model. */
 export async function addSources(added: File[]): Promise<boolean> {
   if (state.value.project === null && (await request("new", { name: added[0]!.name, free: true })) === null) return false;
   const names = await upload(added);
