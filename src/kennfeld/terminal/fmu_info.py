@@ -21,7 +21,7 @@ def describe_fmu(path: Path) -> FileInfo:
         InputError: the file is damaged.
     """
     from kennfeld.models.fmu.fmu_archive import read_archive
-    from kennfeld.models.fmu.fmu_parameters import parameters_of
+    from kennfeld.models.fmu.fmu_parameters import parameters_of, start_values_of
     from kennfeld.models.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
@@ -35,8 +35,9 @@ def describe_fmu(path: Path) -> FileInfo:
     inputs = [(name, v.unit) for v in description.number_inputs for name in v.elements]
     outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
     states = [(name, v.unit, _start(v.start, k)) for v in description.states for k, name in enumerate(v.elements)]
-    variability = {v.name: v.variability for v in description.parameters}
-    parameters = parameters_of(description.parameters).parameters.parameters
+    starts = start_values_of(description.started_states).parameters
+    variability = {v.name: v.variability for v in description.parameters} | dict.fromkeys(starts, "start value")
+    parameters = (*parameters_of(description.parameters).parameters.parameters, *starts.parameters)
     obstacles = find_obstacles(description, path, used)
     notes = [finding.message for finding in obstacles or find_remarks(description, path, used)]
     platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"

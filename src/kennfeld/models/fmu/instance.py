@@ -36,6 +36,7 @@ from kennfeld.models.fmu.evaluation_code import (
 )
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
 from kennfeld.models.fmu.library import FmuLibrary, yield_address
+from kennfeld.models.fmu.library_format import find_library_problem
 from kennfeld.models.fmu.number_access import group_numbers
 from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
 
@@ -180,7 +181,11 @@ class FmuInstance:
         path = library_of(folder, self.description.version, interface.identifier)
         if not path.is_file():
             message = f"has no library {path.name} for {platform_folder(self.description.version)}"
-            raise InputError.of(Location(str(self.source)), message)
+            raise InputError.of(Location(str(self.source)), message, "Export the FMU for this platform.")
+        problem = find_library_problem(path)
+        if problem:
+            message = f"its library {path.name} cannot be loaded: {problem}"
+            raise InputError.of(Location(str(self.source)), message, "Export the FMU again, for this platform.")
         library = FmuLibrary(path, self.description, self.source)
         prefix = self.layout.prefix
         if not library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative"):
