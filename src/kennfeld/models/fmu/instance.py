@@ -36,7 +36,6 @@ from kennfeld.models.fmu.evaluation_code import (
 )
 from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
 from kennfeld.models.fmu.library import FmuLibrary, yield_address
-from kennfeld.models.fmu.library_format import find_library_problem
 from kennfeld.models.fmu.number_access import group_numbers
 from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
 
@@ -182,10 +181,6 @@ class FmuInstance:
         if not path.is_file():
             message = f"has no library {path.name} for {platform_folder(self.description.version)}"
             raise InputError.of(Location(str(self.source)), message, "Export the FMU for this platform.")
-        problem = find_library_problem(path)
-        if problem:
-            message = f"its library {path.name} cannot be loaded: {problem}"
-            raise InputError.of(Location(str(self.source)), message, "Export the FMU again, for this platform.")
         library = FmuLibrary(path, self.description, self.source)
         prefix = self.layout.prefix
         if not library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative"):
@@ -290,7 +285,7 @@ class FmuInstance:
             finite = np.all(np.isfinite(self._evaluate(later)[0]))
             if not finite or not self._is_repeated(self._evaluate(point)[0], results):
                 message = "has events at times, such as those of a sampled part, that change more than conditions"
-                raise InputError.of(Location(str(self.source)), message, _CONTINUOUS)
+                raise InputError.of(Location(str(self.source)), message, self._other_interface or _CONTINUOUS)
             self._evaluate(later)  # announces the following event
         return results
 
@@ -300,7 +295,15 @@ class FmuInstance:
             self._evaluate(point + side * magnitudes * (np.arange(len(point)) > 0))
         if not self._is_repeated(self._evaluate(point)[0], results):
             message = "its equations depend on earlier evaluations, such as a hysteresis does"
-            raise InputError.of(Location(str(self.source)), message, "Use an FMU whose memory is in its states.")
+            remedy = self._other_interface or "Use an FMU whose memory is in its states."
+            raise InputError.of(Location(str(self.source)), message, remedy)
+
+    @property
+    def _other_interface(self) -> str:
+        """The remedy for what model exchange cannot do, if the FMU also offers co-simulation; else empty."""
+        if self.description.co_simulation is None:
+            return ""
+        return f'Use it for co-simulation: "{self.source.name}:co_simulation", kf.fmu(path, interface="co-simulation").'
 
     def _is_repeated(self, again: Float, results: Float) -> bool:
         return np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0))

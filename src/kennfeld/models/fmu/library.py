@@ -10,6 +10,7 @@ from typing import Any
 from kennfeld.errors import InputError, Location
 from kennfeld.machine_code.external import c_function
 from kennfeld.models.fmu.description import FmuDescription
+from kennfeld.models.fmu.library_format import find_library_problem
 
 _MODEL_EXCHANGE = 0
 _MOST_MESSAGES = 20
@@ -38,6 +39,10 @@ class FmuLibrary:
         self.messages: list[str] = []
         self.creation: dict[str, int] = {}
         self._kept: list[Any] = []  # objects whose memory the library refers to
+        problem = find_library_problem(path)
+        if problem:
+            message = f"its library {path.name} cannot be loaded: {problem}"
+            raise InputError.of(Location(str(source)), message, "Export the FMU again, for this platform.")
         folder = Path.cwd()
         try:
             os.chdir(path.parent)  # where some libraries look for others
