@@ -28,23 +28,23 @@ COLUMNS = ("FMU", "samples", "solver", "tool", "time", "times Kennfeld", "evalua
 PEERS = (("FMPy, simulate_fmu", "ode1", False), ("FMPy, own loop", "ode1", True), ("FMPy, own loop", "ode4", True))
 
 
-def write_target(path: str, name: str, samples: int, span: float, target: str, solver: str) -> dict[str, Any]:
+def write_target(path: str, name: str, samples: int, span: float, measured: str, solver: str) -> dict[str, Any]:
     """Write the outputs of an FMU with its true parameters, and noise."""
     import kennfeld as kf
 
     problem, data = PROBLEMS[name], data_of(name, samples, span)
     true = dict(zip(problem.parameters, problem.true.tolist(), strict=True))
     clean = kf.simulate(kf.fmu(path, solver=solver), data, true)[problem.output].values
-    np.save(target, clean + np.random.default_rng(0).normal(0.0, NOISE, samples))
+    np.save(measured, clean + np.random.default_rng(0).normal(0.0, NOISE, samples))
     return {}
 
 
-def solve(path: str, name: str, samples: int, span: float, target: str, solver: str) -> dict[str, Any]:
+def solve(path: str, name: str, samples: int, span: float, measured: str, solver: str) -> dict[str, Any]:
     """Calibrate an FMU with Kennfeld, from its file on."""
     import kennfeld as kf
 
     problem, data = PROBLEMS[name], data_of(name, samples, span)
-    data["target"] = np.load(target)
+    data["target"] = np.load(measured)
     kf.calibrate("y = a * x", {"x": [0.0, 1.0, 2.0], "m": [0.0, 1.0, 2.0]}, {"a": 0.5}, "m")  # imports, as of the peers
     begin = time.perf_counter()
     model = kf.fmu(path, solver=solver)
@@ -71,7 +71,7 @@ def run() -> list[Table]:
             path = build(Path(folder), name)
             for solver in ("ode1", "ode4"):
                 target = str(Path(folder) / f"{name}_{samples}_{solver}.npy")
-                case = {"path": str(path), "name": name, "samples": samples, "span": span, "target": target}
+                case = {"path": str(path), "name": name, "samples": samples, "span": span, "measured": target}
                 apart("benchmarks.fmu:write_target", **case, solver=solver)
                 _add_case(table, case, solver)
     table.notes = [

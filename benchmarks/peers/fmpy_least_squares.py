@@ -20,7 +20,7 @@ TABLEAUS = {
 }
 
 
-def solve(path: str, name: str, samples: int, span: float, target: str, solver: str, loop: bool) -> dict[str, Any]:
+def solve(path: str, name: str, samples: int, span: float, measured: str, solver: str, loop: bool) -> dict[str, Any]:
     """Calibrate an FMU.
 
     Args:
@@ -28,16 +28,16 @@ def solve(path: str, name: str, samples: int, span: float, target: str, solver: 
         name: its problem.
         samples: number of samples.
         span: their duration in s.
-        target: file with the values to be reproduced.
+        measured: file with the values to be reproduced.
         solver: `ode1` or `ode4`.
         loop: True for a loop over the functions of FMPy's instance, False for `fmpy.simulate_fmu`.
     """
     from scipy.optimize import least_squares
 
-    problem, data, measured = PROBLEMS[name], data_of(name, samples, span), np.load(target)
+    problem, data, target = PROBLEMS[name], data_of(name, samples, span), np.load(measured)
     begin = time.perf_counter()
     simulate = (_loop if loop else _simulate_fmu)(Path(path), name, data, solver)
-    result = least_squares(lambda values: simulate(values) - measured, list(problem.parameters.values()))
+    result = least_squares(lambda values: simulate(values) - target, list(problem.parameters.values()))
     duration = time.perf_counter() - begin
     return {"seconds": duration, "cost": 2 * result.cost, "values": result.x.tolist(), "evaluations": result.nfev}
 

@@ -89,3 +89,17 @@ def test_info_runs_no_code(built, capsys, monkeypatch):
     monkeypatch.setattr(instance, "FmuInstance", None)
     assert cli.run(["info", str(built)]) == 0
     assert "lag.fmu: FMI 2.0 for model exchange" in capsys.readouterr().out
+
+
+def test_an_fmu_cannot_be_converted_to_formula_text(tmp_path, built, capsys):
+    assert cli.run(["convert", str(built), str(tmp_path / "lag.kf")]) == 2
+    message = capsys.readouterr().err
+    assert "lag.fmu: holds machine code, which cannot be written as formula text" in message
+    assert 'NAME = "lag.fmu" under [functions]' in message
+
+
+def test_start_values_are_converted_to_calibration_files(tmp_path, built, capsys, monkeypatch):
+    monkeypatch.setattr(instance, "FmuInstance", None)
+    assert cli.run(["convert", str(built), str(tmp_path / "lag.dcm")]) == 0
+    capsys.readouterr()
+    assert read(tmp_path / "lag.dcm")["table"].values.tolist() == [[0, 1, 2], [3, 4, 5]]

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +16,9 @@ from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option
 from kennfeld.terminal.model_selection import ModelSelection, model_options
 from kennfeld.terminal.output import print_findings, print_lines
+
+if TYPE_CHECKING:
+    from kennfeld.parameter_set import ParameterSet
 
 
 @click.command
@@ -71,7 +75,7 @@ def _on_this_machine(address: str) -> Iterator[Path]:
 def convert(
     source: Path, target: Path, image: Path | None, a2l: Path | None, selection: ModelSelection, force: bool
 ) -> int:
-    """Convert a calibration file, a Simulink model or an ASCET class.
+    """Convert a calibration file, a Simulink model or an ASCET class; write the start values of an FMU.
 
     Calibration files are .dcm, .csv (INCA CVX), .cdfx, .json, .xlsx (one sheet per table), .m and .mat (MATLAB), and
     .msq, .par, .esdl, .axl and .amd (only over the file they were read from). A model (.slx, .mdl, .esdl, .app, .axl,
@@ -97,11 +101,26 @@ def convert(
         paths = write_formula(source, target, *selection.simulink)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
-    [parameters], remarks = calfiles.read_several([source], a2l)
-    print_findings(*remarks)
+    if source.suffix.lower() == ".fmu":
+        parameters = _read_fmu_values(source, is_formula)
+    else:
+        [parameters], remarks = calfiles.read_several([source], a2l)
+        print_findings(*remarks)
     print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     print_lines(f"Written to {target}")
     return DONE
+
+
+def _read_fmu_values(source: Path, is_formula: bool) -> "ParameterSet":
+    """Return the parameters of an FMU with their start values."""
+    from kennfeld.models.fmu.importing import fmu
+
+    model = fmu(source)
+    if is_formula:
+        message = "holds machine code, which cannot be written as formula text"
+        remedy = f'Formula text can call it: write NAME = "{source.name}" under [functions] of a project file.'
+        raise InputError.of(Location(source.name), message, remedy)
+    return model.carried
 
 
 def _require_new(force: bool, *targets: Path) -> None:

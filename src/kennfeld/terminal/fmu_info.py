@@ -25,7 +25,7 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         InputError: the file is damaged.
     """
     from kennfeld.models.fmu.fmu_archive import read_archive
-    from kennfeld.models.fmu.fmu_parameters import parameters_of
+    from kennfeld.models.fmu.fmu_parameters import parameters_of, start_values_of
     from kennfeld.models.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
@@ -40,8 +40,9 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
     outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
     kept = description.started_states if used == CO_SIMULATION else description.states
     states = [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)]
-    variability = {v.name: v.variability for v in description.parameters}
-    parameters = parameters_of(description.parameters).parameters.parameters
+    starts = start_values_of(description.started_states).parameters
+    variability = {v.name: v.variability for v in description.parameters} | dict.fromkeys(starts, "start value")
+    parameters = (*parameters_of(description.parameters).parameters.parameters, *starts.parameters)
     obstacles = find_obstacles(description, path, used)
     remarks = [f"a command that evaluates it runs code of {path.name}"]
     remarks += [remark.message for remark in find_remarks(description, path, used)]

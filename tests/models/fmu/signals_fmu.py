@@ -23,7 +23,7 @@ _VARIABLES_3 = (
 _NAMES_3 = {"Real": "Float64", "Integer": "Int32"}
 
 
-def description(version):
+def description(version, interfaces):
     """Return the model description of FMI 2.0 or 3.0."""
     variables = _VARIABLES if version == 2 else (*_VARIABLES, *_VARIABLES_3)
     if version == 2:
@@ -42,13 +42,13 @@ def description(version):
         head = 'instantiationToken="{signals}"'
     return f"""<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="{version}.0" modelName="signals" {head}>
-<ModelExchange modelIdentifier="signals"/>
+<ModelExchange modelIdentifier="signals"/>{interfaces}
 <ModelVariables>{"".join(lines)}</ModelVariables>
 <ModelStructure>{structure}</ModelStructure>
 </fmiModelDescription>"""
 
 
-def build_signals(folder, version, *options):
+def build_signals(folder, version, *options, interfaces=""):
     """Compile the FMU; skip the test if there is no compiler."""
     library = compile_library(SOURCE, folder / "signals.so", version, *options)
-    return pack(folder / "signals.fmu", description(version), library=library, version=version)
+    return pack(folder / "signals.fmu", description(version, interfaces), library=library, version=version)

@@ -90,6 +90,10 @@ def test_remarks_name_the_slopes_and_what_is_skipped(tmp_path):
         (('modelIdentifier="lag"', 'modelIdentifier="../lag"'), "invalid modelIdentifier"),
         (('fmiVersion="2.0"', 'fmiVersion="1.0"'), "FMI 1.0 is not supported"),
         (('start="2" min', 'start="two" min'), "start='two' must be a number"),
+        (('name="k"', 'name="tau"'), "tau is also the name of the variable in line"),
+        (('min="0.01" max="10"', 'min="10" max="0.01"'), r"tau has min=10 above max=0\.01"),
+        (('valueReference="6"', 'valueReference="-6"'), "k has the valueReference -6"),
+        (('valueReference="6"', 'valueReference="4294967296"'), "k has the valueReference"),
         (('derivative="2"', 'derivative="99"'), "is the derivative of no variable"),
         (('index="3"', 'index="99"'), "is that of no variable"),
         (('index="3"', 'index="2"'), "is listed as a derivative, but of no state"),
@@ -170,5 +174,5 @@ def test_a_library_of_another_kind_is_reported_when_it_is_needed(tmp_path, versi
     broken = tmp_path / "lag.so"
     broken.write_bytes(b"no library")
     path = pack(tmp_path / "lag.fmu", DESCRIPTIONS[version](), library=broken, version=version)
-    with pytest.raises(InputError, match="its library cannot be loaded"):
+    with pytest.raises(InputError, match=r"its library lag\.so cannot be loaded: it is not a library"):
         load_instance(str(path), digest_of(path))

@@ -9,6 +9,7 @@ from kennfeld.models.fmu.number_types import number_type
 from kennfeld.xml_document import XmlElement, XmlLimits, parse_xml
 
 MOST_VALUES = 1_000_000  # of all arrays together
+MOST_REFERENCE = 2**32 - 1
 _TYPES_2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _VERSIONS = {"2": "2.0", "3": "3.0"}
 _BOOLEANS = {"false": 0.0, "true": 1.0}
@@ -72,6 +73,7 @@ class _Reader:
             discrete=self._discrete() if self.version == "3.0" else (),
             platforms=platforms,
         )
+        self._check_names(variables)
         if not self.findings.has_errors:
             self._check_derivatives(description)
         self.findings.finish()
@@ -200,6 +202,21 @@ class _Reader:
             used = frozenset(numbered[int(word)].reference for word in words if int(word) in numbered)
             result.append(Dependency(variable, None if stated is None else used))
         return tuple(result)
+
+    def _check_names(self, variables: Sequence[FmuVariable]) -> None:
+        names: dict[str, FmuVariable] = {}
+        for variable in variables:
+            first = names.setdefault(variable.name, variable)
+            location = Location(self.file, variable.line)
+            if first is not variable:
+                message = f"{variable.name[:60]} is also the name of the variable in line {first.line}"
+                self.findings.error(location, message, _EXPORT)
+            if variable.minimum > variable.maximum:
+                message = f"{variable.name[:60]} has min={variable.minimum:g} above max={variable.maximum:g}"
+                self.findings.error(location, message, _EXPORT)
+            if not 0 <= variable.reference <= MOST_REFERENCE:
+                message = f"{variable.name[:60]} has the valueReference {variable.reference:.6g}"
+                self.findings.error(location, message, _EXPORT)
 
     def _check_derivatives(self, description: FmuDescription) -> None:
         known = {variable.reference for variable in description.variables if variable.is_real}

@@ -183,7 +183,7 @@ class FmuInstance:
         path = library_of(folder, self.description.version, interface.identifier)
         if not path.is_file():
             message = f"has no library {path.name} for {platform_folder(self.description.version)}"
-            raise InputError.of(Location(str(self.source)), message)
+            raise InputError.of(Location(str(self.source)), message, "Export the FMU for this platform.")
         library = FmuLibrary(path, self.description, self.source, self.record)
         prefix = self.layout.prefix
         if not library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative"):
@@ -289,7 +289,7 @@ class FmuInstance:
             finite = np.all(np.isfinite(self._evaluate(later)[0]))
             if not finite or not self._is_repeated(self._evaluate(point)[0], results):
                 message = "has events at times, such as those of a sampled part, that change more than conditions"
-                raise InputError.of(Location(str(self.source)), message, self._or_co_simulation(_CONTINUOUS))
+                raise InputError.of(Location(str(self.source)), message, self._other_interface or _CONTINUOUS)
             self._evaluate(later)  # announces the following event
         return results
 
@@ -299,14 +299,15 @@ class FmuInstance:
             self._evaluate(point + side * magnitudes * (np.arange(len(point)) > 0))
         if not self._is_repeated(self._evaluate(point)[0], results):
             message = "its equations depend on earlier evaluations, such as a hysteresis does"
-            remedy = self._or_co_simulation("Use an FMU whose memory is in its states.")
+            remedy = self._other_interface or "Use an FMU whose memory is in its states."
             raise InputError.of(Location(str(self.source)), message, remedy)
 
-    def _or_co_simulation(self, remedy: str) -> str:
-        """Return a remedy; the other interface if the FMU offers it, as its code then handles events and memory."""
+    @property
+    def _other_interface(self) -> str:
+        """The remedy for what model exchange cannot do, if the FMU also offers co-simulation; else empty."""
         if self.description.co_simulation is None:
-            return remedy
-        return f'Choose its co-simulation: "{self.source.name}:co_simulation".'
+            return ""
+        return f'Use it for co-simulation: "{self.source.name}:co_simulation", kf.fmu(path, interface="co-simulation").'
 
     def _is_repeated(self, again: Float, results: Float) -> bool:
         return np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0))

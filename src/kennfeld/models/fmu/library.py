@@ -13,6 +13,7 @@ from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.machine_code.engine import compile_functions
 from kennfeld.machine_code.external import c_function, provide
 from kennfeld.models.fmu.description import FmuDescription
+from kennfeld.models.fmu.library_format import find_library_problem
 from kennfeld.models.fmu.logger_code import can_format, write_logger
 
 LOADING = "loading its library"  # which runs code as well
@@ -47,6 +48,10 @@ class FmuLibrary:
         self.listener: Callable[[str], None] = _ignore
         self.creation: dict[str, int] = {}
         self._kept: list[Any] = []  # objects whose memory the library refers to
+        problem = find_library_problem(path)
+        if problem:
+            message = f"its library {path.name} cannot be loaded: {problem}"
+            raise InputError.of(Location(str(source)), message, "Export the FMU again, for this platform.")
         folder = Path.cwd()
         try:
             os.chdir(path.parent)  # where some libraries look for others
