@@ -240,7 +240,7 @@ def test_an_fmu_is_shown_and_runs_once_it_is_allowed(tmp_path: Path) -> None:
     assert [each["name"] for each in own["states"]] == ["x"]
     assert [each["name"] for each in own["parameters"]] == ["tau", "k", "table"]
     assert (own["step"], own["solver"], own["runs"]) == (0.1, "ode4", True)
-    assert any("runs code of lag.fmu" in note for note in own["notes"])
+    assert any("directional derivatives" in note for note in own["notes"])
     session.do(SetKeys("free", session.path.name, [(("parameters", "K"), None)]))
     assert "[model] file: runs code of lag.fmu" in errors(session)[0]
     allow(session)
