@@ -127,13 +127,13 @@ def test_all_missing_operators_are_named_at_once(tmp_path):
         helper.make_node("Det", ["x"], ["a"]),
         helper.make_node("Tanh", ["a"], ["b"]),
         helper.make_node("Det", ["b"], ["c"]),
-        helper.make_node("Hardmax", ["c"], ["y"]),
+        helper.make_node("LRN", ["c"], ["y"], size=3),
     ]
     path = save(tmp_path / "net.onnx", nodes, {"x": [1, 1]}, {"y": ["n", 1]})
     with pytest.raises(InputError) as caught:
         kf.onnx(path)
     messages = [finding.message for finding in caught.value.findings]
-    assert messages == ["operator Det is not supported (2 times)", "operator Hardmax is not supported"]
+    assert messages == ["operator Det is not supported (2 times)", "operator LRN is not supported"]
 
 
 def test_an_input_of_unknown_shape_is_refused_by_name(tmp_path):
