@@ -113,6 +113,17 @@ def test_members_read_are_inputs_and_structs_named_as_outputs_are_outputs(tmp_pa
     assert function.memory
 
 
+def test_a_remark_names_the_initialization_that_does_not_run(tmp_path):
+    (remark,) = _function(GENERATED, "model_step", tmp_path).remarks[-1:]
+    assert "model_initialize sets rtDW.delay" in remark.message
+
+
+def test_the_size_of_an_array_behind_a_pointer_follows_from_constant_indices(tmp_path):
+    function = _function("double step(const float *x, float *y) { y[1] = x[2]; return x[0]; }", "step", tmp_path)
+    assert _names(function.inputs) == ["x[0]", "x[1]", "x[2]"]
+    assert _names(function.outputs) == ["step", "y[0]", "y[1]"]
+
+
 def test_structs_of_parameters_are_parameters_with_the_values_of_the_file(tmp_path):
     values = _function(GENERATED, "model_step", tmp_path).values
     assert list(values) == ["rtP.gain", "rtP.table", "rtP.on"]
@@ -162,7 +173,7 @@ def test_an_included_file_of_the_folder_is_read(tmp_path):
             "static double y; static void f(double *a) { *a = y; } double step(double x) { f(&y); return x; }",
             "two names",
         ),
-        ("double step(const double *x) { return x[3]; }", "array of unknown size"),
+        ("double step(const double *x, int n) { return x[n]; }", "array of unknown size"),
         ("double step(double x) { double a[3] = {x}; return a[3]; }", "index 3 of a, which has 3 elements"),
         ("static double a[2]; double step(double x) { int i; for (i = 0; i < 3; i++) a[i] = x; return x; }", "range"),
         ("#define F(a, b) a\ndouble step(double x) { return F(x); }", "takes 2 arguments, got 1"),

@@ -79,7 +79,7 @@ class CNumbers:
 
 
 @dataclass(frozen=True)
-class Interface:
+class CInterface:
     """Numbers by the part that they play for a function.
 
     Attributes:
@@ -123,7 +123,7 @@ def static_numbers(static: StaticVariable, file: CFile) -> CNumbers:
 
 def find_interface(
     arguments: Sequence[CNumbers], statics: Sequence[CNumbers], usage: Usage, written_elsewhere: Collection[str]
-) -> Interface:
+) -> CInterface:
     """Return what a function reads and writes; outputs and states are found by `settle`.
 
     Args:
@@ -145,7 +145,7 @@ def find_interface(
         return tuple(number for kind, number in roles if kind == wanted)
 
     parameters = tuple(_with_values(number, values, statics) for number in those("parameter"))
-    return Interface(those("input"), parameters, those("written"))
+    return CInterface(those("input"), parameters, those("written"))
 
 
 def _is_used(number: CNumbers, usage: Usage) -> bool:
@@ -182,7 +182,7 @@ def _with_values(number: CNumbers, values: Mapping[str, str], statics: Sequence[
     return number if twin is None else replace(number, first=twin.first)
 
 
-def settle(interface: Interface, usage: Usage, held: Collection[str], *, returns: bool) -> Interface:
+def settle(interface: CInterface, usage: Usage, held: Collection[str], *, returns: bool) -> CInterface:
     """Return an interface with its outputs and states.
 
     Args:

@@ -1,11 +1,12 @@
 """A C function as nodes of a graph: its arguments, its results, and what it keeps between calls as states."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from kennfeld.formatting import join_names
 from kennfeld.graph.builder import BoundedGraphBuilder, GraphBuilder, GraphTooLargeError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
@@ -14,8 +15,8 @@ from kennfeld.models.c_code.declarations import CFile, CFunctionDeclaration
 from kennfeld.models.c_code.expression_translation import COperand, PassedNames, converted
 from kennfeld.models.c_code.functions import LIBRARY
 from kennfeld.models.c_code.interface import (
+    CInterface,
     CNumbers,
-    Interface,
     argument_numbers,
     find_interface,
     settle,
@@ -53,7 +54,7 @@ class TranslatedFunction:
     function: CFunctionDeclaration
     functions: Mapping[str, m.FunctionDefinition]
     statics: tuple[CNumbers, ...]
-    interface: Interface
+    interface: CInterface
     values: ParameterSet = ParameterSet()
     prefix: str = ""
     remarks: tuple[str, ...] = ()
@@ -104,7 +105,9 @@ class _FunctionCall:
         kept = {static.name for static in self.translated.statics}
         self.interpreter.state.kept.update({(GLOBAL, name): values[name] for name in kept})
         definition = self.translated.functions[f"{self.translated.function.name}()"]
-        passed = [values.get(name, s.InvalidValue(f"{name} has no value")) for name in definition.parameters]
+        unused = [each for each in argument_numbers(self.translated.function) if each.name not in values]
+        values |= {number.name: _unset(number) if number.is_result else self.started(number) for number in unused}
+        passed = [values[name] for name in definition.parameters]
         results = self.interpreter.call(definition, passed, len(definition.results))
         last = dict(zip(definition.results, results, strict=True))
         last |= {name: self.interpreter.state.kept[GLOBAL, name] for name in kept}
@@ -131,8 +134,7 @@ class _FunctionCall:
             if number.name in interface.states:
                 values[number.name] = self._opened(number)
             elif number.mode:
-                why = f"{number.label} is read before it is assigned, or not assigned in every case"
-                values[number.name] = s.InvalidValue(why) if number.is_result else self.started(number)
+                values[number.name] = _unset(number) if number.is_result else self.started(number)
         return values
 
     def started(self, number: CNumbers) -> Nodes:
@@ -155,6 +157,10 @@ class _FunctionCall:
             self.interpreter.names[_NUMBER] = np.array([[int(node)]], dtype=np.int64)
             results.append(int(self.interpreter.nodes(tree, number.label).item()))
         return _shaped(number, np.array(results, dtype=np.int64))
+
+
+def _unset(number: CNumbers) -> s.InvalidValue:
+    return s.InvalidValue(f"{number.label} is read before it is assigned, or not assigned in every case")
 
 
 def _shaped(number: CNumbers, nodes: Nodes) -> Nodes:
@@ -193,7 +199,22 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     whole = TranslatedFunction(
         function, functions, tuple(statics), interface, prefix=prefix, remarks=tuple(remarks), problems=tuple(problems)
     )
-    return whole if problems else _completed(whole, usage)
+    if problems:
+        return whole
+    whole = _completed(whole, usage)
+    own = {f"{name}()" for name in _called(function.name, translations)}
+    return replace(whole, remarks=(*whole.remarks, *_initializations(whole, own)))
+
+
+def _initializations(whole: TranslatedFunction, own: Collection[str]) -> Iterator[str]:
+    """Yield remarks about functions that set states before the first call, which is not known to the graph."""
+    states = {number.name: number.label for number in whole.interface.written if not number.mode}
+    for name in whole.functions:
+        if name not in own and "init" in name.casefold():
+            usage = usage_of(name, whole.functions)
+            written = [label for key, label in states.items() if key in usage.writes & whole.interface.states]
+            if written:
+                yield f"{name.removesuffix('()')} sets {join_names(written, 3)}, but is not run: edit their first values"
 
 
 def _origin(problem: UnsupportedCError, reasons: Mapping[str, UnsupportedCError]) -> UnsupportedCError:
@@ -258,7 +279,7 @@ def _completed(whole: TranslatedFunction, usage: Usage) -> TranslatedFunction:
     return replace(whole, problems=(problem,))
 
 
-def _settled(whole: TranslatedFunction, usage: Usage) -> Interface:
+def _settled(whole: TranslatedFunction, usage: Usage) -> CInterface:
     """Return the interface with outputs and states: a value matters if the graph of the next values reads it."""
     everything = frozenset(number.name for number in whole.interface.written if not number.is_result)
     trial = replace(whole, interface=replace(whole.interface, states=everything))
