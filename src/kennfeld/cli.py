@@ -9,6 +9,7 @@ import click
 
 from kennfeld import __version__
 from kennfeld.errors import InputError, KennfeldError
+from kennfeld.task_runner import WorkersDiedError
 from kennfeld.terminal import file_commands, project_commands
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings
@@ -89,6 +90,10 @@ def run(arguments: Sequence[str]) -> int:
     """
     try:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
+    except WorkersDiedError as error:
+        from kennfeld.machine_code.crash_report import worker_findings
+
+        print_findings(*(worker_findings() or error.findings))
     except InputError as error:
         print_findings(*error.findings)
     except KennfeldError as error:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from kennfeld.errors import Finding, InputError, KennfeldError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optional_packages import optional_package
-from kennfeld.task_runner import Receiver, RunnerLostError, Task, as_worker, connected
+from kennfeld.task_runner import Receiver, RunnerLostError, Task, WorkersDiedError, as_worker, connected
 
 AHEAD = 4  # tasks for each worker that are handed out beforehand
 SHORT_TASK = 0.05  # s; shorter ones run several at a time
@@ -271,12 +271,17 @@ class DaskRunner:
         self._seconds[kind] = MEMORY * self._seconds.get(kind, mean) + (1 - MEMORY) * mean
 
     def _wait(self, future: Any, meanwhile: Callable[[], None] = lambda: None) -> Any:
-        """Return the result of a task; short waits, so that Ctrl-C and a lost scheduler are noticed."""
-        wait, alone_since = import_module("distributed").wait, time.monotonic()
+        """Return the result of a task; short waits, so that Ctrl-C and a lost scheduler are noticed.
+
+        Raises:
+            RunnerLostError: the scheduler is gone, or all workers are, for a minute.
+            WorkersDiedError: all workers that ran the task have died.
+        """
+        distributed, alone_since = import_module("distributed"), time.monotonic()
         while not future.done():
             try:
                 meanwhile()
-                wait(future, timeout=POLL_INTERVAL)
+                distributed.wait(future, timeout=POLL_INTERVAL)
             except TimeoutError:
                 if not self.is_connected:
                     raise RunnerLostError(f"the scheduler at {self.address} is gone") from None
@@ -284,7 +289,12 @@ class DaskRunner:
                     alone_since = time.monotonic()
                 elif time.monotonic() - alone_since > NO_WORKER_TIMEOUT:
                     raise RunnerLostError(f"the scheduler at {self.address} has no worker") from None
-        return future.result()
+        try:
+            return future.result()
+        except distributed.KilledWorker:
+            message = f"{RETRIES + 1} workers ended, one after the other, while they ran the same task"
+            remedy = "Look for a crash or a lack of memory in their output."
+            raise WorkersDiedError([Finding(Location("[cluster]"), message, remedy)]) from None
 
     def close(self) -> None:
         """Leave the cluster; end the processes that were started here. Report what each worker has done."""

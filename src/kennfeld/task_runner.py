@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, Protocol
 
-from kennfeld.errors import KennfeldError
+from kennfeld.errors import InputError, KennfeldError
 
 Task = Callable[[bytes, bytes, bytes], Any]
 Receiver = Callable[[bytes], bool]
@@ -64,6 +64,10 @@ def message_line() -> MessageLine:
 
 class RunnerLostError(KennfeldError):
     """The cluster is gone; the text says which, and why."""
+
+
+class WorkersDiedError(InputError):
+    """Several workers ended, one after the other, while they ran the same task."""
 
 
 class TaskRunner(Protocol):

@@ -5,6 +5,7 @@ files elsewhere.
 """
 
 import os
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 DEFAULT_LIMIT = 60.0  # s that one call of foreign code may take
 FOLDER = "KENNFELD_WATCH"  # environment variable with its path; other processes of the command inherit it
 WATCHER = "KENNFELD_WATCHER"  # environment variable of a process that is watched: the number of the one that watches
+_WINDOWS_QUERY, _WINDOWS_RUNNING = 0x1000, 259  # PROCESS_QUERY_LIMITED_INFORMATION, STILL_ACTIVE
 _NAMES = ".temporary"  # ending of lists of temporary files
 
 
@@ -37,3 +39,20 @@ def remove_noted(folder: Path) -> None:
             for name in names.read_text(encoding="utf-8", errors="surrogateescape").split("\0")[:-1]:
                 with suppress(OSError):
                     Path(name).unlink(missing_ok=True)
+
+
+def is_running(process: int) -> bool:
+    """Return if the process of a number runs."""
+    if sys.platform == "win32":  # where signal 0 ends a process
+        import ctypes
+
+        library, status = ctypes.windll.kernel32, ctypes.c_ulong(0)
+        handle = library.OpenProcess(_WINDOWS_QUERY, False, process)
+        library.GetExitCodeProcess(handle, ctypes.byref(status))
+        library.CloseHandle(handle)
+        return status.value == _WINDOWS_RUNNING
+    try:
+        os.kill(process, 0)
+    except OSError:
+        return False
+    return True

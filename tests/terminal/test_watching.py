@@ -240,6 +240,21 @@ def test_a_worker_that_crashes_costs_its_start_only(tmp_path: Path) -> None:
     assert leftovers(tmp_path) == ["results"]
 
 
+@POSIX
+def test_workers_of_a_cluster_that_crash_are_one_message(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    in_worker = (
+        'char name[400]; int main = 0; snprintf(name, 400, "%s/process", getenv("KENNFELD_WATCH"));'
+        'FILE *file = fopen(name, "r"); fscanf(file, "%d", &main); fclose(file); if (main != getpid()) abort();'
+    )
+    project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}{{ {in_worker} }}")
+    project.write_text(f"{project.read_text()}[cluster]\nworkers = 2\npartition = 50\n")
+    status, _, err = run_command(project, "calibrate")
+    assert status == 2
+    assert "Traceback" not in err
+    assert "lag.fmu: a process ended while its code ran in fmi2GetDerivatives, instance 1, at t = 5.05 s" in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "limit"),
     [

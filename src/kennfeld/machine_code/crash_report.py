@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from kennfeld.errors import Finding, Location
 from kennfeld.machine_code.call_record import ForeignCall, read_calls
-from kennfeld.watch_folder import watch_folder
+from kennfeld.watch_folder import is_running, watch_folder
 
 _WINDOWS = {
     0xC0000005: "access violation",
@@ -58,6 +58,16 @@ def unloading_finding(files: Sequence[str], status: int) -> Finding:
     """Return the warning about a crash after the work was done."""
     message = f"its code crashed when the program ended: {describe_status(status) or f'exit status {status}'}"
     return Finding(Location(_names(files)), message, "The results are complete.", severity="warning")
+
+
+def worker_findings() -> list[Finding]:
+    """Return an error for each file whose code ran in a process of this command when that process ended."""
+    folder = watch_folder()
+    calls = {} if folder is None else {call.file: call for call in read_calls(folder) if not is_running(call.process)}
+    return [
+        Finding(Location(file), f"a process ended while its code ran{_places([call])}", _REMEDY)
+        for file, call in calls.items()
+    ]
 
 
 def describe_end(process: int, status: int) -> str:

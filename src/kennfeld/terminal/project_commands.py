@@ -104,13 +104,15 @@ def _open(
     A remark precedes code of files that the project names, or none runs, unless `run`.
     """
     from kennfeld.project import Project
-    from kennfeld.terminal.foreign_code import announced_code, refused_code
+    from kennfeld.terminal.foreign_code import announce_files, announced_code, refused_code
     from kennfeld.terminal.progress import ReadingProgress
 
     read = replace(Project.read(path), watch=ReadingProgress())
     project = read.on_cluster(scheduler, workers, print_progress) if run else read.on_no_cluster()
     try:
         with announced_code() if run else refused_code():
+            if run and project.cluster_address is not None:
+                announce_files(project.file)
             yield project
     finally:
         project.close()

@@ -24,13 +24,12 @@ from kennfeld.terminal.command_line import INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import FORWARDED, HANGUP, REQUESTS, held_back, leave_terminal, respected
 from kennfeld.terminal.watched_process import ENDED, PROCESS
-from kennfeld.watch_folder import FOLDER, WATCHER, remove_noted
+from kennfeld.watch_folder import FOLDER, WATCHER, is_running, remove_noted
 
 INTERVAL = 0.5  # s between looks at the records of calls
 PATIENCE = 10.0  # s from the second request to end until the process is killed, or after its work is done
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.cli import main; main()"
 _CLEAR = "\r\x1b[2K\x1b[?25h"  # removes the line of progress and shows the cursor
-_WINDOWS_QUERY, _WINDOWS_RUNNING = 0x1000, 259  # PROCESS_QUERY_LIMITED_INFORMATION, STILL_ACTIVE
 
 
 def run_watched(arguments: Sequence[str], limit: float) -> int:
@@ -132,7 +131,7 @@ class _CallMonitor:
         """Return the calls of running processes that have lasted for longer than the limit."""
         now = time.monotonic()
         self._passed, self._looked = min(now - self._looked, 2 * INTERVAL), now
-        self._ended.update(number for number in {call.process for call in calls} if not _is_running(number))
+        self._ended.update(number for number in {call.process for call in calls} if not is_running(number))
         running = [call for call in calls if call.process not in self._ended]
         return [call for call in running if self.lasts(call.slot, self._limit, True, call.number)]
 
@@ -149,19 +148,3 @@ def _report(finding: Finding) -> None:
         with suppress(OSError):
             sys.stderr.write(_CLEAR)
     print_findings(finding)
-
-
-def _is_running(process: int) -> bool:
-    if sys.platform == "win32":  # where signal 0 ends a process
-        import ctypes
-
-        library, status = ctypes.windll.kernel32, ctypes.c_ulong(0)
-        handle = library.OpenProcess(_WINDOWS_QUERY, False, process)
-        library.GetExitCodeProcess(handle, ctypes.byref(status))
-        library.CloseHandle(handle)
-        return status.value == _WINDOWS_RUNNING
-    try:
-        os.kill(process, 0)
-    except OSError:
-        return False
-    return True
