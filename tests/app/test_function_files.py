@@ -123,6 +123,9 @@ def test_dropped_files_are_called_by_free_names(tmp_path: Path) -> None:
     assert "functions" not in session.settings
     with pytest.raises(ArgumentError, match="holds no functions"):
         ask(session, "add-functions", files=["bench.csv"])
+    (tmp_path / "idle_data.c").write_text("const volatile double GAIN = 2.0;\n")
+    (tmp_path / "idle.c").write_text("double idle(double x) { return x; }\n")
+    assert ask(session, "add-functions", files=["idle_data.c", "idle.c"])["names"] == ["idle"]
 
 
 def test_a_c_file_is_chosen_before_its_file_of_data_and_read_again_with_its_headers(tmp_path: Path) -> None:

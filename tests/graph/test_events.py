@@ -103,3 +103,7 @@ def test_asking_twice_gives_the_same():
 def test_a_ramp_is_an_event_if_and_only_if_it_begins_with_a_step(threshold, slope, step):
     text = f"x = K * u\ny = if(x > {threshold}, {slope} * (x - {threshold}) + {step}, 0)"
     assert found(text, "K") == ([("y", ">")] if step else [])
+
+
+def test_a_test_for_nan_is_no_discontinuity():
+    assert found("x = u ^ K\ny = if(x != x, 0, max(x, 0))", "K") == []

@@ -53,7 +53,9 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
     """
     moving = dependents(graph, lambda node: node.parameter in free)
     ends, needed = _needed(graph, [graph.names[name] for name in outputs or graph.outputs])
-    candidates = [at for at in sorted(needed & moving) if graph.nodes[at].op in _WORDS]
+    candidates = [
+        at for at in sorted(needed & moving) if graph.nodes[at].op in _WORDS and not _tests_nan(graph.nodes[at])
+    ]
     if not candidates:
         return ()
     jumping = _Step(graph, ends).jumping(candidates[:: -(-len(candidates) // MAX_CONDITIONS)])
@@ -62,6 +64,11 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
         Event(at, _WORDS[graph.nodes[at].op], _user(graph, at), tuple(name for name in reach if at in reach[name]))
         for at in jumping
     )
+
+
+def _tests_nan(node: Node) -> bool:
+    """Return if a node is `x != x` or `x == x`, which changes for no number."""
+    return node.op in ("eq", "ne") and node.args[0] == node.args[1]
 
 
 class _Step:

@@ -7,7 +7,7 @@ from typing import Any
 
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.folders import confined
-from kennfeld.app.session.function_source import FunctionSource, completed_reference, read_called
+from kennfeld.app.session.function_source import FunctionSource, completed_reference, has_no_functions, read_called
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.errors import ArgumentError, Finding, InputError
@@ -211,14 +211,18 @@ def _rules(function: ModelFunction) -> Sequence[BuiltinFunction]:
 
 
 def add_functions(session: Session, given: Given) -> Answer:
-    """Let formula text call the functions of `files` of the folder, each by a name like that of its file."""
+    """Let formula text call the functions of `files` of the folder, each by a name like that of its file.
+
+    Files of data that come with a function in C are no functions of their own.
+    """
     folder = session.path.parent
     taken = {*FUNCTIONS, *_keys(session, "functions"), *_keys(session, "surrogates"), *_used(session)}
     changes: list[tuple[tuple[str, ...], Any]] = []
-    for given_name in given["files"]:
-        file = confined(folder, str(given_name)).relative_to(folder.resolve()).as_posix()
+    files = [confined(folder, str(name)).relative_to(folder.resolve()).as_posix() for name in given["files"]]
+    for file in files:
         if kind_of(file) is None:
             raise ArgumentError(f"{file} holds no functions; use .fmu, .onnx, .c or .py")
+    for file in [each for each in files if not has_no_functions(folder / each)] or files:
         name = _free_name(file, taken)
         taken.add(name)
         changes.append((("functions", name), completed_reference(folder, file)))

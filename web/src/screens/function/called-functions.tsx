@@ -15,7 +15,7 @@ export function CalledFunctions() {
     <div onDragOver={(event) => event.preventDefault()} onDrop={drop}>
       <Fold title="Functions of other tools" sub={all.length ? `${all.length} can be called${wrong ? `, ${wrong} to solve` : ""}` : "FMU, ONNX, C, Python"} name="functions" open={wrong > 0}>
         {all.map((own) => <Called key={own.name} own={own} />)}
-        <p class="pad"><label class="btn small" title={`Files that hold functions (${FUNCTION_FILES.replaceAll(",", ", ")}). They are stored beside the project; formula text calls them like a table.\n[functions]`}><Icon name="plus" />Add files<input type="file" multiple accept={FUNCTION_FILES} aria-label="Files of functions" hidden onChange={(event) => { void addCalled([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} /></label> <span class="q">or drop them here</span></p>
+        <p class="pad"><label class="btn small" title={`Files that hold functions (${FUNCTION_FILES.replaceAll(",", ", ")}). They are stored beside the project; formula text calls them like a table.\n[functions]`}><Icon name="plus" />Add files<input type="file" multiple accept={`${FUNCTION_FILES},.h`} aria-label="Files of functions" hidden onChange={(event) => { void addCalled([...(event.currentTarget.files ?? [])]); event.currentTarget.value = ""; }} /></label> <span class="q">or drop them here</span></p>
       </Fold>
     </div>
   );

@@ -2,9 +2,9 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { newest } from "../../connection";
-import { fileOf, holdsFunctions } from "../../function-files";
+import { fileOf, holdsFunctions, isHeader } from "../../function-files";
 import { setKeys } from "../../settings";
-import { message, request, screen, state } from "../../store";
+import { failure, message, request, screen, state } from "../../store";
 import { upload } from "../../uploads";
 import { chosen, functionFile, type Line, type Port, type Variable } from "./source";
 
@@ -47,11 +47,16 @@ effect(() => {
 });
 effect(() => { if (shown.value && !isFileFunction.value) loadCalled(textRevision.value); });
 
-/** Store files beside the project, and let formula text call their functions. */
+/** Store files beside the project, and let formula text call their functions; headers belong to those of C. */
 export async function addCalled(files: File[]): Promise<void> {
   const names = await upload(files);
-  if (names.length === 0) return;
-  const reply = await request("add-functions", { files: names });
+  const holding = names.filter(holdsFunctions);
+  if (holding.length === 0) {
+    if (names.some(isHeader)) await request("reread-function");
+    else if (names.length > 0) failure.value = `${names[0]} holds no functions; use .fmu, .onnx, .c or .py.`;
+    return;
+  }
+  const reply = await request("add-functions", { files: holding });
   if (reply !== null) message.value = `Formula text can call ${(reply.head.names as string[]).join(", ")}`;
 }
 
