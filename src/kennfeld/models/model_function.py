@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from kennfeld.errors import ArgumentError, Finding
@@ -15,15 +15,25 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.model import Model
 from kennfeld.parameter_set import ParameterSet
 
-Write = Callable[[GraphBuilder, Sequence[int]], Sequence[int]]
+Deferred = Callable[[], int]
+Write = Callable[[GraphBuilder, Sequence[Any]], Sequence[int]]
 
 
 class FunctionInput(NamedTuple):
-    """An input; an argument without `default` is required."""
+    """An input.
+
+    Attributes:
+        name: its name.
+        unit: its unit.
+        default: value of an argument that is not given; None if it is required.
+        later: True if only later samples use its value, so that it may depend on the outputs; `ModelFunction.write`
+            then also takes a callable that returns its node, and is called when all nodes exist.
+    """
 
     name: str
     unit: str = ""
     default: float | None = None
+    later: bool = False
 
 
 class FunctionOutput(NamedTuple):
@@ -150,10 +160,11 @@ def _write_graph(graph: Graph, builder: GraphBuilder, arguments: Sequence[int]) 
 
 def share_calls(write: Write) -> Write:
     """Return a function that adds the nodes of equal calls once to a builder, so that they share their states."""
-    written: WeakKeyDictionary[GraphBuilder, dict[tuple[int, ...], Sequence[int]]] = WeakKeyDictionary()
+    written: WeakKeyDictionary[GraphBuilder, dict[tuple[Any, ...], Sequence[int]]] = WeakKeyDictionary()
 
-    def share(builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
-        calls, key = written.setdefault(builder, {}), tuple(arguments)
+    def share(builder: GraphBuilder, arguments: Sequence[int | Deferred]) -> Sequence[int]:
+        calls = written.setdefault(builder, {})
+        key = tuple(getattr(argument, "key", argument) for argument in arguments)
         if key not in calls:
             calls[key] = write(builder, arguments)
         return calls[key]

@@ -14,7 +14,7 @@ from kennfeld.models.fmu.fmu_archive import digest_of, platform_folder, read_arc
 from kennfeld.models.fmu.fmu_parameters import parameters_of, start_values_of
 from kennfeld.models.fmu.trajectory_calls import TrajectoryCalls
 from kennfeld.models.model import Model
-from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, as_model, share_calls
+from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, Write, as_model, share_calls
 from kennfeld.parameter_set import ParameterSet
 
 MODEL_EXCHANGE, CO_SIMULATION = "model_exchange", "co_simulation"
@@ -70,7 +70,9 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
     parameters = parameters_of(description.parameters, prefix)
     known = (str(path.resolve()), digest_of(path))
     starts = start_values_of(description.started_states, prefix)
-    if interface == CO_SIMULATION:
+    write: Write
+    together = interface == CO_SIMULATION
+    if together:
         write = TrajectoryCalls(description, (*parameters.values, *starts.values), path, known[1]).write
         memory = True
     else:
@@ -79,7 +81,7 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         memory = bool(description.states)
     return ModelFunction(
         name=name or path.stem,
-        inputs=tuple(FunctionInput(element, v.unit) for v in description.number_inputs for element in v.elements),
+        inputs=tuple(FunctionInput(x, v.unit, later=together) for v in description.number_inputs for x in v.elements),
         outputs=tuple(FunctionOutput(element, v.unit) for v in description.number_outputs for element in v.elements),
         write=share_calls(write),
         memory=memory,

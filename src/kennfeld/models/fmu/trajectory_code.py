@@ -6,8 +6,8 @@ same place of a model again has finished the last one, so that it gets the same 
 if there are no more, to that with the oldest step. The ticket of a slot that was given away no longer fits.
 
 The start takes (place, t, inputs, parameters) and returns the ticket. A step takes (ticket, t, inputs) and returns the
-outputs. At a later time than that of the last step, it lets the FMU advance with the inputs of the last step, reads
-the outputs and sets the new inputs, in this order, as FMI 2.0 demands. At the same time it returns the same outputs.
+outputs. At a later time than that of the last step, it sets the inputs, which are those of the sample before, lets the
+FMU advance and reads the outputs, in this order, as FMI 2.0 demands. At the same time it returns the same outputs.
 """
 
 from collections.abc import Iterator, Sequence
@@ -202,7 +202,7 @@ def _write_inputs(layout: TrajectoryLayout) -> FunctionWriter:
     with f.loop(2, 2 + layout.arguments) as i:
         value = f.load("%x", i)
         with f.when(f.new(f"fcmp uno double {value}, {value}")), calls.running():
-            calls.stop(NOT_A_NUMBER, f.load("%x", 1))
+            calls.stop(NOT_A_NUMBER, f.load("%slot", _TIME))
     with calls.running():
         set_numbers(f, layout.inputs, f.at("%x", 2), calls.set)
     return f
@@ -374,7 +374,7 @@ def _advance(layout: TrajectoryLayout) -> FunctionWriter:
 
 
 def _move(layout: TrajectoryLayout) -> FunctionWriter:
-    """Write `move(slot, x)`: the FMU advances to the time of x, its outputs are read and its inputs set."""
+    """Write `move(slot, x)`: the inputs of the FMU are set, it advances to the time of x, and its outputs are read."""
     f = FunctionWriter("move", [("ptr", "slot"), ("ptr", "x")], "noinline")
     worst, time, last = f.slot("i32"), f.load("%x", 1), f.load("%slot", _TIME)
     f.store("0", worst, kind="i32")
@@ -387,14 +387,14 @@ def _move(layout: TrajectoryLayout) -> FunctionWriter:
     with f.when(f.new(f"icmp ne i64 {dead}, 0")):
         f.store(str(_FAILED), "%slot", _STATE, "i64")
     with calls.running():
+        f.call("give", [("ptr", "%slot"), ("ptr", "%x"), ("ptr", worst)])
+        calls.check(time)
+    with calls.running():
         point, length = _even_step(calls, time, distance) if layout.even else (last, distance)
         with calls.running():
             _do_step(calls, point, length, time)
     with f.when(f.new(f"icmp ne i64 {f.load('%slot', _STATE, 'i64')}, {_FAILED}")):
         f.call("read", [("ptr", "%slot"), ("ptr", worst)])
-        calls.check(time)
-    with calls.running():
-        f.call("give", [("ptr", "%slot"), ("ptr", "%x"), ("ptr", worst)])
         calls.check(time)
     return f
 

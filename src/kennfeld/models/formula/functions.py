@@ -242,9 +242,9 @@ def functions_of_files(functions: Iterable["ModelFunction"]) -> Mapping[str, Bui
 
 
 def _output_of(function: "ModelFunction", call: str, number: int) -> BuiltinFunction:
-    arguments = [Argument(x.name, "" if x.default is None else repr(x.default), False) for x in function.inputs]
+    arguments = [Argument(x.name, "" if x.default is None else repr(x.default), x.later) for x in function.inputs]
 
-    def rule(builder: GraphBuilder, *inputs: int) -> int:
+    def rule(builder: GraphBuilder, *inputs: int | Deferred) -> int:
         return function.write(builder, inputs)[number]
 
     return _called(call, arguments, rule, memory=function.memory)

@@ -5,7 +5,6 @@ definitions nor deeply nested function calls reach Python's recursion limit.
 """
 
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
-from functools import partial
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -178,6 +177,17 @@ def build(names: NameTable, builder: GraphBuilder, nodes: Mapping[str, int]) -> 
     return {name: compiler.nodes[name] for name in names.definitions if name in compiler.nodes}
 
 
+class _LaterArgument:
+    """An argument that is evaluated when all nodes exist; those with equal keys have the same value."""
+
+    def __init__(self, lowering: "GraphLowering", expr: Expr, scope: _Scope) -> None:
+        self._lowering, self._expr, self._scope = lowering, expr, scope
+        self.key = id(lowering), expr.key, scope.key
+
+    def __call__(self) -> int:
+        return self._lowering.value(self._expr, self._scope)
+
+
 class GraphLowering:
     def __init__(self, names: NameTable, builder: GraphBuilder, nodes: dict[str, int]) -> None:
         self.names = names
@@ -283,7 +293,7 @@ class GraphLowering:
         key: list[Any] = [function.name]
         for index, argument_value in enumerate(expr.args):
             if function.argument(index).later:
-                args.append(partial(self.value, argument_value, scope))
+                args.append(_LaterArgument(self, argument_value, scope))
                 key.append((argument_value.key, scope.key))
             else:
                 args.append((yield argument_value, scope))
