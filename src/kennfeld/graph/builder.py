@@ -149,12 +149,15 @@ class GraphBuilder:
         return read
 
     def _needs(self, node: int, other: int) -> bool:
-        """Return True if `node` depends on `other` within the step."""
+        """Return True if the first value of `node` depends on that of `other`, through other states as well."""
         seen, stack = {node}, [node]
         while stack:
-            args = [a for a in self.nodes[stack.pop()].args if a not in seen]
-            seen.update(args)
-            stack += args
+            op, args, payload = self.nodes[stack.pop()]
+            if op == "state" and self.states[payload].init >= 0:
+                args = (self.states[payload].init,)
+            further = [a for a in args if a not in seen]
+            seen.update(further)
+            stack += further
         return other in seen
 
     def settle(self) -> None:

@@ -207,17 +207,22 @@ def calls_of(model):
     return sum(node.op == "external" and not node.payload.function.sequential for node in model.graph.nodes)
 
 
-def test_two_fmus_drive_each_other(tank, tmp_path):
-    other = build(tmp_path, 3)
-    text = "a = first.y(1 - b, 0, 1)\nb = second.y(prev(a, 0.5), 0, 1)"
-    model = kf.formula(text, functions={"first": tank, "second": other})
-    nodes = kf.simulate(model, {"time": recording()["time"]}, {"second.tau": 0.5})
-    a, b, before = [0.5], [0.5], 0.5
+def closed_loop(level, tau):
+    """Return the levels of two tanks; the flow into the first one starts with its own start value, 0."""
+    a, b = [level], [level]
     for _ in range(COUNT - 1):
         following = a[-1] + 0.1 * (1 - b[-1]) - 0.1 * a[-1] / 2.0
-        b.append(b[-1] + 0.1 * before - 0.1 * b[-1] / 0.5)
-        before = a[-1]
+        b.append(b[-1] + 0.1 * a[-1] - 0.1 * b[-1] / tau)
         a.append(following)
+    return a, b
+
+
+def test_two_fmus_drive_each_other(tank, tmp_path):
+    other = build(tmp_path, 3)
+    text = "a = first.y(1 - b, 0, 1)\nb = second.y(a, 0, 1)"
+    model = kf.formula(text, functions={"first": tank, "second": other})
+    nodes = kf.simulate(model, {"time": recording()["time"]}, {"second.tau": 0.5, "first.level": 0.2})
+    a, b = closed_loop(0.2, 0.5)
     np.testing.assert_allclose(nodes["a"].values, a, rtol=1e-12)
     np.testing.assert_allclose(nodes["b"].values, b, rtol=1e-12)
 
