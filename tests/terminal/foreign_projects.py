@@ -11,7 +11,7 @@ import tank_fmu
 
 PLANT = """[model]
 file = "lag.fmu"
-timeout = 2
+timeout = 5
 [[dataset]]
 files = ["bench.csv"]
 [[criterion]]
@@ -24,7 +24,7 @@ max_iterations = 2
 """
 TANK = """[model]
 file = "tank.fmu"
-timeout = 2
+timeout = 5
 [[dataset]]
 files = ["bench.csv"]
 [channels]
@@ -39,7 +39,7 @@ free = ["gain"]
 """
 PYTHON = """[model]
 file = "torque.kf"
-timeout = 2
+timeout = 5
 [functions]
 table = "table.py:table"
 [[dataset]]
