@@ -428,8 +428,8 @@ def _find_end(calls: _SlotCalls, length: str, time: str) -> None:
         f.store("0", ended, kind="i32")
         f.store(_NAN, reached)
         instance = f"ptr {f.load(calls.slot, _INSTANCE, 'ptr')}"
-        f.new(f"call i32 {calls.memory('fmi2GetBooleanStatus')}({instance}, i32 {_TERMINATED}, ptr {ended})")
-        f.new(f"call i32 {calls.memory('fmi2GetRealStatus')}({instance}, i32 {_LAST_TIME}, ptr {reached})")
+        f.new(f"call i32 {calls.function('fmi2GetBooleanStatus')}({instance}, i32 {_TERMINATED}, ptr {ended})")
+        f.new(f"call i32 {calls.function('fmi2GetRealStatus')}({instance}, i32 {_LAST_TIME}, ptr {reached})")
         with f.when(f.new(f"icmp ne i32 {f.load(ended, kind='i32')}, 0")):
             least = f.new(f"fsub double {time}, {f.fmul(literal(UNEVEN_SHARE), length)}")
             complete = f.new(f"fcmp oge double {f.load(reached)}, {least}")
