@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from lag_fmu import build
+from lag_fmu import build, description_2, pack
 
 import kennfeld as kf
 from kennfeld import cli
 from kennfeld.calfiles import read
 from kennfeld.models.fmu import instance
+from kennfeld.models.fmu.importing import read_fmu
 
 PLANT = """[model]
 file = "lag.fmu"
@@ -103,3 +104,20 @@ def test_start_values_are_converted_to_calibration_files(tmp_path, built, capsys
     assert cli.run(["convert", str(built), str(tmp_path / "lag.dcm")]) == 0
     capsys.readouterr()
     assert read(tmp_path / "lag.dcm")["table"].values.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+@pytest.mark.parametrize("call", ["plant.x(u)", "plant.y.2(u)"])
+def test_a_call_of_what_is_not_an_output_is_a_finding(tmp_path, built, capsys, call):
+    project = written(tmp_path, built, TEXT)
+    (tmp_path / "torque.kf").write_text(f"torque = {call}\n")
+    assert cli.run(["check", project]) == 2
+    assert f"{call[:-3]} is not an output of a function. Did you mean plant.y?" in capsys.readouterr().err
+
+
+def test_elements_of_arrays_have_names_that_formula_text_can_write(tmp_path):
+    text = description_2().replace('name="y"', 'name="flow[1,2].y"').replace('name="u"', 'name="der(u)"')
+    (tmp_path / "lag.so").write_bytes(b"")
+    path = pack(tmp_path / "lag.fmu", text, library=tmp_path / "lag.so")
+    called, own = (read_fmu(path, "", name, None) for name in ("plant", ""))
+    assert [each.name for each in (*called.inputs, *called.outputs)] == ["der_u_", "flow.1.2.y"]
+    assert [each.name for each in (*own.inputs, *own.outputs)] == ["der(u)", "flow[1,2].y"]

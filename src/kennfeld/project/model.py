@@ -203,6 +203,8 @@ def _read_formula(
         assumed = _find_assumed(
             path, text, [*known, *(s.name for s in surrogates), *(call for f in functions for call in f.calls)]
         )
+        named = tuple(f"{function.name}." for function in functions)
+        assumed = [name for name in assumed if not f"{name}.".startswith(named)]
         if not assumed:
             raise error from None
     return read(path, [*known, *assumed], surrogates, text, functions)

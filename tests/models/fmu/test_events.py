@@ -82,7 +82,7 @@ def test_conditions_on_the_time_follow_announced_events(tmp_path, version):
 def test_events_that_count_are_refused(tmp_path, version):
     other = '<CoSimulation modelIdentifier="signals"/>'
     path = build_signals(tmp_path, version, "-DCOUNTER", interfaces=other)
-    with pytest.raises(InputError, match=r"has events at times.* Use it for co-simulation"):
+    with pytest.raises(InputError, match=r"has events at times.* Choose its co-simulation"):
         kf.simulate(fmu(path, step=1.0), {"time": np.arange(3.0), **signals(version, 3)}, {})
 
 

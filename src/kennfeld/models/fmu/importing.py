@@ -1,5 +1,6 @@
 """Import of FMUs as functions and models; nothing of their code runs here."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -79,10 +80,13 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         timed = int(takes_time(description, step))
         write = EquationCalls(description, parameters.values, starts.values, (*known, timed)).write
         memory = bool(description.states)
+    spell = call_name if name else str
+    inputs = [FunctionInput(spell(x), v.unit, later=together) for v in description.number_inputs for x in v.elements]
+    outputs = [FunctionOutput(spell(element), v.unit) for v in description.number_outputs for element in v.elements]
     return ModelFunction(
         name=name or path.stem,
-        inputs=tuple(FunctionInput(x, v.unit, later=together) for v in description.number_inputs for x in v.elements),
-        outputs=tuple(FunctionOutput(element, v.unit) for v in description.number_outputs for element in v.elements),
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
         write=share_calls(write),
         memory=memory,
         values=parameters.parameters.merged(starts.parameters),
@@ -90,6 +94,16 @@ def read_fmu(path: Path, function: str, name: str, step: float | None) -> ModelF
         step=step or (description.step if memory else None),
         remarks=tuple(find_remarks(description, path, interface)),
     )
+
+
+def call_name(element: str) -> str:
+    """Return the name of an input or output as formula text can write it.
+
+    >>> call_name("y[1,2]"), call_name("pipe[1].p"), call_name("der(x)")
+    ('y.1.2', 'pipe.1.p', 'der_x_')
+    """
+    places = re.sub(r"\[([\d, ]+)\]", lambda match: f".{re.sub(', *', '.', match[1])}", element)
+    return re.sub(r"[^\w.]", "_", places)
 
 
 def takes_time(description: FmuDescription, step: float | None) -> bool:

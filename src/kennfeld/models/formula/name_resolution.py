@@ -235,9 +235,20 @@ class NameTable:
             self._report(owner, call.at, f"{name} is a node, not a table", "Write * to multiply.")
         elif name in self.inputs:
             self._report(owner, call.at, f"{name} is an input, not a table", "Write * to multiply.")
+        elif outputs := self._outputs_beside(call):
+            remedy = nearest(name, outputs) or f"Call one of its outputs: {', '.join(outputs[:8])}."
+            self._report(owner, call.at, f"{name} is not an output of a function", remedy)
         elif self._is_table(owner, call):
             self._called.setdefault(name, call.at)
             self._check_axes(owner, name, count, call.at)
+
+    def _outputs_beside(self, call: Call) -> list[str]:
+        """Return the outputs of the function that an unknown name such as `f` or `f.x` means, if there is `f.y`."""
+        name = call.name
+        if call.at.quoted or name in self.declared or name in (self.around.parameters or ()):
+            return []
+        prefixes = (f"{name}.", f"{name.partition('.')[0]}.")
+        return [known for known in self.around.functions if known.startswith(prefixes)]
 
     def _check_built_in(self, owner: str, call: Call, function: BuiltIn) -> None:
         count = len(call.args)
