@@ -93,6 +93,26 @@ PROGRAMS = {
             *y = calls + 10 * more + 100 * n;
             return r;
         }""",
+    "indices": """
+        typedef struct { double x; double y; } Pair;
+        static void next(double *value, int *at) { *value += 1; *at += 1; }
+        double step(double u, int n, double *y) {
+            double a[6] = {1, 2, 3, 4, 5, 6};
+            Pair pairs[2] = {{u, 1}, {2, 3}};
+            int i = n > 2, j = 0;
+            double *first = &a[i];
+            Pair *pair = &pairs[i];
+            i++;
+            a[i++] += u;
+            a[i++] = a[j++] = 7;
+            *first = -1;
+            pair->y += 5;
+            i = 1;
+            next(&a[i], &i);
+            a[i]--;
+            *y = i + 10 * j + pairs[0].y - pairs[1].y;
+            return a[0] + 10 * a[1] + 100 * a[2] + 1000 * a[3] + 1e4 * a[4] + 1e5 * a[5];
+        }""",
     "ends": """
         #include <stddef.h>
         #include <math.h>

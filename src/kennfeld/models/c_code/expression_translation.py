@@ -117,8 +117,9 @@ class CExpressionTranslation(PlaceTranslation):
             case c_ast.Cast(to_type=target, expr=expr):
                 return self._cast(target, expr)
             case c_ast.Assignment():
-                self.pending += self.assignment(tree)
-                return self._read(tree.lvalue)
+                target, statements = self._assignment(tree)
+                self.pending += statements
+                return self.read(target)
             case c_ast.ExprList(exprs=exprs):
                 return [self.operand(expr) for expr in exprs][-1]
             case c_ast.FuncCall():
@@ -161,10 +162,6 @@ class CExpressionTranslation(PlaceTranslation):
         assert isinstance(place.type, CType)
         return COperand(self.used(place), place.type)
 
-    def assigned(self, target: c_ast.Node, operand: COperand, line: int) -> m.Assign:
-        """Return the statement that assigns a number."""
-        return self.stored(self.number(target), operand, line)
-
     def stored(self, place: CPlace, operand: COperand, line: int) -> m.Assign:
         """Return the statement that assigns a number to a place."""
         if place.is_constant:
@@ -180,12 +177,17 @@ class CExpressionTranslation(PlaceTranslation):
             copies = self._copies(tree)
             if copies is not None:
                 return copies
-        operand = self.operand(tree.rvalue)
-        if tree.op != "=":
-            operand = self._combined(tree.op[:-1], self._read(tree.lvalue), operand)
-        statement = self.assigned(tree.lvalue, operand, line_of(tree))
+        _, statements = self._assignment(tree)
         pending, self.pending = self.pending, []
-        return [*pending, statement]
+        return [*pending, *statements]
+
+    def _assignment(self, tree: c_ast.Assignment) -> tuple[CPlace, list[m.Statement]]:
+        """Return the target of an assignment, whose indices are evaluated once, and its statement."""
+        operand = self.operand(tree.rvalue)
+        target = self.number(tree.lvalue)
+        if tree.op != "=":
+            operand = self._combined(tree.op[:-1], self.read(target), operand)
+        return target, [self.stored(target, operand, line_of(tree))]
 
     def _copies(self, tree: c_ast.Assignment) -> list[m.Statement] | None:
         """Return the statements that copy a struct; None if the target is a number."""
@@ -204,17 +206,33 @@ class CExpressionTranslation(PlaceTranslation):
 
     def _step(self, op: str, target: c_ast.Node, tree: c_ast.Node) -> COperand:
         """Translate ++ and --; with the operator behind it, the value is that before."""
-        before = self._read(target)
+        place = self.number(target)
+        before = self.read(place)
+        name = self.temporary()
         if op.startswith("p"):
-            name = self.temporary()
             self.pending.append(m.Assign((m.Name(name),), before.tree, place=m.SourcePosition(line_of(tree))))
-        self.pending.append(self.stepped(op, target, line_of(tree)))
-        return COperand(m.Name(name), before.type) if op.startswith("p") else self._read(target)
+        self.pending.append(self._stepped(op, place, line_of(tree)))
+        return COperand(m.Name(name), before.type) if op.startswith("p") else before
 
     def stepped(self, op: str, target: c_ast.Node, line: int) -> m.Assign:
         """Return the statement of ++ or --."""
-        operand = self._combined(op[-1], self._read(target), COperand(m.Number(1.0), INT))
-        return self.assigned(target, operand, line)
+        return self._stepped(op, self.number(target), line)
+
+    def _stepped(self, op: str, place: CPlace, line: int) -> m.Assign:
+        operand = self._combined(op[-1], self.read(place), COperand(m.Number(1.0), INT))
+        return self.stored(place, operand, line)
+
+    def frozen(self, place: CPlace, line: int) -> CPlace:
+        """Return a place whose indices keep the values that they have now."""
+        indices: list[m.Expression] = []
+        for index in place.indices:
+            if isinstance(index, m.Number):
+                indices.append(index)
+                continue
+            name = self.temporary()
+            self.pending.append(m.Assign((m.Name(name),), index, place=m.SourcePosition(line)))
+            indices.append(m.Name(name))
+        return replace(place, indices=tuple(indices))
 
     def temporary(self) -> str:
         """Return the name of a new local variable."""
@@ -358,7 +376,7 @@ class CExpressionTranslation(PlaceTranslation):
             if argument.mode == "value" and isinstance(argument.variable.type, CType):
                 arguments.append(converted(self.operand(tree), argument.variable.type))
                 continue
-            places = self._passed(name, argument, tree)
+            places = [self.frozen(place, line) for place in self._passed(name, argument, tree)]
             values = [self.used(place) for place in places]
             arguments += values
             if argument.mode == "output":

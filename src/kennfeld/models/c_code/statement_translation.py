@@ -203,7 +203,7 @@ class FunctionTranslation(CExpressionTranslation):
         """Return the address that a pointer holds from its declaration on."""
         if tree.init is None or tree.name in self._reassigned:
             raise UnsupportedCError(f"the pointer {tree.name} must be set once, where it is declared", line_of(tree))
-        place = self.address(tree.init)
+        place = self.frozen(self.address(tree.init), line_of(tree))
         is_constant = place.is_constant or self.file.types.declared(tree).is_constant
         return replace(place, is_constant=is_constant)
 

@@ -46,7 +46,7 @@ ObjectType: TypeAlias = CType | CStructType | OpaqueType
 
 @dataclass(frozen=True)
 class DeclaredType:
-    """What a declaration says of a variable: the type of its elements, the sizes of an array, and qualifiers.
+    """The declaration of a variable: the type of its elements, the sizes of an array, and qualifiers.
 
     Attributes:
         type: type of the elements.

@@ -214,7 +214,7 @@ def _initializations(whole: TranslatedFunction, own: Collection[str]) -> Iterato
             usage = usage_of(name, whole.functions)
             written = [label for key, label in states.items() if key in usage.writes & whole.interface.states]
             if written:
-                yield f"{name.removesuffix('()')} sets {join_names(written, 3)}, but is not run: edit their first values"
+                yield f"{name.removesuffix('()')} sets {join_names(written, 3)}, but is not run: edit the first values"
 
 
 def _origin(problem: UnsupportedCError, reasons: Mapping[str, UnsupportedCError]) -> UnsupportedCError:

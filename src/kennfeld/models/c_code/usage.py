@@ -1,4 +1,4 @@
-"""Which numbers a function and those that it calls read and write."""
+"""The numbers that a function and those that it calls read and write."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
