@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from kennfeld.models.imperative.node_arrays import truncate
-from kennfeld.models.onnx_network.network import Operator
+from kennfeld.models.onnx_network.network import ML, Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
 from kennfeld.models.onnx_network.tensors import (
     NodeTensor,
     Tensor,
     UnsupportedOperatorError,
-    constant,
     kind_of,
     shape_of,
 )
@@ -115,6 +114,13 @@ def is_nan(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     return c.truth("ne", x, x)
 
 
+@operator("IsInf")
+def is_infinite(c: Context, op: Operator, arguments: Arguments) -> Tensor:
+    (x,) = _arguments(arguments)
+    signs = op.get("detect_positive", 1), -op.get("detect_negative", 1)
+    return c.truth("or", *(c.truth("eq", x, sign * math.inf) if sign else np.zeros(()) for sign in signs))
+
+
 @operator("Where")
 def where(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     condition, a, b = _arguments(arguments)
@@ -135,8 +141,12 @@ def clip(c: Context, op: Operator, arguments: Arguments) -> Tensor:
 
 @operator("Round")
 def rounded(c: Context, op: Operator, arguments: Arguments) -> Tensor:
-    """Round halves to even."""
     (x,) = _arguments(arguments)
+    return round_half_even(c, x)
+
+
+def round_half_even(c: Context, x: Tensor) -> Tensor:
+    """Round to the nearest integer; halves to even ones."""
     if not isinstance(x, NodeTensor):
         return np.round(x)
     low = c.apply("floor", x)
@@ -244,6 +254,25 @@ def _gelu(c: Context, op: Operator, x: Tensor) -> Tensor:
     return c.apply("mul", c.apply("mul", x, 0.5), c.apply("add", share, 1.0))
 
 
+def _asinh(c: Context, op: Operator, x: Tensor) -> Tensor:
+    """Compute the inverse of sinh by the logarithm of a number above 1, whose digits are not cancelled."""
+    negative = c.truth("lt", x, 0.0)
+    size = c.where(negative, c.apply("neg", x), x)
+    root = c.apply("sqrt", c.apply("add", c.apply("mul", x, x), 1.0))
+    grown = c.apply("log", c.apply("add", size, root))
+    return c.where(negative, c.apply("neg", grown), grown)
+
+
+def _acosh(c: Context, op: Operator, x: Tensor) -> Tensor:
+    root = c.apply("sqrt", c.apply("sub", c.apply("mul", x, x), 1.0))
+    return c.apply("log", c.apply("add", x, root))
+
+
+def _atanh(c: Context, op: Operator, x: Tensor) -> Tensor:
+    share = c.apply("div", c.apply("add", x, 1.0), c.apply("sub", 1.0, x))
+    return c.apply("mul", c.apply("log", share), 0.5)
+
+
 def _shrink(c: Context, op: Operator, x: Tensor) -> Tensor:
     bias, limit = op.get("bias", 0.0), op.get("lambd", 0.5)
     above = c.where(c.truth("gt", x, limit), c.apply("sub", x, bias), 0.0)
@@ -266,6 +295,9 @@ FORMULAS: Mapping[str, Formula] = {
     "Swish": _swish,
     "Gelu": _gelu,
     "Shrink": _shrink,
+    "Asinh": _asinh,
+    "Acosh": _acosh,
+    "Atanh": _atanh,
     "Reciprocal": lambda c, op, x: c.apply("div", 1.0, x),
 }
 
@@ -276,7 +308,13 @@ def activation(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     return FORMULAS[op.kind](c, op, x)
 
 
+@operator("Binarizer", domain=ML)
+def binarizer(c: Context, op: Operator, arguments: Arguments) -> Tensor:
+    (x,) = _arguments(arguments)
+    return c.where(c.truth("gt", x, op.get("threshold", 0.0)), 1.0, 0.0)
+
+
 @operator("PRelu")
 def prelu(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     x, slope = _arguments(arguments)
-    return _scaled_below(c, x, constant(slope, "slope"))
+    return _scaled_below(c, x, slope)

@@ -62,12 +62,16 @@ def network_function(network: Network, name: str = "") -> ModelFunction:
     if unknown:
         message = f"the shapes of inputs are not stated: {', '.join(unknown)}"
         raise InputError.of(location, message, "Export the network with fixed shapes; only the first may be a batch.")
+    texts = [port.name for port in network.outputs if port.kind == "text"]
+    if not network.number_outputs:
+        raise InputError.of(location, "none of its outputs holds numbers", "Export it with numbers as outputs.")
     labels = [label for port in network.inputs for label in port.labels]
     prefix = f"{name}." if name else ""
     trial = GraphBuilder()
     context = write_network(network, trial, [trial.input(label) for label in labels], prefix)
     output_nodes(context)
-    remarks = [*context.remarks, *([_SINGLE] if network.is_single else [])]
+    skipped = [f"outputs that hold texts are skipped: {', '.join(texts)}"] if texts else []
+    remarks = [*context.remarks, *skipped, *([_SINGLE] if network.is_single else [])]
     spell = plain if name else str
     inputs, outputs = ([spell(label) for label in each] for each in (labels, output_labels(context)))
     if repeated := sorted({label for each in (inputs, outputs) for label in each if each.count(label) > 1}):

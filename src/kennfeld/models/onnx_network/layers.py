@@ -1,18 +1,32 @@
 """Matrix products: dense layers with bias and activation if the matrix is constant, else written out."""
 
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.models.imperative.node_arrays import Nodes, matrix_product
-from kennfeld.models.onnx_network.network import ML, Array, Operator
+from kennfeld.models.onnx_network.elementwise import sigmoid
+from kennfeld.models.onnx_network.network import Array, Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
 from kennfeld.models.onnx_network.shapes import first
-from kennfeld.models.onnx_network.tensors import NodeTensor, Tensor, UnsupportedOperatorError, check_size, shape_of
+from kennfeld.models.onnx_network.tensors import (
+    NodeTensor,
+    Tensor,
+    UnsupportedOperatorError,
+    check_size,
+    rearrange,
+    shape_of,
+)
 
 _FUSED = {"Relu": "relu", "LeakyRelu": "leaky_relu", "Elu": "elu", "Tanh": "tanh", "Sigmoid": "sigmoid"}
 _ALPHA = {"LeakyRelu": 0.01, "Elu": 1.0}
+_WRITTEN: Mapping[str, Callable[[Context, Tensor], Tensor]] = {
+    "identity": lambda c, x: x,
+    "tanh": lambda c, x: c.apply("tanh", x),
+    "sigmoid": sigmoid,
+}
 
 
 class _Affine(NamedTuple):
@@ -38,23 +52,48 @@ def matmul(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
 
 
 def _product(c: Context, a: Tensor, b: Tensor) -> Tensor:
-    """Return the product of two tensors of at most two dimensions."""
-    if len(shape_of(a)) > 2 or len(shape_of(b)) > 2:
-        raise UnsupportedOperatorError(
-            "products of tensors with more than two dimensions need a constant matrix on the right"
-        )
-    left, right = c.nodes(a), c.nodes(b)
-    shape = (*left.shape[:-1], *right.shape[1:])
-    left, right = np.atleast_2d(left), right.reshape(right.shape[0], -1)
-    if left.shape[1] != right.shape[0]:
-        raise UnsupportedOperatorError(
-            f"it multiplies {left.shape[0]}x{left.shape[1]} by {right.shape[0]}x{right.shape[1]}"
-        )
-    if isinstance(b, NodeTensor) and not isinstance(a, NodeTensor):
-        weights = np.vstack([np.atleast_2d(a.astype(np.float64)).T, np.zeros(left.shape[0])])
-        return NodeTensor(c.dense(right.T, weights).T.reshape(shape))
-    check_size([4, *left.shape, right.shape[1]])
-    return NodeTensor(matrix_product(c.builder, left, right).reshape(shape))
+    """Return the product of two tensors, of which one is not constant, as `numpy.matmul` does."""
+    left, right = shape_of(a), shape_of(b)
+    if not left or not right:
+        raise UnsupportedOperatorError("it multiplies a matrix by a number")
+    rows = rearrange(np.atleast_2d, a)
+    columns = rearrange(lambda array: array[:, None], b) if len(right) == 1 else b
+    batch = np.broadcast_shapes(shape_of(rows)[:-2], shape_of(columns)[:-2])
+    check_size([*batch, *shape_of(rows)[-2:], shape_of(columns)[-1]])
+    rows, columns = (
+        rearrange(lambda array: np.broadcast_to(array, batch + array.shape[-2:]), each) for each in (rows, columns)
+    )
+    sizes = shape_of(rows)[-2], shape_of(columns)[-1]
+    result = np.zeros((*batch, *sizes), dtype=np.int64)
+    for place in np.ndindex(*batch):
+        pair = (rearrange(lambda array: array[place], each) for each in (rows, columns))  # noqa: B023
+        result[place] = matrix_rows(c, *pair)
+    shape = batch + sizes[: len(left) > 1] + (sizes[1:] if len(right) > 1 else ())
+    return NodeTensor(result.reshape(shape))
+
+
+def matrix_rows(c: Context, a: Tensor, b: Tensor) -> Nodes:
+    """Return the product of two matrices; a constant one is the weights of a layer."""
+    (rows, inner), (height, columns) = shape_of(a), shape_of(b)
+    if inner != height:
+        raise UnsupportedOperatorError(f"it multiplies {rows}x{inner} by {height}x{columns}")
+    if isinstance(a, NodeTensor) and isinstance(b, NodeTensor):
+        return matrix_product(c.builder, a.nodes, b.nodes)
+    if isinstance(b, NodeTensor):
+        return matrix_rows(c, NodeTensor(b.nodes.T), np.asarray(a).T).T
+    return c.nodes(_layer(c, _Affine(c.nodes(a), b.astype(np.float64), (rows, columns)), np.zeros(columns)))
+
+
+def affine(c: Context, rows: Tensor, matrix: Tensor, offsets: Tensor, activation: str = "identity") -> Tensor:
+    """Return `activation(rows @ matrix + offsets)`, [rows, outputs], as a layer if the matrix is constant.
+
+    `activation` is "identity", "tanh" or "sigmoid".
+    """
+    if isinstance(matrix, NodeTensor) or isinstance(offsets, NodeTensor):
+        total = c.apply("add", NodeTensor(matrix_rows(c, rows, matrix)), offsets)
+        return _WRITTEN[activation](c, total)
+    weights, shape = matrix.astype(np.float64), (shape_of(rows)[0], matrix.shape[1])
+    return _layer(c, _Affine(c.nodes(rows), weights, shape), offsets.astype(np.float64), activation)
 
 
 @operator("Gemm")
@@ -80,17 +119,6 @@ def gemm(c: Context, op: Operator, arguments: Arguments) -> Tensor | None:
 
 def _transposed(x: Tensor) -> Tensor:
     return NodeTensor(x.nodes.T, x.kind) if isinstance(x, NodeTensor) else x.T
-
-
-@operator("LinearRegressor", domain=ML)
-def linear_regressor(c: Context, op: Operator, arguments: Arguments) -> Tensor:
-    x, targets = first(arguments), op.get("targets", 1)
-    if op.get("post_transform", "NONE") != "NONE":
-        raise UnsupportedOperatorError(f"post_transform {op.get('post_transform')} is not supported")
-    matrix = np.asarray(op.get("coefficients")).reshape(targets, -1).T
-    offsets = np.broadcast_to(np.asarray(op.get("intercepts", [0.0])), targets)
-    rows = np.atleast_2d(c.nodes(x))
-    return _layer(c, _Affine(rows, matrix, (len(rows), targets)), offsets)
 
 
 def _fuse(c: Context, op: Operator, affine: _Affine, offsets: Float) -> Tensor | None:
@@ -123,8 +151,8 @@ def _added(c: Context, adding: Operator, output: str, count: int) -> Float | Non
     return numbers
 
 
-def _layer(c: Context, affine: _Affine, offsets: Float, name: str = "identity", alpha: float = 0.0) -> Tensor:
-    rows, matrix, shape = affine
+def _layer(c: Context, product: _Affine, offsets: Float, name: str = "identity", alpha: float = 0.0) -> Tensor:
+    rows, matrix, shape = product
     if rows.ndim != 2 or rows.shape[1] != matrix.shape[0]:
         raise UnsupportedOperatorError(f"the rows of its input do not fit its {matrix.shape[0]} rows of weights")
     weights = np.vstack([matrix, offsets])

@@ -9,7 +9,21 @@ import numpy as np
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.models.imperative.evaluation_errors import EvaluationError
-from kennfeld.models.onnx_network import elementwise, layers, reductions, shapes, trees  # noqa: F401
+from kennfeld.models.onnx_network import (  # noqa: F401
+    convolutions,
+    einsum,
+    elementwise,
+    layers,
+    linear_models,
+    normalization,
+    quantization,
+    recurrent,
+    reductions,
+    scores,
+    selection,
+    shapes,
+    tree_operators,
+)
 from kennfeld.models.onnx_network.network import Network, Operator
 from kennfeld.models.onnx_network.registry import RULES, Context
 from kennfeld.models.onnx_network.tensors import NodeTensor, Tensor, UnsupportedOperatorError, nodes_of, shape_of
@@ -17,9 +31,14 @@ from kennfeld.models.onnx_network.tensors import NodeTensor, Tensor, Unsupported
 _REMEDY = "Export this part of the network with other operators, see docs/functions.md."
 
 
+def is_supported(domain: str, kind: str) -> bool:
+    """Return True if there is a rule for an operator."""
+    return (domain, kind) in RULES
+
+
 def unsupported(network: Network) -> list[Finding]:
     """Return an error for each kind of operator that is not supported."""
-    counts = Counter(op.label for op in network.operators if (op.domain, op.kind) not in RULES)
+    counts = Counter(op.label for op in network.used_operators if (op.domain, op.kind) not in RULES)
     location = Location(network.file)
     return [
         Finding(location, f"operator {kind} is not supported" + (f" ({count} times)" if count > 1 else ""), _REMEDY)
@@ -46,7 +65,7 @@ def write_network(network: Network, builder: GraphBuilder, arguments: Sequence[i
         own, rest = rest[: len(port.labels)], rest[len(port.labels) :]
         kind = "bool" if port.kind == "bool" else "float" if "float" in port.kind else "int"
         context.tensors[port.name] = NodeTensor(np.array(own, dtype=np.int64).reshape(port.shape or ()), kind)
-    for op in network.operators:
+    for op in network.used_operators:
         if (op.domain, op.kind) in RULES and op.outputs[0] not in context.absorbed:
             findings += _apply(context, op)
     if findings:
@@ -76,13 +95,13 @@ def _apply(context: Context, op: Operator) -> list[Finding]:
 
 
 def output_nodes(context: Context) -> list[int]:
-    """Return the nodes of the elements of the outputs, one output after the other.
+    """Return the nodes of the elements of the outputs that are numbers, one output after the other.
 
     Raises:
         InputError: an output is not computed.
     """
     nodes: list[int] = []
-    for port in context.network.outputs:
+    for port in context.network.number_outputs:
         tensor = context.tensors.get(port.name)
         if tensor is None:
             location = Location(context.network.file, path=port.name)
@@ -93,5 +112,5 @@ def output_nodes(context: Context) -> list[int]:
 
 def output_labels(context: Context) -> list[str]:
     """Return the names of the elements of the outputs, by the shapes that they have after the computation."""
-    ports = [replace(port, shape=shape_of(context.tensors[port.name])) for port in context.network.outputs]
+    ports = [replace(port, shape=shape_of(context.tensors[port.name])) for port in context.network.number_outputs]
     return [label for port in ports for label in port.labels]

@@ -19,7 +19,7 @@ class NetworkPort:
     Attributes:
         name: its name.
         shape: its dimensions; a batch of unknown size is 1. None if the file does not state them.
-        kind: type of its elements, such as "float32".
+        kind: type of its elements, such as "float32"; "text", or "sequence" for an output that is no tensor.
     """
 
     name: str
@@ -77,6 +77,22 @@ class Network:
     constants: Mapping[str, Array]
     operators: tuple[Operator, ...]
     opsets: Mapping[str, int]
+
+    @property
+    def number_outputs(self) -> tuple[NetworkPort, ...]:
+        """The outputs that are numbers."""
+        return tuple(port for port in self.outputs if port.kind != "text")
+
+    @property
+    def used_operators(self) -> tuple[Operator, ...]:
+        """The operators that these outputs depend on."""
+        needed = {port.name for port in self.number_outputs}
+        used = []
+        for operator in self.operators[::-1]:
+            if needed.intersection(operator.outputs):
+                needed.update(operator.inputs)
+                used.append(operator)
+        return tuple(used[::-1])
 
     @property
     def is_single(self) -> bool:

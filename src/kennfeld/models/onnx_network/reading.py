@@ -1,6 +1,6 @@
 """Reads ONNX files: checks them, bounds their size, and loads external data only from their own folder."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -10,12 +10,14 @@ import numpy as np
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import one_line
+from kennfeld.models.onnx_network.lowering import is_supported
 from kennfeld.models.onnx_network.network import Array, Network, NetworkPort, Operator
 from kennfeld.optional_packages import optional_package
 
 MAX_FILE = 64_000_000  # bytes of a file, and of its external data
 MAX_OPERATORS = 20_000
 MAX_PORTS = 4096  # elements of an input or output
+_MAX_NESTED = 5  # functions within functions of the standard
 _REMEDY = "Export the network again."
 _KINDS = frozenset(
     {
@@ -64,9 +66,55 @@ def read_network(path: Path) -> Network:
         onnx.checker.check_model(model)
         if model.functions:
             model = onnx.inliner.inline_local_functions(model)
+        model = _defined_by_others(model)
     except Exception as error:  # the checker raises errors of several kinds
         raise InputError.of(location, f"invalid network: {_first_line(error)}", _REMEDY) from None
     return _network(model, path)
+
+
+def _defined_by_others(model: Any) -> Any:
+    """Replace operators without a rule that the standard defines as functions of other operators by these."""
+    for _ in range(_MAX_NESTED):
+        kinds = {(node.domain, node.op_type) for node in model.graph.node}
+        missing = [(domain, kind) for domain, kind in kinds if not is_supported(_domain(domain), kind)]
+        if not missing or len(model.graph.node) > MAX_OPERATORS:
+            break
+        replaced = _inlined(model, missing)
+        if len(replaced.graph.node) == len(model.graph.node):
+            break
+        model = replaced
+    return model
+
+
+def _inlined(model: Any, kinds: Sequence[tuple[str, str]]) -> Any:
+    """Return a network without operators of some kinds, or the same if the package onnx cannot replace them."""
+    from onnx import helper, inliner, shape_inference
+
+    typed = type(model).FromString(model.SerializeToString())
+    inputs = {port.name for port in typed.graph.input}
+    for tensor in typed.graph.initializer:  # the inliner needs the types of constants as well
+        if tensor.name not in inputs:
+            typed.graph.input.append(helper.make_tensor_value_info(tensor.name, tensor.data_type, list(tensor.dims)))
+    try:
+        _state_defaults(typed, kinds)
+        typed = shape_inference.infer_shapes(typed)
+        return inliner.inline_selected_functions(typed, list(kinds), inline_schema_functions=True)
+    except Exception:  # of several kinds; a TypeError in older versions, which cannot do that
+        return model
+
+
+def _state_defaults(model: Any, kinds: Sequence[tuple[str, str]]) -> None:
+    """State the default values of attributes, which the inliner does not pass on to functions."""
+    from onnx import defs
+
+    versions = {entry.domain: entry.version for entry in model.opset_import}
+    for node in model.graph.node:
+        if (node.domain, node.op_type) in kinds and defs.has(node.op_type, node.domain):
+            schema = defs.get_schema(node.op_type, versions.get(node.domain, 1), node.domain)
+            stated = {attribute.name for attribute in node.attribute}
+            for name, attribute in schema.attributes.items():
+                if name not in stated and attribute.default_value.type:
+                    node.attribute.append(attribute.default_value)
 
 
 _SMALLER = "Use a smaller network."
@@ -141,7 +189,7 @@ def _network(model: Any, path: Path) -> Network:
         file=str(path),
         producer=f"{model.producer_name} {model.producer_version}".strip(),
         inputs=tuple(_port(value, location) for value in graph.input if value.name not in constants),
-        outputs=tuple(_port(value, location) for value in graph.output),
+        outputs=tuple(_output(value, location) for value in graph.output),
         constants=MappingProxyType(constants),
         operators=tuple(_operator(node, versions, location) for node in graph.node),
         opsets=MappingProxyType(versions),
@@ -186,6 +234,17 @@ def _port(value: Any, location: Location) -> NetworkPort:
         message = f"it has shape {'x'.join(map(str, shape))}; at most {MAX_PORTS} elements are supported"
         raise InputError.of(place, message, _SMALLER)
     return NetworkPort(value.name, shape, kind)
+
+
+def _output(value: Any, location: Location) -> NetworkPort:
+    """Return an output, which may also hold texts, or the scores of classes by their labels."""
+    from onnx import TensorProto
+
+    if value.type.HasField("sequence_type"):
+        return NetworkPort(value.name, None, "sequence")
+    if value.type.HasField("tensor_type") and value.type.tensor_type.elem_type == TensorProto.STRING:
+        return NetworkPort(value.name, None, "text")
+    return _port(value, location)
 
 
 def _operator(node: Any, versions: Mapping[str, int], location: Location) -> Operator:

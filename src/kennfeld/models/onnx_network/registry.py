@@ -96,7 +96,7 @@ class Context:
 
 
 def _consumers(network: Network) -> Mapping[str, Operator]:
-    counts = Counter(name for operator in network.operators for name in operator.inputs)
+    counts = Counter(name for operator in network.used_operators for name in operator.inputs)
     counts.update(port.name for port in network.outputs)
-    users = {name: operator for operator in network.operators for name in operator.inputs}
+    users = {name: operator for operator in network.used_operators for name in operator.inputs}
     return {name: user for name, user in users.items() if counts[name] == 1}

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.models.onnx_network.network import Array, Operator
+from kennfeld.models.onnx_network.network import Operator
 from kennfeld.models.onnx_network.registry import Arguments, Context, operator
 from kennfeld.models.onnx_network.tensors import (
     NodeTensor,
@@ -176,20 +176,55 @@ def split(c: Context, op: Operator, arguments: Arguments) -> Sequence[Tensor]:
     return [rearrange(lambda array, part=part: np.take(array, part, axis), x) for part in parts]  # type: ignore[misc]
 
 
-@operator("Gather")
-def gather(c: Context, op: Operator, arguments: Arguments) -> Tensor:
-    indices = constant(arguments[1], "indices").astype(np.int64)
-    check_size([*shape_of(first(arguments)), indices.size])
-    return rearrange(lambda array: np.take(array, indices, op.get("axis", 0)), first(arguments))
+@operator("Pad")
+def pad(c: Context, op: Operator, arguments: Arguments) -> Tensor:
+    """Append elements at the ends of dimensions; negative numbers remove them."""
+    x, mode = first(arguments), op.get("mode", "constant")
+    sizes = integers(op, arguments, 1, "pads") or []
+    value = arguments[2] if len(arguments) > 2 and arguments[2] is not None else np.asarray(op.get("value", 0.0))
+    count = len(shape_of(x))
+    axes = [axis % count for axis in integers(op, arguments, 3, "axes") or range(len(sizes) // 2)]
+    if mode not in ("constant", "reflect", "edge", "wrap"):
+        raise UnsupportedOperatorError(f"mode {mode} is not supported")
+    ends = [(0, 0)] * count
+    for place, axis in enumerate(axes):
+        ends[axis] = sizes[place], sizes[place + len(axes)]
+    check_size([size + sum(each) for size, each in zip(shape_of(x), ends, strict=True)])
+    kept = [slice(max(-begin, 0), size - max(-end, 0)) for size, (begin, end) in zip(shape_of(x), ends, strict=True)]
+    added = [(max(begin, 0), max(end, 0)) for begin, end in ends]
+    nodes = c.nodes(x)[tuple(kept)]
+    if mode == "constant":
+        return NodeTensor(np.pad(nodes, added, constant_values=int(c.nodes(value).ravel()[0])), kind_of(x))
+    return NodeTensor(np.pad(nodes, added, mode=mode), kind_of(x))
 
 
-@operator("ArrayFeatureExtractor", domain="ai.onnx.ml")
-def extract_features(c: Context, op: Operator, arguments: Arguments) -> Tensor:
-    indices = constant(arguments[1], "Y").astype(np.int64).ravel()
-    check_size([*shape_of(first(arguments)), indices.size])
+@operator("Range")
+def number_range(c: Context, op: Operator, arguments: Arguments) -> Tensor:
+    start, limit, delta = (constant(argument, "start, limit or delta").ravel()[0] for argument in arguments)
+    check_size([max(int(np.ceil((float(limit) - float(start)) / float(delta))), 0)])
+    return np.arange(start, limit, delta)
 
-    def take(array: Array) -> Array:
-        chosen = np.take(array, indices, -1)
-        return chosen.reshape(1, -1) if array.ndim == 1 else chosen
 
-    return rearrange(take, first(arguments))
+@operator("EyeLike")
+def identity_matrix(c: Context, op: Operator, arguments: Arguments) -> Tensor:
+    return np.eye(*shape_of(first(arguments)), k=op.get("k", 0))
+
+
+@operator("DepthToSpace", "SpaceToDepth")
+def move_blocks(c: Context, op: Operator, arguments: Arguments) -> Tensor:
+    """Move channels into blocks of rows and columns, or back."""
+    x, block = first(arguments), op.get("blocksize", 1)
+    batch, channels, rows, columns = shape_of(x)
+    by_channel = op.get("mode", "DCR") == "CRD"
+    if op.kind == "SpaceToDepth":
+        split = (batch, channels, rows // block, block, columns // block, block)
+        joined = (batch, channels * block**2, rows // block, columns // block)
+        order = (0, 1, 3, 5, 2, 4) if by_channel else (0, 3, 5, 1, 2, 4)
+        return rearrange(lambda array: array.reshape(split).transpose(order).reshape(joined), x)
+    inner = channels // block**2
+    joined = (batch, inner, rows * block, columns * block)
+    if by_channel:
+        split, order = (batch, inner, block, block, rows, columns), (0, 1, 4, 2, 5, 3)
+    else:
+        split, order = (batch, block, block, inner, rows, columns), (0, 3, 4, 1, 5, 2)
+    return rearrange(lambda array: array.reshape(split).transpose(order).reshape(joined), x)
