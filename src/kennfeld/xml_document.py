@@ -94,7 +94,7 @@ def parse_xml(raw: bytes, name: str, limits: XmlLimits) -> XmlElement:
     if len(raw) > limits.size:
         message = f"the file has {len(raw)} bytes; the maximum is {limits.size}"
         raise InputError.of(Location(name), message, limits.reduced)
-    builder = _TreeBuilder(name, limits)
+    builder = _DocumentBuilder(name, limits)
     try:
         builder.parser.Parse(raw, True)
     except (expat.ExpatError, ValueError, LookupError) as error:
@@ -105,7 +105,7 @@ def parse_xml(raw: bytes, name: str, limits: XmlLimits) -> XmlElement:
     return builder.root
 
 
-class _TreeBuilder:
+class _DocumentBuilder:
     def __init__(self, name: str, limits: XmlLimits) -> None:
         self.name, self.limits = name, limits
         self.root: XmlElement | None = None

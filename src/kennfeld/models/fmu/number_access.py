@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from kennfeld.machine_code.ir import HALF, ONE, ZERO, FunctionWriter, literal
 from kennfeld.models.fmu.description import FmuVariable
-from kennfeld.models.fmu.number_types import NumberType, number_type
+from kennfeld.models.fmu.number_types import FmuType, number_type
 
 
 class NumberGroup(NamedTuple):
@@ -21,7 +21,7 @@ class NumberGroup(NamedTuple):
     """
 
     name: str
-    type: NumberType
+    type: FmuType
     references: int
     start: int
     size: int
@@ -92,7 +92,7 @@ def get_numbers(
             f.store(_to_double(f, group.type, f.load(buffer, k, group.type.kind)), target, k)
 
 
-def _from_double(f: FunctionWriter, kind: NumberType, x: str) -> str:
+def _from_double(f: FunctionWriter, kind: FmuType, x: str) -> str:
     if kind.kind == "float":
         return f.new(f"fptrunc double {x} to float")
     half = f.new(f"call double @llvm.copysign.f64(double {HALF}, double {x})")
@@ -105,7 +105,7 @@ def _from_double(f: FunctionWriter, kind: NumberType, x: str) -> str:
     return f.new(f"fpto{'s' if kind.least < 0 else 'u'}i double {x} to {kind.kind}")
 
 
-def _to_double(f: FunctionWriter, kind: NumberType, x: str) -> str:
+def _to_double(f: FunctionWriter, kind: FmuType, x: str) -> str:
     if kind.kind == "float":
         return f.new(f"fpext float {x} to double")
     if kind.is_boolean:

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 
-class NumberType(NamedTuple):
+class FmuType(NamedTuple):
     """A type as functions of an FMU access it.
 
     Attributes:
@@ -30,33 +30,33 @@ class NumberType(NamedTuple):
         return self.access == "Boolean"
 
 
-def _integer(bits: int, signed: bool) -> NumberType:
+def _integer(bits: int, signed: bool) -> FmuType:
     end = 2.0 ** (bits - signed)
     most = end - 1.0 if bits < 64 else math.nextafter(end, 0.0)
-    return NumberType(f"{'' if signed else 'U'}Int{bits}", f"i{bits}", -end if signed else 0.0, most)
+    return FmuType(f"{'' if signed else 'U'}Int{bits}", f"i{bits}", -end if signed else 0.0, most)
 
 
-_INTEGER_2 = NumberType("Integer", "i32", -(2.0**31), 2.0**31 - 1)
+_INTEGER_2 = FmuType("Integer", "i32", -(2.0**31), 2.0**31 - 1)
 _SIZES = [(bits, signed) for bits in (8, 16, 32, 64) for signed in (True, False)]
 _INTEGERS_3 = {kind.access: kind for kind in (_integer(bits, signed) for bits, signed in _SIZES)}
 _TYPES = {
     "2.0": {
-        "Real": NumberType("Real", "double"),
+        "Real": FmuType("Real", "double"),
         "Integer": _INTEGER_2,
         "Enumeration": _INTEGER_2,
-        "Boolean": NumberType("Boolean", "i32", 0.0, 1.0),
+        "Boolean": FmuType("Boolean", "i32", 0.0, 1.0),
     },
     "3.0": {
-        "Float64": NumberType("Float64", "double"),
-        "Float32": NumberType("Float32", "float"),
+        "Float64": FmuType("Float64", "double"),
+        "Float32": FmuType("Float32", "float"),
         **_INTEGERS_3,
         "Enumeration": _INTEGERS_3["Int64"],
-        "Boolean": NumberType("Boolean", "i8", 0.0, 1.0),
+        "Boolean": FmuType("Boolean", "i8", 0.0, 1.0),
     },
 }
 
 
-def number_type(version: str, name: str) -> NumberType | None:
+def number_type(version: str, name: str) -> FmuType | None:
     """Return a type by its name in FMI 2.0 or 3.0; None if it holds no numbers.
 
     >>> number_type("2.0", "Enumeration").access, number_type("3.0", "UInt16").most, number_type("3.0", "String")

@@ -31,7 +31,7 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]] = translate(source).write
     except UntranslatableError as error:
         called = function_of_file(path, function, source.digest, len(source.inputs), len(outputs))
-        write, remarks = _Call(called).write, (_remark(source, error),)
+        write, remarks = _PythonCall(called).write, (_remark(source, error),)
     return ModelFunction(name or function, source.inputs, outputs, write, source=str(path), remarks=remarks)
 
 
@@ -95,7 +95,7 @@ def python_function(
     results = tuple(outputs) or (name,)
     inputs = _inputs(function, name)
     called = living_function(function, name, len(inputs), len(results), jac)
-    return ModelFunction(name, inputs, tuple(FunctionOutput(item) for item in results), _Call(called).write)
+    return ModelFunction(name, inputs, tuple(FunctionOutput(item) for item in results), _PythonCall(called).write)
 
 
 def _inputs(function: Callable[..., Any], name: str) -> tuple[FunctionInput, ...]:
@@ -121,7 +121,7 @@ def _remark(source: PythonFunction, error: UntranslatableError) -> Finding:
     return Finding(Location(source.path.name, source.tree.lineno), message, severity="remark")
 
 
-class _Call:
+class _PythonCall:
     """The call of a function from a graph."""
 
     def __init__(self, function: ExternalFunction) -> None:
