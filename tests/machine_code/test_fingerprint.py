@@ -42,6 +42,7 @@ DATA = {
     ),
     "parameters",
     "threads",
+    "watch_folder",
 }
 
 

@@ -58,7 +58,7 @@ class _Activation(NamedTuple):
         return FORMULAS[self.kind](c, Operator("", self.kind, "", 22, (), (), MappingProxyType(attributes)), x)
 
 
-class _Cell(NamedTuple):
+class _RecurrentCell(NamedTuple):
     """The weights of one direction of a layer; a gate is a block of `hidden` rows."""
 
     hidden: int
@@ -116,7 +116,7 @@ def recurrent(c: Context, op: Operator, arguments: Arguments) -> list[Tensor]:
     directions = {"forward": [1], "reverse": [-1], "bidirectional": [1, -1]}[op.get("direction", "forward")]
     outputs, ends = [], []
     for number, direction in enumerate(directions):
-        cell = _Cell(
+        cell = _RecurrentCell(
             hidden,
             _take(weights, number, 0),
             _take(recurrence, number, 0),
@@ -161,11 +161,11 @@ def _activations(op: Operator, number: int, directions: int) -> list[_Activation
     return result[number * len(defaults) : (number + 1) * len(defaults)]
 
 
-def _rnn_step(c: Context, cell: _Cell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
+def _rnn_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
     return [cell.gates(c, x, state[0], [0], cell.activations[0])[0], state[1]]
 
 
-def _gru_step(c: Context, cell: _Cell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
+def _gru_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
     h, (gate, candidate) = state[0], cell.activations
     update, reset = cell.gates(c, x, h, [0, 1], gate)
     if cell.late_reset:
@@ -181,7 +181,7 @@ def _gru_step(c: Context, cell: _Cell, x: Tensor, state: Sequence[Tensor]) -> li
     return [c.apply("add", new, c.apply("mul", update, h)), state[1]]
 
 
-def _lstm_step(c: Context, cell: _Cell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
+def _lstm_step(c: Context, cell: _RecurrentCell, x: Tensor, state: Sequence[Tensor]) -> list[Tensor]:
     h, memory = state
     gate, candidate, output = cell.activations
     (proposal,) = cell.gates(c, x, h, [3], candidate)
