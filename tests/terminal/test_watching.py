@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from foreign_projects import environment, run_command, write_fmu_project, write_python_project, write_tank_project
 
+from kennfeld.machine_code.call_record import ForeignCall, read_calls
 from kennfeld.terminal.watched_commands import call_limit
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")
@@ -190,6 +191,16 @@ def read_all(terminal: int) -> bytes:
     return shown
 
 
+def wait_for_lasting_call(folder: Path) -> None:
+    """Wait until the same call runs at two looks."""
+    calls: tuple[ForeignCall, ...] = ()
+    while True:
+        before, calls = calls, tuple(call for each in folder.glob("*/") for call in read_calls(each))
+        if calls and calls == before:
+            return
+        time.sleep(0.3)
+
+
 @POSIX
 def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}for (;;)")
@@ -201,9 +212,7 @@ def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monke
         stderr=subprocess.PIPE,
         text=True,
     )
-    while not any((tmp_path / "temporary").glob("*/*.calls")):
-        time.sleep(0.05)
-    time.sleep(1)
+    wait_for_lasting_call(tmp_path / "temporary")
     running.send_signal(signal.SIGTERM)
     time.sleep(0.1)
     running.send_signal(signal.SIGTERM)
