@@ -51,6 +51,13 @@ def digest_of(path: Path) -> str:
         return blake2b(path.read_bytes(), digest_size=16).hexdigest()
 
 
+def read_unchanged(path: Path, digest: str) -> FmuDescription:
+    """Read the description of an FMU; raises `InputError` if the file has changed since its digest was taken."""
+    if digest_of(path) != digest:
+        raise InputError.of(Location(str(path)), "has changed since it was read", "Read it again.")
+    return read_archive(path)
+
+
 def platform_folder(version: str) -> str:
     """Return the name of the folder of libraries for this machine."""
     machine = platform.machine().lower()

@@ -36,7 +36,7 @@ from kennfeld.models.fmu.evaluation_code import (
     write_events,
     write_start,
 )
-from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
+from kennfeld.models.fmu.fmu_archive import read_unchanged
 from kennfeld.models.fmu.library import LOADING, FmuLibrary, yield_address
 from kennfeld.models.fmu.number_access import group_numbers
 from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
@@ -111,9 +111,7 @@ def load_events(path: str, digest: str) -> FmuFunction:
 def load_instance(path: str, digest: str) -> "FmuInstance":
     """Return the instance of an FMU in this process."""
     source = Path(path)
-    if digest_of(source) != digest:
-        raise InputError.of(Location(path), "has changed since it was read", "Read it again.")
-    return FmuInstance(source, read_archive(source), digest)
+    return FmuInstance(source, read_unchanged(source, digest), digest)
 
 
 class FmuInstance:
@@ -179,24 +177,14 @@ class FmuInstance:
     def _load(self) -> FmuLibrary:
         interface = self.description.model_exchange
         assert interface is not None  # checked by whoever reads the FMU
-        folder = unpack(self.source)
-        path = library_of(folder, self.description.version, interface.identifier)
-        if not path.is_file():
-            message = f"has no library {path.name} for {platform_folder(self.description.version)}"
-            raise InputError.of(Location(str(self.source)), message, "Export the FMU for this platform.")
-        library = FmuLibrary(path, self.description, self.source, self.record)
+        library = FmuLibrary(self.source, self.description, interface, self.record)
         prefix = self.layout.prefix
         if not library.address(f"fmi{self.description.version[0]}GetDirectionalDerivative"):
             self.layout = self.layout._replace(directional=False)
         provide(f"{prefix}_record", self.record.address())
-        for name in equation_functions(self.layout):
-            address = library.address(name)
-            if not address:
-                raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
-            provide(f"{prefix}_{name}", address)
-        self._provide("instances", [library.instantiate(folder / "resources")] + [0] * (MOST_INSTANCES - 1), np.uint64)
-        for name, address in library.creation.items():
-            provide(f"{prefix}_{name}", address)
+        library.provide(equation_functions(self.layout), prefix)  # before its code runs
+        self._provide("instances", [library.instantiate()] + [0] * (MOST_INSTANCES - 1), np.uint64)
+        library.provide_creation(prefix)
         provide(YIELD, yield_address())
         return library
 

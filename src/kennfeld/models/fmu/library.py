@@ -3,7 +3,7 @@
 import ctypes
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ from kennfeld.errors import InputError, Location
 from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.machine_code.engine import compile_functions
 from kennfeld.machine_code.external import c_function, provide
-from kennfeld.models.fmu.description import FmuDescription
+from kennfeld.models.fmu.description import FmuDescription, FmuInterface
+from kennfeld.models.fmu.fmu_archive import library_of, platform_folder, unpack
 from kennfeld.models.fmu.library_format import find_library_problem
 from kennfeld.models.fmu.logger_code import can_format, write_logger
 
@@ -42,8 +43,18 @@ class FmuLibrary:
     `creation` holds the addresses of what it needs to create instances, by name; `record` what runs.
     """
 
-    def __init__(self, path: Path, description: FmuDescription, source: Path, record: CallRecord) -> None:
+    def __init__(self, source: Path, description: FmuDescription, interface: FmuInterface, record: CallRecord) -> None:
+        """Unpack an FMU and load the library of an interface.
+
+        Raises:
+            InputError: there is none for this platform, or it cannot be loaded.
+        """
         self.description, self.source, self.record = description, source, record
+        unpacked = unpack(source)
+        path, self._resources = library_of(unpacked, description.version, interface.identifier), unpacked / "resources"
+        if not path.is_file():
+            message = f"has no library {path.name} for {platform_folder(description.version)}"
+            raise InputError.of(Location(str(source)), message, "Export the FMU for this platform.")
         self.messages: list[str] = []
         self.listener: Callable[[str], None] = _ignore
         self.creation: dict[str, int] = {}
@@ -69,14 +80,31 @@ class FmuLibrary:
         except AttributeError:
             return 0
 
-    def instantiate(self, resources: Path) -> int:
+    def provide(self, names: Iterable[str], prefix: str) -> None:
+        """Let machine code call functions of the library as `prefix_name`.
+
+        Raises:
+            InputError: the library has no function of one of these names.
+        """
+        for name in names:
+            address = self.address(name)
+            if not address:
+                raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
+            provide(f"{prefix}_{name}", address)
+
+    def provide_creation(self, prefix: str) -> None:
+        """Let machine code read what `creation` holds, which `prepare` fills."""
+        for name, address in self.creation.items():
+            provide(f"{prefix}_{name}", address)
+
+    def instantiate(self) -> int:
         """Return the address of a new instance for model exchange.
 
         Raises:
             InputError: the library refuses.
         """
         pointer, text, second = ctypes.c_void_p, ctypes.c_char_p, self.description.version == "2.0"
-        name, token, where, log = self.prepare(resources)
+        name, token, where, log = self.prepare()
         function = "fmi2Instantiate" if second else "fmi3InstantiateModelExchange"
         with self.record.during(function):
             if second:
@@ -92,10 +120,10 @@ class FmuLibrary:
             raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
         return instance
 
-    def prepare(self, resources: Path) -> tuple[bytes, bytes, bytes, int]:
+    def prepare(self) -> tuple[bytes, bytes, bytes, int]:
         """Return name, token, place of resources, and the address of the callbacks or of the logger; see `creation`."""
         second = self.description.version == "2.0"
-        where = resources.as_uri() if second else f"{resources}{os.sep}"
+        where = self._resources.as_uri() if second else f"{self._resources}{os.sep}"
         texts = [text.encode() for text in (self.source.stem, self.description.token, where)]
         log = self._callbacks_2() if second else self._logger_3()
         for part, content in zip(("name", "token", "resources"), texts, strict=True):

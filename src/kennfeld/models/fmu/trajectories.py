@@ -17,7 +17,7 @@ from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.machine_code.engine import NativeFunction, compile_functions
 from kennfeld.machine_code.external import provide
 from kennfeld.models.fmu.description import FmuDescription, FmuVariable
-from kennfeld.models.fmu.fmu_archive import digest_of, library_of, platform_folder, read_archive, unpack
+from kennfeld.models.fmu.fmu_archive import read_unchanged
 from kennfeld.models.fmu.library import LOADING, FmuLibrary, thread_address, yield_address
 from kennfeld.models.fmu.number_access import NumberGroup, group_numbers
 from kennfeld.models.fmu.stop_reports import StopReports
@@ -70,9 +70,7 @@ def load_step(path: str, digest: str) -> TrajectoryFunction:
 def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
     """Return the trajectories of an FMU in this process."""
     source = Path(path)
-    if digest_of(source) != digest:
-        raise InputError.of(Location(path), "has changed since it was read", "Read it again.")
-    return FmuTrajectories(source, read_archive(source), digest)
+    return FmuTrajectories(source, read_unchanged(source, digest), digest)
 
 
 class FmuTrajectories:
@@ -94,20 +92,10 @@ class FmuTrajectories:
     def _load(self) -> FmuLibrary:
         interface = self.description.co_simulation
         assert interface is not None  # checked by whoever reads the FMU
-        folder = unpack(self.source)
-        path = library_of(folder, self.description.version, interface.identifier)
-        if not path.is_file():
-            message = f"has no library {path.name} for {platform_folder(self.description.version)}"
-            raise InputError.of(Location(str(self.source)), message)
-        library = FmuLibrary(path, self.description, self.source, self.record)
-        library.prepare(folder / "resources")
-        for name in trajectory_functions(self.layout):
-            address = library.address(name)
-            if not address:
-                raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
-            self._provide(name, address)
-        for name, address in library.creation.items():
-            self._provide(name, address)
+        library = FmuLibrary(self.source, self.description, interface, self.record)
+        library.prepare()
+        library.provide(trajectory_functions(self.layout), self.layout.prefix)
+        library.provide_creation(self.layout.prefix)
         return library
 
     def _provide_memory(self) -> None:
