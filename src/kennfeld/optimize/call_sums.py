@@ -13,8 +13,9 @@ from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.samples import Samples
 from kennfeld.native.simulator import Simulator
+from kennfeld.optimize.sample_rows import SampleRows
 from kennfeld.optimize.sums import NormalEquations, Sums, SumsFactory
-from kennfeld.optimize.trajectory_columns import SampleRows, TrajectoryColumns
+from kennfeld.optimize.trajectory_columns import TrajectoryColumns
 from kennfeld.parameter_set import ParameterSet
 
 
