@@ -94,7 +94,7 @@ class _Content:
 
     def __init__(self, size: int) -> None:
         self.groups: list[RecordedGroup] = []
-        self.matrices: dict[str, tuple[int, ...]] = {}  # what is no vector: path and size
+        self.matrices: dict[str, tuple[int, ...]] = {}  # values that are not vectors: path and size
         self._dates = DateOrigin()
         self._room = max(_HARMLESS, _MAX_RATIO * size)
         self._objects = 0

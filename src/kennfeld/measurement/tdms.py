@@ -101,7 +101,7 @@ def _is_even(channel: Any) -> bool:
 
 
 def _step(channel: Any) -> float:
-    """Return the distance of samples in s; 0 if there is none, or if it is no time, as that of a spectrum."""
+    """Return the distance of samples in s; 0 if there is none, or if it is not a time, as that of a spectrum."""
     unit = str(channel.properties.get(_UNIT) or "s")
     factor, divisor = in_seconds(unit) or (0.0, 1.0)
     return _number(channel, _STEP) * factor / divisor

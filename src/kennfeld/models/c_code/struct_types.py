@@ -74,7 +74,7 @@ class Leaf(NamedTuple):
     """The numbers of a struct under one path of members.
 
     Attributes:
-        path: the members, such as `.filter.state`; empty for a number that is no member.
+        path: the members, such as `.filter.state`; empty for a number that is not a member.
         type: type of the numbers.
         sizes: sizes of the array that they are, those of arrays of structs first.
         is_constant: True if one of the members is constant.

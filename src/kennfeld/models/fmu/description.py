@@ -131,7 +131,7 @@ class FmuDescription:
     def states(self) -> tuple[FmuVariable, ...]:
         """The continuous states, in the order of their derivatives."""
         real = sorted((v for v in reversed(self.variables) if v.is_real), key=lambda v: v.derivative is None)
-        by_reference = {variable.reference: variable for variable in real}  # the first one that is no derivative
+        by_reference = {variable.reference: variable for variable in real}  # the first one that is not a derivative
         return tuple(by_reference[d.variable.derivative] for d in self.derivatives if d.variable.derivative is not None)
 
     @property

@@ -26,7 +26,7 @@ def read_archive(path: Path) -> FmuDescription:
     """Read the description of an FMU; none of its code is loaded.
 
     Raises:
-        InputError: the file is no FMU, is damaged, or its members would leave its folder or grow without bound.
+        InputError: the file is not an FMU, is damaged, or its members would leave its folder or grow without bound.
     """
     with convert_errors(path, "cannot be read"):
         try:

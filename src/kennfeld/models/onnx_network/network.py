@@ -19,7 +19,7 @@ class NetworkPort:
     Attributes:
         name: its name.
         shape: its dimensions; a batch of unknown size is 1. None if the file does not state them.
-        kind: type of its elements, such as "float32"; "text", or "sequence" for an output that is no tensor.
+        kind: type of its elements, such as "float32"; "text", or "sequence" for an output that is not a tensor.
     """
 
     name: str

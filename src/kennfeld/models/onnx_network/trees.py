@@ -43,7 +43,7 @@ class Trees(NamedTuple):
 
 
 def roots_of(nodes: Mapping[Key, TreeNode], leaves: Mapping[Key, Weights]) -> list[Key]:
-    """Return the node of each tree that is no branch of another.
+    """Return the node of each tree that is not a branch of another.
 
     Raises:
         UnsupportedOperatorError: a tree has none, or several.
