@@ -1,10 +1,14 @@
-"""Threads of linear algebra in the process of the command."""
+"""Threads of linear algebra in the process of the command, and results that threads share."""
 
 import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+
+from kennfeld.threads import computed_once
 
 CODE = """
 import os, sys
@@ -21,3 +25,29 @@ def test_they_are_told_to_sleep_before_numpy_is_loaded(own: dict[str, str], expe
         expected,
         "False",
     ]
+
+
+def test_threads_that_ask_at_the_same_time_get_the_same_object() -> None:
+    @computed_once
+    def slow(name: str) -> list[str]:
+        time.sleep(0.05)
+        return [name]
+
+    with ThreadPoolExecutor(8) as pool:
+        results = list(pool.map(slow, ["first"] * 4 + ["second"] * 4))
+    assert results == [["first"]] * 4 + [["second"]] * 4
+    assert len(set(map(id, results))) == 2
+
+
+def test_a_result_that_failed_is_computed_again() -> None:
+    answers = iter([False, True])
+
+    @computed_once
+    def uncertain() -> str:
+        if not next(answers):
+            raise ValueError("not yet")
+        return "result"
+
+    with pytest.raises(ValueError, match="not yet"):
+        uncertain()
+    assert uncertain() == uncertain() == "result"

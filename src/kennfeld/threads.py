@@ -5,12 +5,15 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar
+from functools import cache, wraps
+from threading import RLock
+from typing import TypeVar, TypeVarTuple
 
 LARGE = 1500  # values; above, a factorisation gains from a second thread
 
 _Item = TypeVar("_Item")  # Python 3.11
 _Outcome = TypeVar("_Outcome")
+_Arguments = TypeVarTuple("_Arguments")
 
 
 def available_cores() -> int:
@@ -66,3 +69,18 @@ def map_in_order(work: Callable[[_Item], _Outcome], items: Sequence[_Item]) -> I
         finally:
             for future in pending:
                 future.cancel()
+
+
+def computed_once(work: Callable[[*_Arguments], _Outcome]) -> Callable[[*_Arguments], _Outcome]:
+    """Keep results as `functools.cache` does, and let threads that ask for one wait until it is computed.
+
+    With `functools.cache` alone, threads that ask at the same time compute a result each, and get different objects.
+    """
+    cached, lock = cache(work), RLock()
+
+    @wraps(work)
+    def look_up(*args: *_Arguments) -> _Outcome:
+        with lock:
+            return cached(*args)
+
+    return look_up

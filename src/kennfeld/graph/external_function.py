@@ -6,7 +6,6 @@ The graph holds how a function is found again, not its address, so that it can b
 import ctypes
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
 from hashlib import blake2b
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
 from kennfeld.graph.node import Node
+from kennfeld.threads import computed_once
 
 
 class LoadedFunction(Protocol):
@@ -173,7 +173,7 @@ def load_function(function: ExternalFunction) -> LoadedFunction:
     return _load(function)
 
 
-@cache
+@computed_once
 def _load(function: ExternalFunction) -> LoadedFunction:
     from kennfeld.machine_code.external import provide  # here, because graphs are read without machine code
 

@@ -20,6 +20,7 @@ from kennfeld.machine_code.external import External, address_of, c_function, ext
 from kennfeld.machine_code.fingerprint import fingerprint
 from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.machine_code.object_module import ObjectModule
+from kennfeld.threads import computed_once
 
 NativeFunction = Callable[..., None]
 Functions = Sequence[FunctionWriter]
@@ -123,7 +124,7 @@ class SharedFunction:
             return self._address
 
 
-@cache
+@computed_once
 def shared_function(write: Callable[..., FunctionWriter], *arguments: int) -> SharedFunction:
     """Return the function that `write(*arguments)` writes, the same for equal arguments.
 

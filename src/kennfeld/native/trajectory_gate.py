@@ -3,11 +3,11 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from functools import cache
 from threading import Condition
 
 from kennfeld.graph.external_function import ExternalFunction, is_sequential, trajectories_at_once
 from kennfeld.graph.node import Node
+from kennfeld.threads import computed_once
 
 
 class TrajectoryGate:
@@ -47,6 +47,6 @@ class _Room:
                 self._changed.notify_all()
 
 
-@cache
+@computed_once
 def _room_of(function: ExternalFunction) -> _Room:
     return _Room(trajectories_at_once(function))

@@ -8,7 +8,6 @@ import math
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import numpy as np
 
@@ -26,14 +25,14 @@ from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.sample_rows import SampleRows
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.threads import available_cores
+from kennfeld.threads import available_cores, computed_once
 
 _LONG = 3e-3  # s; a trajectory that is worth a thread
 _LEAST_SIZE = 1e-4  # of a value without limits: its steps are no smaller than those of this value
 _OF_RANGE = 0.01  # of the range between its limits
 
 
-@cache
+@computed_once
 def _pool() -> ThreadPoolExecutor:
     """Return threads that last, as instances of FMUs belong to threads."""
     return ThreadPoolExecutor(available_cores(), "trajectories")

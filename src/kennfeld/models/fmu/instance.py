@@ -2,7 +2,6 @@
 
 import ctypes
 from collections.abc import Sequence
-from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,6 +39,7 @@ from kennfeld.models.fmu.fmu_archive import read_unchanged
 from kennfeld.models.fmu.library import LOADING, FmuLibrary, yield_address
 from kennfeld.models.fmu.number_access import group_numbers
 from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
+from kennfeld.threads import computed_once
 
 _TIME_EVENTS = 4  # to be checked
 _OTHER_TIMES = (0.37, 1.0, 12.3, 4567.0, 0.0)  # in s, back to the start
@@ -107,7 +107,7 @@ def load_events(path: str, digest: str) -> FmuFunction:
     return load_instance(path, digest).events
 
 
-@cache
+@computed_once
 def load_instance(path: str, digest: str) -> "FmuInstance":
     """Return the instance of an FMU in this process."""
     source = Path(path)

@@ -2,7 +2,6 @@
 
 import ctypes
 from collections.abc import Sequence
-from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ from kennfeld.models.fmu.trajectory_code import (
     write_start,
     write_step,
 )
+from kennfeld.threads import computed_once
 
 _TRIAL_SAMPLES, _TRIAL_STEP = 4, 0.1
 _REPEATED = 1e-9  # relative difference of outputs that are repeated
@@ -66,7 +66,7 @@ def load_step(path: str, digest: str) -> TrajectoryFunction:
     return load_trajectories(path, digest).step
 
 
-@cache
+@computed_once
 def load_trajectories(path: str, digest: str) -> "FmuTrajectories":
     """Return the trajectories of an FMU in this process."""
     source = Path(path)
