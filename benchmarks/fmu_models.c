@@ -1,4 +1,4 @@
-/* Three FMUs for model exchange of FMI 2.0, which `fmu_problem.py` describes and compiles.
+/* Three FMUs of FMI 2.0 for model exchange and co-simulation, which `fmu_problem.py` describes and compiles.
  *
  * -DVANDERPOL:  der(x0) = x1,  der(x1) = mu (1 - x0^2) x1 - x0,  x0(0) = 2,  x1(0) = 0
  * -DLAG:        der(y) = (gain u - y) / tau,  y(0) = gain u(0)
@@ -7,6 +7,7 @@
  *
  * The values are states, derivatives, inputs and parameters, in this order; the value reference of the time is 0.
  * VANDERPOL and LAG have directional derivatives along states and inputs only, EXHAUST along parameters as well.
+ * A step of co-simulation is SUBSTEPS steps of Euler's method.
  */
 #include <math.h>
 #include <stddef.h>
@@ -20,6 +21,7 @@ enum { STATES = 1, INPUTS = 1, PARAMETERS = 2 };
 #else
 enum { STATES = 1, INPUTS = 3, PARAMETERS = ROWS * COLUMNS + POINTS };
 #endif
+enum { SUBSTEPS = 10 };
 enum { X = 1, DER = X + STATES, U = DER + STATES, P = U + INPUTS, END = P + PARAMETERS };
 
 typedef struct {
@@ -140,6 +142,13 @@ int fmi2GetDerivatives(void *c, double *d, size_t n) {
     memcpy(d, M->values + DER, n * sizeof *d);
     return 0;
 }
+int fmi2DoStep(void *c, double t, double step, int kept) {
+    for (int k = 0; k < SUBSTEPS; k++) {
+        derive(M->values);
+        for (int i = 0; i < STATES; i++) M->values[X + i] += step / SUBSTEPS * M->values[DER + i];
+    }
+    return 0;
+}
 int fmi2SetReal(void *c, const unsigned *r, size_t n, const double *v) {
     for (size_t i = 0; i < n; i++) M->values[r[i]] = v[i];
     return 0;
@@ -162,5 +171,5 @@ int fmi2GetDirectionalDerivative(void *c, const unsigned *u, size_t nu, const un
 STUB(GetTypesPlatform) STUB(GetVersion) STUB(GetInteger) STUB(GetBoolean) STUB(GetString) STUB(SetInteger)
 STUB(SetBoolean) STUB(SetString) STUB(GetFMUstate) STUB(SetFMUstate) STUB(FreeFMUstate) STUB(SerializedFMUstateSize)
 STUB(SerializeFMUstate) STUB(DeSerializeFMUstate) STUB(GetEventIndicators) STUB(GetNominalsOfContinuousStates)
-STUB(SetRealInputDerivatives) STUB(GetRealOutputDerivatives) STUB(DoStep) STUB(CancelStep) STUB(GetStatus)
+STUB(SetRealInputDerivatives) STUB(GetRealOutputDerivatives) STUB(CancelStep) STUB(GetStatus)
 STUB(GetRealStatus) STUB(GetIntegerStatus) STUB(GetBooleanStatus) STUB(GetStringStatus)

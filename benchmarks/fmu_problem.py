@@ -38,6 +38,19 @@ class Problem:
         """The name of its output."""
         return self.states[0]
 
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """The names of its scalars, curves and maps."""
+        return tuple(dict.fromkeys(name.partition("[")[0] for name in self.parameters))
+
+    def tables_of(self, values: Float) -> dict[str, Float]:
+        """Return the values of each scalar, curve and map."""
+        members: dict[str, list[float]] = {name: [] for name in self.tables}
+        for name, value in zip(self.parameters, values.tolist(), strict=True):
+            members[name.partition("[")[0]].append(value)
+        shapes = {"MapSettled": GRID[:2], "CurveTimeConstant": GRID[2:]}
+        return {name: np.reshape(numbers, shapes.get(name, ())) for name, numbers in members.items()}
+
 
 def _exhaust() -> Problem:
     rows, columns, points = GRID
@@ -97,6 +110,7 @@ def _description(problem: Problem, directional: bool) -> str:
     return f"""<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="2.0" modelName="{problem.name}" guid="{{models}}" numberOfEventIndicators="0">
 <ModelExchange modelIdentifier="models" {offered}/>
+<CoSimulation modelIdentifier="models" canHandleVariableCommunicationStepSize="true"/>
 <ModelVariables>{numbered}</ModelVariables>
 <ModelStructure><Outputs><Unknown index="2"/></Outputs><Derivatives>{derivatives}</Derivatives></ModelStructure>
 </fmiModelDescription>"""
