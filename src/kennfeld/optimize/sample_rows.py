@@ -2,6 +2,8 @@
 
 from collections.abc import Collection, Mapping, Sequence
 
+import numpy as np
+
 from kennfeld.arrays import Float
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.column_table import Order, Row
@@ -45,8 +47,8 @@ class SampleRows:
         return cls(rows, samples.count, [0], samples.order)
 
     def write(self, column: Float, values: Float | float) -> None:
-        """Write values of the visits, Float[visits] or a number, into a column of all samples."""
-        column[slice(None) if self.order is None else self.order] = values
+        """Write values of the visits, Float[visits], into a column of all samples; or a number into all of it."""
+        column[slice(None) if self.order is None or np.isscalar(values) else self.order] = values
 
     def simulate(
         self, simulator: Simulator, parameters: ParameterSet, widths: Float | None = None, *, threads: bool = False

@@ -65,6 +65,18 @@ def test_a_function_that_treats_arrays_otherwise_is_called_for_each_sample(funct
     assert results[0].tolist() == [function(x, y) for x, y in POINTS.T.tolist()]
 
 
+def test_a_function_that_changes_its_arguments_is_called_with_numbers():
+    def halved(x):
+        x /= 2
+        return x
+
+    points = np.linspace(1.0, 2.0, 5)[None]
+    results, slopes = PythonEvaluation("halved", halved, 1, 1).evaluate(points, [0])
+    np.testing.assert_array_equal(points, [np.linspace(1.0, 2.0, 5)])
+    np.testing.assert_array_equal(results, points / 2)
+    np.testing.assert_allclose(slopes, np.full((1, 1, 5), 0.5))
+
+
 def test_several_results_have_rows():
     evaluation = PythonEvaluation("f", lambda x, y: (x * y, np.sin(x)), 2, 2)
     results, slopes = evaluation.evaluate(POINTS, (0, 1))

@@ -69,12 +69,11 @@ class PythonEvaluation:
             if self.jacobian is not None:
                 self._check_jacobian(points)
                 return results, self._jacobians(points, compute)[:, list(along)]
-            sizes = np.max(np.abs(points), axis=1, initial=0.0, where=np.isfinite(points))
-            return results, self._differences(points, along, _LEAST_SIZE * sizes, compute)
+            return results, self._differences(points, along, _LEAST_SIZE * _largest(points), compute)
 
     def _at_all(self, points: Float) -> Float:
         try:
-            return self._arrays(self.function(*points), points.shape[1])
+            return self._arrays(self.function(*_protected(points)), points.shape[1])
         except (Exception, SystemExit):
             return self._by_sample(points)
 
@@ -96,7 +95,7 @@ class PythonEvaluation:
             self._check_results(picked[:, 0], expected)
             try:
                 with np.errstate(all="ignore"):
-                    results = self._arrays(self.function(*picked), picked.shape[1])
+                    results = self._arrays(self.function(*_protected(picked)), picked.shape[1])
                 self._takes_arrays = np.allclose(results, expected, rtol=_TOLERANCE, atol=0.0, equal_nan=True)
             except (Exception, SystemExit):
                 self._takes_arrays = False
@@ -142,13 +141,17 @@ class PythonEvaluation:
     ) -> Float:
         """Return central differences, Float[outputs, len(along), samples]."""
         slopes = np.empty((self.outputs, len(along), points.shape[1]))
+        changed, step = points.copy(), np.empty(points.shape[1])
         for position, argument in enumerate(along):
-            value = points[argument]
-            step = _STEP * np.maximum(np.abs(value), max(float(least[argument]), _LEAST_SIZE))
-            above, below = points.copy(), points.copy()
-            above[argument], below[argument] = value + step, value - step
-            width = above[argument] - below[argument]
-            slopes[:, position] = (compute(above) - compute(below)) / width
+            value, moved = points[argument], changed[argument]
+            np.maximum(np.abs(value, out=step), max(float(least[argument]), _LEAST_SIZE), out=step)
+            step *= _STEP
+            np.add(value, step, out=moved)
+            width, above = moved.copy(), compute(changed)
+            np.subtract(value, step, out=moved)
+            width -= moved
+            np.divide(np.subtract(above, compute(changed), out=above), width, out=slopes[:, position])
+            moved[:] = value
         return slopes
 
     def _jacobians(self, points: Float, compute: Callable[[Float], Float]) -> Float:
@@ -158,7 +161,7 @@ class PythonEvaluation:
         if compute == self._at_all:
             assert self.jacobian is not None
             try:
-                for row, result in zip(slopes, self._by_result(self.jacobian(*points)), strict=True):
+                for row, result in zip(slopes, self._by_result(self.jacobian(*_protected(points))), strict=True):
                     for own, item in zip(row, result, strict=True):
                         own[:] = item
                 return slopes
@@ -179,6 +182,22 @@ class PythonEvaluation:
     def _by_result(self, jacobian: Any) -> Sequence[Any]:
         """Return the rows of a derivative: one for each result, of one item for each argument."""
         return list(jacobian) if self.outputs > 1 else [_sequence(jacobian, self.inputs)]
+
+
+def _largest(points: Float) -> Float:
+    """Return the largest size of each argument, Float[arguments]; numbers that are not finite do not count."""
+    sizes = np.abs(points)
+    largest: Float = np.max(sizes, axis=1, initial=0.0)
+    if not np.isfinite(largest).all():
+        largest = np.max(sizes, axis=1, initial=0.0, where=np.isfinite(sizes))
+    return largest
+
+
+def _protected(points: Float) -> Float:
+    """Return a view of points that a function cannot change: one that tries is called with numbers."""
+    view = points.view()
+    view.flags.writeable = False
+    return view
 
 
 def _picked(points: Float) -> Float:
