@@ -2,14 +2,17 @@
 
 In a document the language of a block says what is done with it: `sh` lines that begin with `kennfeld` are run,
 `python` is run from top to bottom, `kf` is read as formula text, `toml` with a `[model]` as a project file and with a
-`[surrogate]` as a training file; one that begins with `# NAME.toml` is there when the `sh` lines run.
-Documents run in the folder of the torque demo, README and `simulink-example.md` in that of the example they show.
+`[surrogate]` as a training file. A block that begins with `# NAME.toml`, `# NAME.kf` or `# NAME.py` is there as a file
+when the `sh` lines run; one that begins with `# in NAME.toml` has been put into that file. `cd` and `python NAME.py` are
+run as well. Documents run in the folder of the torque demo, README and `simulink-example.md` in that of the example they
+show.
 """
 
 import ast
 import contextlib
 import json
 import re
+import runpy
 import shlex
 import shutil
 import tomllib
@@ -31,13 +34,13 @@ ROOT = Path(__file__).parents[1]
 PROJECTS = sorted((ROOT / "examples").glob("*/kennfeld.toml"))
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
 NOTEBOOKS = sorted((ROOT / "examples").glob("*/*.ipynb"))
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # standard deviation; of idle speed, 2/3 of the 114 rpm that are published as the best: a step of the set value cannot
 # be followed at once
 NOISE = {"air-flow": 1.0, "exhaust-temperature": 2.0, "simulink": 2.0, "idle-speed": 76.0, "nox": 8.0}
 NEEDS = {"nox": ("onnx", "pycparser")}  # packages
 
-by_name = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+by_name = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
 
 
 @pytest.fixture
@@ -157,24 +160,57 @@ def test_notebooks_are_stored_without_outputs(notebook):
     assert [cell for cell in cells if cell.get("outputs") or cell.get("execution_count")] == []
 
 
+def edited(text, change):
+    """Set the keys of `change` in the same sections of a project file; of several `[[...]]`, in the first."""
+    lines = text.splitlines()
+    section = 0
+    for line in change.splitlines()[1:]:
+        if line.startswith("["):
+            header = line.partition("#")[0].strip()
+            if header not in lines:
+                lines += ["", header]
+            section = lines.index(header)
+        elif key := re.match(r"(\w+) = ", line):
+            end = next((n for n in range(section + 1, len(lines)) if lines[n].startswith("[")), len(lines))
+            same = [n for n in range(section + 1, end) if lines[n].startswith(key[0])]
+            lines[same[0] if same else section + 1 : same[0] + 1 if same else section + 1] = [line]
+    return "\n".join(lines) + "\n"
+
+
+def lay_out(text):
+    """Write a block that names its file, or put it into the file that it changes."""
+    if named := re.match(r"# (\w+\.(?:toml|kf|py))\b", text):
+        Path(named[1]).write_text(text, encoding="utf-8")
+    elif named := re.match(r"# in (\w+\.toml)\n", text):
+        Path(named[1]).write_text(edited(Path(named[1]).read_text(encoding="utf-8"), text), encoding="utf-8")
+
+
+def run(line, monkeypatch):
+    words = shlex.split(line, comments=True)
+    if words[:1] == ["cd"]:
+        monkeypatch.chdir(words[1])
+    elif words[:1] == ["python"] and Path(words[1]).exists():
+        runpy.run_path(words[1])
+    elif words[:1] == ["kennfeld"] and words[1] != "app":  # the app serves until it is stopped
+        done = (0, 1) if words[1] == "diff" else (0,)  # 1 says that the files differ
+        assert cli.run(words[1:]) in done, line
+
+
 @by_name
-def test_commands_shown_work(document, workplace):
-    lines = [line for block in blocks(document, "sh") for line in block.splitlines() if line.startswith("kennfeld ")]
-    if not lines:
+def test_commands_shown_work(document, workplace, monkeypatch):
+    if not any(line.startswith("kennfeld ") for block in blocks(document, "sh") for line in block.splitlines()):
         return
     folder = workplace(document)
     (folder / "results").mkdir()
-    for text in blocks(document, "toml"):
-        if named := re.match(r"# (\w+\.toml)\n", text):
-            (folder / named[1]).write_text(text, encoding="utf-8")
     if (folder / "start.dcm").exists():
         shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
-    for line in lines:
-        words = shlex.split(line, comments=True)[1:]
-        if words[0] == "app":  # serves until it is stopped
+    pages = document.read_text(encoding="utf-8")
+    for language, text in re.findall(r"^```(sh|toml|kf|python)\n(.*?)^```", pages, re.MULTILINE | re.DOTALL):
+        if language != "sh":
+            lay_out(text)
             continue
-        done = (0, 1) if words[0] == "diff" else (0,)  # 1 says that the files differ
-        assert cli.run(words) in done, line
+        for line in text.splitlines():
+            run(line, monkeypatch)
 
 
 @by_name
@@ -228,5 +264,5 @@ def test_the_readme_shows_what_the_demo_prints(tmp_path, monkeypatch, capsys):
 
 
 def test_every_document_is_in_the_navigation():
-    listed = re.findall(r"[\w-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
-    assert sorted(listed) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
+    listed = re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    assert sorted(listed) == sorted(path.relative_to(ROOT / "docs").as_posix() for path in DOCUMENTS[1:])
