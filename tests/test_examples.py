@@ -179,10 +179,19 @@ def edited(text, change):
 
 def lay_out(text):
     """Write a block that names its file, or put it into the file that it changes."""
-    if named := re.match(r"# (\w+\.(?:toml|kf|py))\b", text):
+    if named := re.match(r"# ([\w-]+\.(?:toml|kf|py))\b", text):
         Path(named[1]).write_text(text, encoding="utf-8")
-    elif named := re.match(r"# in (\w+\.toml)\n", text):
+    elif named := re.match(r"# in ([\w-]+\.toml)\n", text):
         Path(named[1]).write_text(edited(Path(named[1]).read_text(encoding="utf-8"), text), encoding="utf-8")
+
+
+def prepare_files(document):
+    """Write the formulas of a document that name their file, and run its scripts that write data."""
+    for text in [*blocks(document, "kf"), *blocks(document, "python")]:
+        lay_out(text)
+    for text in blocks(document, "python"):
+        if named := re.match(r"# ([\w-]+\.py)\b", text):
+            runpy.run_path(named[1])
 
 
 def run(line, monkeypatch):
@@ -204,8 +213,8 @@ def test_commands_shown_work(document, workplace, monkeypatch):
     (folder / "results").mkdir()
     if (folder / "start.dcm").exists():
         shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
-    pages = document.read_text(encoding="utf-8")
-    for language, text in re.findall(r"^```(sh|toml|kf|python)\n(.*?)^```", pages, re.MULTILINE | re.DOTALL):
+    in_order = re.compile(r"^```(sh|toml|kf|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+    for language, text in in_order.findall(document.read_text(encoding="utf-8")):
         if language != "sh":
             lay_out(text)
             continue
@@ -231,11 +240,14 @@ def test_formulas_shown_can_be_read(document):
 
 @by_name
 def test_project_files_shown_are_right(document, workplace, tmp_path):
-    for text in blocks(document, "toml"):
+    texts = blocks(document, "toml")
+    if any("[model]" in text for text in texts):
+        workplace(document)
+        prepare_files(document)
+    for text in texts:
         assert tomllib.loads(text)
         if "[model]" in text:
-            folder = workplace(document)
-            (folder / "shown.toml").write_text(text, encoding="utf-8")
+            Path("shown.toml").write_text(text, encoding="utf-8")
             errors = [str(f) for f in Project.read("shown.toml").check() if f.severity == "error"]
             assert errors == []
         if "[surrogate]" in text:
