@@ -3,9 +3,9 @@
 In a document the language of a block says what is done with it: `sh` lines that begin with `kennfeld` are run,
 `python` is run from top to bottom, `kf` is read as formula text, `toml` with a `[model]` as a project file and with a
 `[surrogate]` as a training file. A block that begins with `# NAME.toml`, `# NAME.kf` or `# NAME.py` is there as a file
-when the `sh` lines run; one that begins with `# in NAME.toml` has been put into that file. `cd` and `python NAME.py` are
-run as well. Documents run in the folder of the torque demo, README and `simulink-example.md` in that of the example they
-show.
+when the `sh` lines run; one that begins with `# in NAME.toml` has been put into that file. `cd` and `python NAME.py`
+are run as well. Documents run in the folder of the torque demo, README and `simulink-example.md` in that of the example
+they show.
 """
 
 import ast
