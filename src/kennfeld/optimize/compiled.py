@@ -16,19 +16,18 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float, Int
 from kennfeld.content_digest import digest_of, digest_of_sources
 from kennfeld.free_axes import AxisKey
-from kennfeld.graph import Graph, GraphBuilder
+from kennfeld.graph import Graph
 from kennfeld.graph.call_columns import CalledColumns, read_calls, unlocked_values
 from kennfeld.graph.external_function import is_sequential
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
-from kennfeld.graph.traversal import rewrite
-from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples, chain_samples, join_samples
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.call_sums import CalledFunctions
+from kennfeld.optimize.data_form import DataForm, with_step
 from kennfeld.optimize.kept_columns import ColumnStorage, RecentColumns, StoredColumns
 from kennfeld.optimize.partitioned_sums import PartitionedSums
 from kennfeld.optimize.partitions import (
@@ -41,13 +40,12 @@ from kennfeld.optimize.partitions import (
 )
 from kennfeld.optimize.picked_recordings import count_recordings, pick_recordings
 from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.rejected_trials import RejectedTrials
 from kennfeld.optimize.remembered_sums import RememberedSums
 from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.prepared_files import touch
-from kennfeld.preprocessing.sample_weights import SampleWeights
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import StoredSamples, in_visiting_order, read_samples, sample_columns
@@ -70,53 +68,6 @@ def smoothable(problem: Problem) -> bool:
     if any(is_sequential(node) for node in needed.nodes):
         return False
     return any(any(node.payload.smoothed) for node in needed.nodes if node.op == "interpolate")
-
-
-class RejectedTrials:
-    """Counts trial values whose cost is not finite, and stores the first few."""
-
-    MAX_STORED = 8
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.first: list[Float] = []
-
-    def add(self, values: Float) -> None:
-        self.count += 1
-        if len(self.first) < self.MAX_STORED:
-            self.first.append(values.copy())
-
-    def clear(self) -> None:
-        self.count, self.first = 0, []
-
-
-@dataclass(frozen=True)
-class DataForm:
-    """The properties of the training data on which the compiled code of a problem depends.
-
-    Attributes:
-        weighting: criteria with sample weights.
-        restarts: True if steady-state points are held until the model has settled, and follow each other in longer
-            pieces within which its states restart. Functions that keep memory have a piece for each point instead.
-        step: time step in s, if it is the same everywhere.
-        partitioned: True if the data are evaluated in partitions.
-    """
-
-    weighting: SampleWeights
-    restarts: bool
-    step: float | None
-    partitioned: bool
-
-    @classmethod
-    def of(cls, problem: Problem) -> "DataForm":
-        """Return the form of the data of a problem."""
-        training, partitions = problem.training, problem.partitions
-        weighting = SampleWeights.of(problem.criteria, training)
-        restarts = any(bound.hold is not None for bound in training) and not any(
-            map(is_sequential, problem.graph.nodes)
-        )
-        step = even_step(training) if partitions is None else partitions.step
-        return cls(weighting, restarts, step, partitions is not None)
 
 
 class CompiledProblem:
@@ -152,7 +103,7 @@ class CompiledProblem:
         self.weighting = self.form.weighting
         fitted: tuple[str | AxisKey, ...] = (*free, *problem.free_axes)
         weighted = self.weighting.extend(problem.graph)
-        graph = _with_step(restart_states(weighted) if self.form.restarts else weighted, self.form.step)
+        graph = with_step(restart_states(weighted) if self.form.restarts else weighted, self.form.step)
         self._lowered = lower_lookups(graph, parameters, free if smooth_like else ())
         scored = [*problem.differences, *self.weighting.inputs.values()]
         self._split = partition_graph(self._lowered.graph, scored, fitted)
@@ -583,22 +534,3 @@ def _thinned_samples(compiled: CompiledProblem, share: float) -> tuple[Float, Fl
     samples = compiled.samples.thinned(share)
     visits = np.arange(samples.count)
     return samples.inputs_of(visits), samples.targets_of(visits), samples.pieces
-
-
-def even_step(bounds: Sequence[BoundDataset]) -> float | None:
-    """Return the time step if it is the same everywhere, else None."""
-    clocks = [bound.clock["dt"] for bound in bounds if "dt" in bound.clock and bound.clock["dt"].size]
-    steps = {float(step) for dt in clocks for step in (dt.min(), dt.max())}
-    return steps.pop() if len(steps) == 1 else None
-
-
-def _with_step(graph: Graph, step: float | None) -> Graph:
-    """Replace `dt` by a constant if it is known."""
-    if step is None:
-        return graph
-
-    def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
-        node = graph.nodes[at]
-        return b.const(step) if node.op == "input" and node.payload == "dt" else b.rebuild(node, args)
-
-    return rewrite(graph, resolve)

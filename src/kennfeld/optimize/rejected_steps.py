@@ -13,9 +13,9 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.formatting import count_noun
 from kennfeld.graph import Graph
 from kennfeld.graph.traversal import ancestors, with_names
-from kennfeld.optimize.compiled import RejectedTrials
 from kennfeld.optimize.problem import Problem, time_constants
 from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.rejected_trials import RejectedTrials
 from kennfeld.parameter_set import ParameterSet
 
 OVERFLOW = "the errors overflowed"

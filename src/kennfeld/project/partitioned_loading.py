@@ -14,7 +14,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
-from kennfeld.optimize.compiled import even_step
+from kennfeld.optimize.data_form import even_step
 from kennfeld.optimize.limit_nodes import keeps_pieces
 from kennfeld.optimize.partitions import (
     Partition,
