@@ -26,6 +26,9 @@ class _Sum:
         residual = self._given.residual(values)
         return float(residual @ residual)
 
+    def residual(self, values: Float) -> Float:
+        return self._given.residual(values)
+
     def rows(self, values: Float) -> tuple[Float, Float]:
         return self._given.residual(values), self._given.jacobian(values)
 

@@ -22,6 +22,10 @@ class Residuals:
         with np.errstate(all="ignore"):
             return float(np.sum(self.residuals(values) ** 2))
 
+    def residual(self, values):
+        with np.errstate(all="ignore"):
+            return self.residuals(values)
+
     def rows(self, values):
         with np.errstate(all="ignore"):
             return self.residuals(values), self.jacobian(values)
@@ -332,3 +336,12 @@ def test_a_descent_from_values_that_fit_exactly_converges(small):
         assert end.status == "converged"
         near = descend(objective, truth + 1e-15 * random.normal(size=4))
         assert near.status == "converged"
+
+
+def test_the_curvature_along_a_step_needs_no_derivatives():
+    problem, calls = rosenbrock(), []
+    slopes = problem.jacobian
+    problem.jacobian = lambda values: calls.append(values) or slopes(values)
+    result = descend(problem, [-1.2, 1.0])
+    assert result.status == "converged"
+    assert len(calls) == result.iterations + 1

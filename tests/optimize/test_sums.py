@@ -52,6 +52,9 @@ class TwoHalves:
         first, second = (part.normal(values) for part in self._each())
         return Equations(first.gradient + second.gradient, first.matrix + second.matrix)
 
+    def residual(self, values):
+        return self.rows(values)[0]
+
     def rows(self, values):
         (residual, jacobian), (further, below) = (part.rows(values) for part in self._each())
         return residual + further, jacobian + below
@@ -99,7 +102,7 @@ def test_native_code_meets_the_protocol():
     compiled = CompiledProblem(torque_problem())
     sums: Sums = compiled.sums
     names = [name for name in vars(Sums) if not name.startswith("_")]
-    assert sorted(names) == sorted(["stateful", "prepare", "cost", "normal", "rows", "rows_at", "touched"])
+    assert sorted(names) == sorted(["stateful", "prepare", "cost", "normal", "residual", "rows", "rows_at", "touched"])
     assert all(hasattr(sums, name) for name in [*names, "widths"])
 
 

@@ -201,6 +201,10 @@ class Accumulator:
             self._linearise(space, chunk)
             yield space.rows(chunk)
 
+    def residual(self, values: Float) -> Float:
+        """Compute the residuals of `rows`."""
+        return self.rows(values)[0]
+
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Compute residuals and Jacobian, both multiplied by the square root of the weight, for all samples.
 

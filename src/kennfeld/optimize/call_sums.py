@@ -147,6 +147,11 @@ class CallSums:
         self._refresh(values, slopes=True)
         return self._sums.normal(values)
 
+    def residual(self, values: Float) -> Float:
+        """See `Sums`."""
+        self._refresh(values, slopes=False)
+        return self._sums.residual(values)
+
     def rows(self, values: Float) -> tuple[Float, Float]:
         """See `Sums`."""
         self._refresh(values, slopes=True)

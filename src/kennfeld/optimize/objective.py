@@ -93,14 +93,23 @@ class LeastSquaresObjective:
         self._compiled.roughness.add(values, data.gradient, data.matrix)
         return data.gradient, data.matrix
 
+    def residual(self, values: Float) -> Float:
+        """Return residuals, with those of the roughness below."""
+        residual = self._sums.residual(self._values(values))
+        self._check(residual, values)
+        return np.concatenate([residual, self._compiled.roughness.rows(values)[0]])
+
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Return residuals and Jacobian, with those of the roughness below."""
         residual, jacobian = self._sums.rows(self._values(values))
-        if not np.all(np.isfinite(residual)):
-            self._compiled.rejected.add(values)
+        self._check(residual, values)
         jacobian[:, self._faint(_squares(jacobian))] = 0.0
         rough, rows = self._compiled.roughness.rows(values)
         return np.concatenate([residual, rough]), np.vstack([jacobian, rows])
+
+    def _check(self, residual: Float, values: Float) -> None:
+        if not np.all(np.isfinite(residual)):
+            self._compiled.rejected.add(values)
 
     def faint(self, values: Float) -> Bool:
         """Mark the values that move the scored outputs by rounding errors only."""

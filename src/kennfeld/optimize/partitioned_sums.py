@@ -145,6 +145,10 @@ class PartitionedSums:
         """Return half the gradient and the Gauss-Newton matrix."""
         return add_packed(self._each(partial_normal, self.widths, values))
 
+    def residual(self, values: Float) -> Float:
+        """Return residuals, one partition after the other."""
+        return np.concatenate([*self._each(partial_residual, self.widths, values)])
+
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Return residuals and Jacobian, one partition after the other."""
         residuals, jacobians = zip(*self._each(partial_rows, self.widths, values), strict=True)
@@ -181,6 +185,11 @@ def partial_cost(compiled: _Compiled, widths: Float, values: Float) -> float:
 def partial_normal(compiled: _Compiled, widths: Float, values: Float) -> PackedNormal:
     """Return the normal equations of one partition."""
     return pack(_at_widths(compiled, widths).normal(values))
+
+
+def partial_residual(compiled: _Compiled, widths: Float, values: Float) -> Float:
+    """Return residuals of one partition."""
+    return _at_widths(compiled, widths).residual(values)
 
 
 def partial_rows(compiled: _Compiled, widths: Float, values: Float) -> tuple[Float, Float]:

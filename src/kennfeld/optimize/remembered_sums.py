@@ -66,6 +66,10 @@ class RememberedSums:
             self._last = key, _Copy(normal.gradient, matrix).again()
         return normal
 
+    def residual(self, values: Float) -> Float:
+        """See `Sums`."""
+        return self._sums.residual(values)
+
     def rows(self, values: Float) -> tuple[Float, Float]:
         """See `Sums`."""
         return self._sums.rows(values)

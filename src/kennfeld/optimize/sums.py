@@ -47,6 +47,9 @@ class Sums(Protocol):
     def normal(self, values: Float) -> NormalEquations:
         """Return half the gradient and the Gauss-Newton matrix."""
 
+    def residual(self, values: Float) -> Float:
+        """Return W^1/2 r, Float[visits * outputs]; 0 if not scored."""
+
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Return W^1/2 r, Float[visits * outputs], and W^1/2 J, Float[visits * outputs, free]; 0 if not scored."""
 

@@ -26,7 +26,7 @@ class Objective(Protocol):
 
     @property
     def supports_acceleration(self) -> bool:
-        """If `rows` changes smoothly enough to measure the curvature of the residuals."""
+        """If `residual` changes smoothly enough to measure the curvature of the residuals."""
 
     @property
     def supports_secant(self) -> bool:
@@ -37,6 +37,9 @@ class Objective(Protocol):
 
     def normal(self, values: Float) -> tuple[Float, SymmetricMatrix]:
         """Return half the gradient, and the Gauss-Newton matrix; valid until the next call."""
+
+    def residual(self, values: Float) -> Float:
+        """Return the weighted residuals."""
 
     def rows(self, values: Float) -> tuple[Float, Float]:
         """Return the weighted residuals and their Jacobian."""
@@ -130,7 +133,7 @@ class GaussNewtonModel:
         """
         trial = self.values.copy()
         trial[self.movable] += PROBE * step
-        ahead, _ = self.objective.rows(trial)
+        ahead = self.objective.residual(trial)
         if not np.all(np.isfinite(ahead)):
             return np.full(step.size, np.inf)
         second_derivative = (2 / PROBE) * ((ahead - self.residual) / PROBE - self.jacobian @ step)
