@@ -338,6 +338,8 @@ def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[Uns
     for name, tree in sorted(file.variables.items(), key=lambda item: isinstance(item[1].type, c_ast.PtrDecl)):
         try:
             if isinstance(tree.type, c_ast.PtrDecl):
+                if tree.init is None:
+                    raise UnsupportedCError(f"the pointer {name} must be set where it is declared")
                 scope[name] = translation.address(tree.init)
                 continue
             elements = count_elements(tree.init, file.types.constants)
