@@ -1,6 +1,8 @@
 """Description of an FMU, from its model description alone."""
 
 import math
+from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +11,7 @@ from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
 
 if TYPE_CHECKING:
     from kennfeld.models.fmu.description import FmuDescription
-    from kennfeld.parameters import Parameter
+    from kennfeld.models.fmu.fmu_parameters import ParameterGroup
 
 _MOST_PLATFORMS = 8
 
@@ -25,7 +27,7 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         InputError: the file is damaged.
     """
     from kennfeld.models.fmu.fmu_archive import read_archive
-    from kennfeld.models.fmu.fmu_parameters import parameters_of, start_values_of
+    from kennfeld.models.fmu.fmu_parameters import parameter_groups, start_groups
     from kennfeld.models.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
@@ -40,9 +42,10 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
     outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
     kept = description.started_states if used == CO_SIMULATION else description.states
     states = [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)]
-    starts = start_values_of(description.started_states).parameters
-    variability = {v.name: v.variability for v in description.parameters} | dict.fromkeys(starts, "start value")
-    parameters = (*parameters_of(description.parameters).parameters.parameters, *starts.parameters)
+    starts = start_groups(description.started_states)
+    variability = {v.name: v.variability for v in description.parameters}
+    variability |= dict.fromkeys((group.name for group in starts), "start value")
+    parameters = (*parameter_groups(description.parameters), *starts)
     obstacles = find_obstacles(description, path, used)
     remarks = [f"a command that evaluates it runs code of {path.name}"]
     remarks += [remark.message for remark in find_remarks(description, path, used)]
@@ -69,7 +72,13 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         "event_indicators": description.indicators,
         "inputs": [{"name": name, "unit": unit} for name, unit in inputs],
         "parameters": [
-            {"name": p.name, "kind": p.kind, "unit": p.unit, "values": p.values.tolist()} for p in parameters
+            {
+                "name": p.name,
+                "kind": PARAMETER_KINDS[len(p.shape)],
+                "unit": p.unit,
+                "values": p.values if isinstance(p.values, float) else p.values.tolist(),
+            }
+            for p in parameters
         ],
         "states": [{"name": name, "unit": unit} for name, unit, _ in states],
         "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
@@ -87,12 +96,11 @@ def _start(values: tuple[float, ...], number: int) -> str:
     return number_text(values[number]) if number < len(values) else ""
 
 
-def _parameter_rows(parameters: "tuple[Parameter, ...]", variability: dict[str, str]) -> list[tuple[str, ...]]:
-    rows = []
-    for each in parameters:
-        start = number_text(float(each.values)) if not each.axes else " x ".join(map(str, each.values.shape))
-        limits = (float(each.lower.min()), float(each.upper.max()))
-        shown = [number_text(limit) if math.isfinite(limit) else "" for limit in limits]
-        kind = PARAMETER_KINDS[len(each.axes)]
-        rows.append((each.name, kind, each.unit, start, *shown, variability.get(each.name, "")))
-    return rows
+def _parameter_rows(groups: "Sequence[ParameterGroup]", variability: dict[str, str]) -> Iterator[tuple[str, ...]]:
+    number = cache(number_text)  # many parameters have the same limits
+    for name, shape, values, unit, lower, upper in groups:
+        start = number(values) if isinstance(values, float) else " x ".join(map(str, shape))
+        least = lower if isinstance(lower, float) else float(lower.min())
+        most = upper if isinstance(upper, float) else float(upper.max())
+        shown = [number(limit) if math.isfinite(limit) else "" for limit in (least, most)]
+        yield name, PARAMETER_KINDS[len(shape)], unit, start, *shown, variability.get(name, "")
