@@ -43,7 +43,7 @@ def info(
     from kennfeld.terminal.label_search import find_entries
 
     # an FMU may have very many variables, and leaves nothing to collect
-    with no_collection() if address.casefold().endswith(".fmu") else nullcontext():
+    with no_collection() if ".fmu" in address.casefold() else nullcontext():
         with _on_this_machine(address) as path:
             contents = describe_file(path, a2l, selection, dbc)
         if search.strip():

@@ -10,7 +10,6 @@ from kennfeld.formatting import join_names, number_text
 from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
 
 if TYPE_CHECKING:
-    from kennfeld.models.fmu.description import FmuDescription
     from kennfeld.models.fmu.fmu_parameters import ParameterGroup
 
 _MOST_PLATFORMS = 8
@@ -21,7 +20,7 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
 
     Args:
         path: the file.
-        interface: `model_exchange` or `co_simulation`; by default the one that is used.
+        interface: `model-exchange` or `co-simulation`; by default the one that is used.
 
     Raises:
         InputError: the file is damaged.
@@ -33,11 +32,13 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         INTERFACES,
         find_obstacles,
         find_remarks,
+        interface_of,
         usable_interface,
     )
 
     description = read_archive(path)
-    interfaces, used = _interfaces(description), interface or usable_interface(description, path)
+    interfaces = [each for each in INTERFACES if interface_of(description, each) is not None]
+    used = interface or usable_interface(description, path)
     inputs = [(name, v.unit) for v in description.number_inputs for name in v.elements]
     outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
     kept = description.started_states if used == CO_SIMULATION else description.states
@@ -57,7 +58,8 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         [("state", "unit", "start"), *states],
         [("output", "unit"), *outputs],
     ]
-    summary = f"{path.name}: FMI {description.version} for {' and '.join(interfaces) or 'no interface'}, {platforms}"
+    offered = " and ".join(INTERFACES[each] for each in interfaces) or "no interface"
+    summary = f"{path.name}: FMI {description.version} for {offered}, {platforms}"
     step = "" if description.step is None else f", step {description.step:g} s"
     as_json = {
         "content": "fmu",
@@ -66,7 +68,7 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         "name": description.name,
         "tool": description.tool,
         "interfaces": interfaces,
-        "interface": INTERFACES[used],
+        "interface": used,
         "platforms": list(description.platforms),
         "step": description.step,
         "event_indicators": description.indicators,
@@ -85,11 +87,6 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         "usable": not obstacles,
     }
     return FileInfo(summary + step, tables, notes, as_json)
-
-
-def _interfaces(description: "FmuDescription") -> list[str]:
-    offered = {"model exchange": description.model_exchange, "co-simulation": description.co_simulation}
-    return [name for name, interface in offered.items() if interface is not None]
 
 
 def _start(values: tuple[float, ...], number: int) -> str:

@@ -296,7 +296,7 @@ class FmuInstance:
         """The remedy for what model exchange cannot do, if the FMU also offers co-simulation; else empty."""
         if self.description.co_simulation is None:
             return ""
-        return f'Choose its co-simulation: "{self.source.name}:co_simulation", kf.fmu(path, interface="co-simulation").'
+        return f'Choose its co-simulation: "{self.source.name}:co-simulation", kf.fmu(path, interface="co-simulation").'
 
     def _is_repeated(self, again: Float, results: Float) -> bool:
         return np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0))
