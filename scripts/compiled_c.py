@@ -16,11 +16,12 @@ import numpy as np
 from pycparser import c_ast
 from pycparser.c_generator import CGenerator
 
-from kennfeld.models.c_code.interface import CNumbers
+from kennfeld.models.c_code.declarations import RESULT
+from kennfeld.models.c_code.interface import CNumbers, result_numbers
 from kennfeld.models.c_code.number_types import KNOWN_TYPES
 from kennfeld.models.c_code.preprocessing import data_file
 from kennfeld.models.c_code.reading import CSourceFile
-from kennfeld.models.c_code.struct_types import CStructType, ObjectType, Sizes
+from kennfeld.models.c_code.struct_types import HIDDEN, CStructType, ObjectType, Sizes
 from kennfeld.models.c_code.translated import TranslatedFunction
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -67,6 +68,9 @@ def reference(file: CSourceFile, function: TranslatedFunction, inputs: np.ndarra
             (folder / name).write_text("#include <math.h>\n#include <stdint.h>\n")
     if "rtwtypes.h" in file.source.missing:
         (folder / "rtwtypes.h").write_text(_known_types())
+    unions = [(n.root.name, *union) for n in function.interface.inputs for union in n.leaf.unions]
+    if len({union[:2] for union in unions}) < len(set(unions)):
+        raise NotCompiledError("several members of a union are inputs, which overlap")
     (folder / "driver_of_function.c").write_text(_driver(file, function))
     program = folder / "program"
     renamed = [f"-D{name}f={name}" for name in _SINGLE.split()]
@@ -131,13 +135,13 @@ def _driver(file: CSourceFile, function: TranslatedFunction) -> str:
         for line in _links(argument.variable.name, argument.variable.type, file, function)
     ]
     call = f"{function.function.name}({', '.join(passed)});"
-    returns = function.function.result is not None
+    returned = function.function.returned
     read = [
         f'if (scanf("%lf", &number_) != 1) return 3; {place} = number_;'
         for n in function.interface.inputs
         for place in _places(n)
     ]
-    shown = ["result_"] if returns else []
+    shown = [place for number in result_numbers(function.function) for place in _places(number)]
     shown += [place for number in function.interface.outputs for place in _places(number)]
     printed = [f'printf(" %.17g", (double)({place}));' for place in shown]
     data = f'#include "{data_file(file.path).name}"' if data_file(file.path).is_file() else ""
@@ -147,7 +151,7 @@ def _driver(file: CSourceFile, function: TranslatedFunction) -> str:
             "#define main main_of_the_file", f'#include "{file.path.name}"', data, "#undef main",
             *declared,
             "int main(int count_, char **words_) {", "double number_; int calls_ = atoi(words_[1]);", *linked,
-            "while (calls_-- > 0) {", *read, ("__auto_type result_ = " if returns else "") + call,
+            "while (calls_-- > 0) {", *read, ("__auto_type result_ = " if returned is not None else "") + call,
             'printf("@row");', *printed, 'printf("\\n");', "}", "return 0;", "}",
         ]
     )  # fmt: skip
@@ -195,7 +199,7 @@ def _variable_of(kind: str, file: CSourceFile) -> str:
 def _places(number: CNumbers) -> list[str]:
     """Return the place of each number as C writes it."""
     root = number.root.name.removeprefix(".")
-    text = f"argument_{root}" if number.mode else root
+    text = f"argument_{root}" if number.mode else "result_" if root == RESULT else root
     is_address = number.root.is_pointer and not number.root.sizes
     parts: dict[str, list[str]] = {}
     _walk(number.root.type, number.root.sizes, f"{text}[0]" if is_address else text, "", parts)
@@ -206,8 +210,10 @@ def _walk(kind: ObjectType, sizes: Sizes, text: str, path: str, parts: dict[str,
     for place in product(*(range(size) for size in sizes)):
         element = text + "".join(f"[{at}]" for at in place)
         if isinstance(kind, CStructType):
-            for name, declared in kind.members:
-                inner = f"(*{element}.{name})" if declared.is_pointer else f"{element}.{name}"
-                _walk(declared.type, declared.sizes, inner, f"{path}.{name}", parts)
+            for name, declared in kind.members if kind.storage is None else (kind.storage,):
+                member = "" if name.startswith(HIDDEN) else f".{name}"
+                inner = f"(*{element}{member})" if declared.is_pointer else f"{element}{member}"
+                if name != kind.tag:
+                    _walk(declared.type, declared.sizes, inner, f"{path}{member}", parts)
         else:
             parts.setdefault(path, []).append(element)

@@ -63,3 +63,12 @@ def test_long_texts_are_joined_once():
         tracemalloc.stop()
     assert root.text == text
     assert peak < 20_000_000
+
+
+def test_text_that_is_not_kept_is_still_checked():
+    limits = XmlLimits(size=1000, levels=3, elements=10, children=10, keeps_text=False)
+    assert parse_xml(b"<data>text</data>", "a.xml", limits).text == ""
+    with pytest.raises(InputError, match="declares the entity bomb"):
+        parse_xml(b'<!DOCTYPE data [<!ENTITY bomb "text">]><data>&bomb;</data>', "a.xml", limits)
+    with pytest.raises(InputError, match="not well-formed"):
+        parse_xml(b"<data>&unknown;</data>", "a.xml", limits)

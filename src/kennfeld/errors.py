@@ -39,6 +39,8 @@ def visible(text: str) -> str:
     >>> print(visible("Speed\x1b[31m"))
     Speed\u001b[31m
     """
+    if text.isascii() and text.isprintable():
+        return text
     return _UNSEEN.sub(lambda match: _escape(match[0]), text)
 
 

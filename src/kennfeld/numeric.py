@@ -61,6 +61,8 @@ def array(source: Any, label: str) -> Float:
     >>> array([1, None, True], "values of Gain")
     array([ 1., nan,  1.])
     """
+    if type(source) is float:
+        return np.array(source)
     if hasattr(source, "to_numpy") and hasattr(source, "dtype") and not isinstance(source.dtype, np.dtype):
         source = source.to_numpy(dtype=object)  # pandas' own types keep missing values apart from the others
     masked = _mask(source)
@@ -81,6 +83,8 @@ def array(source: Any, label: str) -> Float:
 
 def _mask(source: Any) -> Bool | None:
     """Return the mask of a masked array; None for any other source, and if nothing is masked."""
+    if type(source) is np.ndarray:
+        return None
     # `sys.modules` would name a module that another thread is still loading
     if not any(base.__module__.startswith("numpy.ma") for base in type(source).__mro__):
         return None

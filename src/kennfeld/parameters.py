@@ -212,8 +212,9 @@ class Parameter(NotebookDisplay):
         for side in ("lower", "upper"):
             attributes[side] = self._spread(side, array(attributes[side], f"{side} bounds of {self.name}"))
         attributes["locked"] = self._spread("locked", truths(self.locked, f"locked of {self.name}"))
-        crossed = ~(self.lower <= self.upper)
-        if crossed.any():
+        ordered = self.lower <= self.upper
+        if not ordered.all():
+            crossed = ~ordered
             at = tuple(int(i) for i in np.unravel_index(int(crossed.argmax()), crossed.shape))
             place = f"{self.name}{list(at)}" if at else self.name
             bounds = f"the lower bound {self.lower[at]:g} above its upper bound {self.upper[at]:g}"
@@ -224,7 +225,8 @@ class Parameter(NotebookDisplay):
 
     def _spread(self, attribute: str, numbers: NDArray[Any]) -> Any:
         try:
-            spread = np.broadcast_to(numbers, self.values.shape).copy()
+            same = numbers.shape == self.values.shape
+            spread = numbers.copy() if same else np.broadcast_to(numbers, self.values.shape).copy()
         except ValueError:
             message = f"{attribute} of {self.name} has shape {numbers.shape}, its values have {self.values.shape}"
             raise ArgumentError(message) from None

@@ -23,6 +23,7 @@ class XmlLimits(NamedTuple):
         children: elements within one element.
         reduced: the remedy for a document beyond a limit.
         complete: the remedy for one that is not well-formed.
+        keeps_text: False if the text of elements is not needed.
     """
 
     size: int
@@ -31,6 +32,7 @@ class XmlLimits(NamedTuple):
     children: int
     reduced: str = ""
     complete: str = "The file may be truncated or damaged: use a complete copy."
+    keeps_text: bool = True
 
 
 @dataclass(slots=True, eq=False)
@@ -110,19 +112,19 @@ class _DocumentBuilder:
         self.name, self.limits = name, limits
         self.root: XmlElement | None = None
         self.open: list[XmlElement] = []
-        self.pieces: list[list[str]] = []  # the text of each open element; joined once, because it may be long
+        self.pieces: list[list[str] | None] = []  # the text of each open element; joined once, because it may be long
         self.count = 0
         self.parser = expat.ParserCreate()
         self.parser.buffer_text = True
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._characters
+        self.parser.CharacterDataHandler = self._characters if limits.keeps_text else None
         self.parser.EntityDeclHandler = self._refuse_declaration
         self.parser.SkippedEntityHandler = self._refuse_use
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         parser, limits = self.parser, self.limits
-        tag = name.rpartition(":")[2]
+        tag = name.rpartition(":")[2] if ":" in name else name
         element = XmlElement(tag, attributes, parser.CurrentLineNumber, parser.CurrentByteIndex)
         if self.open:
             parent = self.open[-1]
@@ -132,7 +134,7 @@ class _DocumentBuilder:
         else:
             self.root = element
         self.open.append(element)
-        self.pieces.append([])
+        self.pieces.append(None)
         self.count += 1
         if len(self.open) > limits.levels:
             self._refuse(f"has elements nested more than {limits.levels} levels deep", limits.reduced)
@@ -140,11 +142,18 @@ class _DocumentBuilder:
             self._refuse(f"has more than {limits.elements} elements", limits.reduced)
 
     def _end(self, _: str) -> None:
-        self.open.pop().text = "".join(self.pieces.pop())
+        element, pieces = self.open.pop(), self.pieces.pop()
+        if pieces is not None:
+            element.text = "".join(pieces)
 
     def _characters(self, text: str) -> None:
-        if not text.isspace():
-            self.pieces[-1].append(text)
+        if text.isspace():
+            return
+        pieces = self.pieces[-1]
+        if pieces is None:
+            self.pieces[-1] = [text]
+        else:
+            pieces.append(text)
 
     def _refuse_declaration(self, name: str, *_: object) -> None:
         self._refuse(f"declares the entity {name[:60]}", "Remove the declarations within <!DOCTYPE ...>.")

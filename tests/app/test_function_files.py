@@ -148,10 +148,10 @@ def test_the_interface_of_an_fmu_is_chosen(tmp_path: Path) -> None:
     session = Session(write_functions(tmp_path, file="lag.fmu"))
     build(tmp_path, 2, head=head)
     own = ask(session, "function-file")
-    assert (own["choices"], own["function"], own["solver"]) == (["co_simulation", "model_exchange"], "", "ode4")
+    assert (own["choices"], own["function"], own["solver"]) == (["co-simulation", "model-exchange"], "", "ode4")
     ask(session, "choose-function", file="lag.fmu:co_simulation")
     own = ask(session, "function-file")
-    assert (own["file"], own["function"], own["solver"]) == ("lag.fmu", "co_simulation", "")
+    assert (own["file"], own["function"], own["solver"]) == ("lag.fmu", "co-simulation", "")
     assert [code.file for code in session.undecided] == ["lag.fmu"]
 
 

@@ -8,7 +8,7 @@ from kennfeld import cli
 from kennfeld.calfiles import read
 
 TANK = """[model]
-file = "tank.fmu:co_simulation"
+file = "tank.fmu:co-simulation"
 [[dataset]]
 files = ["bench.csv"]
 [[criterion]]
@@ -59,8 +59,9 @@ def test_parameters_of_an_fmu_are_calibrated_and_reported(tmp_path, tank):
     assert (tmp_path / "results/report.html").is_file()
 
 
-def test_a_project_is_checked_and_simulated(tmp_path, tank, capsys):
-    project = written(tmp_path, tank, TANK)
+@pytest.mark.parametrize("interface", ["co-simulation", "co_simulation"])
+def test_a_project_is_checked_and_simulated(tmp_path, tank, capsys, interface):
+    project = written(tmp_path, tank, TANK.replace("co-simulation", interface))
     assert cli.run(["check", project]) == 0
     assert "co-simulation: outputs at a sample" in capsys.readouterr().err
     assert cli.run(["simulate", project, "-o", str(tmp_path / "out.csv")]) == 0
@@ -88,12 +89,12 @@ def test_steady_state_points_are_held_until_an_fmu_has_settled(tmp_path, tank):
 
 
 def test_an_unknown_interface_is_a_finding(tmp_path, tank, capsys):
-    project = written(tmp_path, tank, TANK.replace("co_simulation", "scheduled"))
+    project = written(tmp_path, tank, TANK.replace("co-simulation", "scheduled"))
     assert cli.run(["check", project]) == 2
-    assert 'Write "tank.fmu" or "tank.fmu:co_simulation" or "tank.fmu:model_exchange"' in capsys.readouterr().err
+    assert 'Write "tank.fmu" or "tank.fmu:co-simulation" or "tank.fmu:model-exchange"' in capsys.readouterr().err
 
 
 def test_an_interface_that_an_fmu_does_not_offer_is_a_finding(tmp_path, tank, capsys):
-    project = written(tmp_path, tank, TANK.replace("co_simulation", "model_exchange"))
+    project = written(tmp_path, tank, TANK.replace("co-simulation", "model_exchange"))
     assert cli.run(["check", project]) == 2
     assert "offers co-simulation only, not model exchange" in capsys.readouterr().err

@@ -41,10 +41,13 @@ def test_inputs_and_outputs_of_co_simulation_are_numbers_of_all_types(tmp_path):
     assert info.as_json["interface"] == "co-simulation"
 
 
+ENDS = ("", ":co-simulation", ":co_simulation", ":model_exchange")
+
+
 def test_the_interface_of_an_fmu_is_chosen_by_its_name(tmp_path):
     text = DESCRIPTIONS[2]().replace("<ModelExchange", '<CoSimulation modelIdentifier="lag"/><ModelExchange')
     broken = tmp_path / "lag.so"
     broken.write_bytes(b"no library")
     path = pack(tmp_path / "lag.fmu", text, library=broken)
-    interfaces = [describe_file(f"{path}{end}").as_json["interface"] for end in ("", ":co_simulation")]
-    assert interfaces == ["model exchange", "co-simulation"]
+    interfaces = [describe_file(f"{path}{end}").as_json["interface"] for end in ENDS]
+    assert interfaces == ["model-exchange", "co-simulation", "co-simulation", "model-exchange"]

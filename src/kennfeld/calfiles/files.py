@@ -1,9 +1,7 @@
 """Reads, writes and describes calibration files; `_FORMATS` lists the formats."""
 
-import gc
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_co
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
+from kennfeld.garbage_collection import no_collection
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
@@ -240,21 +239,9 @@ def _read_content(path: Path, a2l: str | Path | None = None) -> ReadResult:
     # that of the file's ending first, so that the others need not be loaded
     for known in sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT):
         if known.recognises(source):
-            with _no_collection():
+            with no_collection():
                 return known.read(source)
     raise InputError([_unrecognised_file(path, source)])
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Pause garbage collection, which takes a third of the time with a million live objects."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
 
 
 def _bytes(path: Path) -> bytes:

@@ -22,7 +22,7 @@ class FunctionKind(NamedTuple):
         reader: `module:function` that reads a file, called as `read_function_file` calls it.
         named: True if the name of the function follows a colon, as in `engine.py:torque`.
         runs: True if the file holds code that the user's machine runs.
-        choices: what may follow a colon to choose how the file is used.
+        choices: what may follow a colon to choose how the file is used, also with `_` in place of `-`.
         lister: `module:function` that returns the functions of a file by its path; empty if it holds one.
     """
 
@@ -42,7 +42,7 @@ KINDS: tuple[FunctionKind, ...] = (
         "kennfeld.models.fmu.importing:read_fmu",
         named=False,
         runs=True,
-        choices=("co_simulation", "model_exchange"),
+        choices=("co-simulation", "model-exchange"),
     ),
     FunctionKind(
         "a C file",
@@ -71,18 +71,28 @@ KINDS: tuple[FunctionKind, ...] = (
 
 
 def split_reference(reference: str) -> tuple[str, str]:
-    """Return file and function of a reference.
+    """Return file and function of a reference, or the way in which the file is used.
 
     >>> split_reference("engine.py:torque"), split_reference("C:/nets/knock.onnx")
     (('engine.py', 'torque'), ('C:/nets/knock.onnx', ''))
+    >>> split_reference("plant.fmu:co_simulation")
+    ('plant.fmu', 'co-simulation')
     """
     file, _, function = reference.rpartition(":")
+    kind = _kind_of_file(file)
+    chosen = function.replace("_", "-")
+    if kind is not None and chosen.replace("-", "").isidentifier() and kind.choices:
+        return file, chosen
     return (file, function) if function.isidentifier() and "." in Path(file).name else (reference, "")
 
 
 def kind_of(reference: str) -> FunctionKind | None:
     """Return the kind of the file of a reference; None if it is of no kind that holds functions."""
-    suffix = Path(split_reference(reference)[0]).suffix.casefold()
+    return _kind_of_file(split_reference(reference)[0])
+
+
+def _kind_of_file(file: str) -> FunctionKind | None:
+    suffix = Path(file).suffix.casefold()
     return next((kind for kind in KINDS if suffix in kind.suffixes), None)
 
 

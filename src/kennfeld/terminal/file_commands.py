@@ -5,13 +5,14 @@ What a command needs is imported inside it, so that `kennfeld --help` starts at 
 
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.garbage_collection import no_collection
 from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option
 from kennfeld.terminal.model_selection import ModelSelection, model_options
@@ -41,11 +42,13 @@ def info(
     from kennfeld.terminal.file_info import describe_file
     from kennfeld.terminal.label_search import find_entries
 
-    with _on_this_machine(address) as path:
-        contents = describe_file(path, a2l, selection, dbc)
-    if search.strip():
-        contents = find_entries(contents, search)
-    print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
+    # an FMU may have very many variables, and leaves nothing to collect
+    with no_collection() if ".fmu" in address.casefold() else nullcontext():
+        with _on_this_machine(address) as path:
+            contents = describe_file(path, a2l, selection, dbc)
+        if search.strip():
+            contents = find_entries(contents, search)
+        print_lines(*([json.dumps(contents.as_json, indent=2)] if as_json else contents.lines()))
     return DONE
 
 

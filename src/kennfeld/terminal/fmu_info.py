@@ -1,6 +1,8 @@
 """Description of an FMU, from its model description alone."""
 
 import math
+from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,8 +10,7 @@ from kennfeld.formatting import join_names, number_text
 from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
 
 if TYPE_CHECKING:
-    from kennfeld.models.fmu.description import FmuDescription
-    from kennfeld.parameters import Parameter
+    from kennfeld.models.fmu.fmu_parameters import ParameterGroup
 
 _MOST_PLATFORMS = 8
 
@@ -19,30 +20,33 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
 
     Args:
         path: the file.
-        interface: `model_exchange` or `co_simulation`; by default the one that is used.
+        interface: `model-exchange` or `co-simulation`; by default the one that is used.
 
     Raises:
         InputError: the file is damaged.
     """
     from kennfeld.models.fmu.fmu_archive import read_archive
-    from kennfeld.models.fmu.fmu_parameters import parameters_of, start_values_of
+    from kennfeld.models.fmu.fmu_parameters import parameter_groups, start_groups
     from kennfeld.models.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
         find_obstacles,
         find_remarks,
+        interface_of,
         usable_interface,
     )
 
     description = read_archive(path)
-    interfaces, used = _interfaces(description), interface or usable_interface(description, path)
+    interfaces = [each for each in INTERFACES if interface_of(description, each) is not None]
+    used = interface or usable_interface(description, path)
     inputs = [(name, v.unit) for v in description.number_inputs for name in v.elements]
     outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
     kept = description.started_states if used == CO_SIMULATION else description.states
     states = [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)]
-    starts = start_values_of(description.started_states).parameters
-    variability = {v.name: v.variability for v in description.parameters} | dict.fromkeys(starts, "start value")
-    parameters = (*parameters_of(description.parameters).parameters.parameters, *starts.parameters)
+    starts = start_groups(description.started_states)
+    variability = {v.name: v.variability for v in description.parameters}
+    variability |= dict.fromkeys((group.name for group in starts), "start value")
+    parameters = (*parameter_groups(description.parameters), *starts)
     obstacles = find_obstacles(description, path, used)
     remarks = [f"a command that evaluates it runs code of {path.name}"]
     remarks += [remark.message for remark in find_remarks(description, path, used)]
@@ -54,7 +58,8 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         [("state", "unit", "start"), *states],
         [("output", "unit"), *outputs],
     ]
-    summary = f"{path.name}: FMI {description.version} for {' and '.join(interfaces) or 'no interface'}, {platforms}"
+    offered = " and ".join(INTERFACES[each] for each in interfaces) or "no interface"
+    summary = f"{path.name}: FMI {description.version} for {offered}, {platforms}"
     step = "" if description.step is None else f", step {description.step:g} s"
     as_json = {
         "content": "fmu",
@@ -63,13 +68,19 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         "name": description.name,
         "tool": description.tool,
         "interfaces": interfaces,
-        "interface": INTERFACES[used],
+        "interface": used,
         "platforms": list(description.platforms),
         "step": description.step,
         "event_indicators": description.indicators,
         "inputs": [{"name": name, "unit": unit} for name, unit in inputs],
         "parameters": [
-            {"name": p.name, "kind": p.kind, "unit": p.unit, "values": p.values.tolist()} for p in parameters
+            {
+                "name": p.name,
+                "kind": PARAMETER_KINDS[len(p.shape)],
+                "unit": p.unit,
+                "values": p.values if isinstance(p.values, float) else p.values.tolist(),
+            }
+            for p in parameters
         ],
         "states": [{"name": name, "unit": unit} for name, unit, _ in states],
         "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
@@ -78,21 +89,15 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
     return FileInfo(summary + step, tables, notes, as_json)
 
 
-def _interfaces(description: "FmuDescription") -> list[str]:
-    offered = {"model exchange": description.model_exchange, "co-simulation": description.co_simulation}
-    return [name for name, interface in offered.items() if interface is not None]
-
-
 def _start(values: tuple[float, ...], number: int) -> str:
     return number_text(values[number]) if number < len(values) else ""
 
 
-def _parameter_rows(parameters: "tuple[Parameter, ...]", variability: dict[str, str]) -> list[tuple[str, ...]]:
-    rows = []
-    for each in parameters:
-        start = number_text(float(each.values)) if not each.axes else " x ".join(map(str, each.values.shape))
-        limits = (float(each.lower.min()), float(each.upper.max()))
-        shown = [number_text(limit) if math.isfinite(limit) else "" for limit in limits]
-        kind = PARAMETER_KINDS[len(each.axes)]
-        rows.append((each.name, kind, each.unit, start, *shown, variability.get(each.name, "")))
-    return rows
+def _parameter_rows(groups: "Sequence[ParameterGroup]", variability: dict[str, str]) -> Iterator[tuple[str, ...]]:
+    number = cache(number_text)  # many parameters have the same limits
+    for name, shape, values, unit, lower, upper in groups:
+        start = number(values) if isinstance(values, float) else " x ".join(map(str, shape))
+        least = lower if isinstance(lower, float) else float(lower.min())
+        most = upper if isinstance(upper, float) else float(upper.max())
+        shown = [number(limit) if math.isfinite(limit) else "" for limit in (least, most)]
+        yield name, PARAMETER_KINDS[len(shape)], unit, start, *shown, variability.get(name, "")

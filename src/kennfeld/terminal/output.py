@@ -99,18 +99,21 @@ def align(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
     >>> align([("dataset", "RMSE"), ("bench", "1.75")], width=10)
     ['dataset  bench', 'RMSE     1.75']
     """
-    rows = [[visible(cell).replace("\n", "\\u000a") for cell in row] for row in rows]
+    rows = [row if _is_plain("".join(row)) else _escaped(row) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     if sum(widths) + len(COLUMN_GAP) * (len(widths) - 1) > (width or get_terminal_size((UNLIMITED_WIDTH, 24)).columns):
         return _blocks(rows)
     numeric = [all(map(_is_number, column)) for column in zip(*rows[1:], strict=True)] or [False] * len(widths)
-    return [
-        COLUMN_GAP.join(
-            cell.rjust(wide) if right else cell.ljust(wide)
-            for cell, wide, right in zip(row, widths, numeric, strict=True)
-        ).rstrip()
-        for row in rows
-    ]
+    padded = COLUMN_GAP.join(f"{{:{'>' if right else '<'}{wide}}}" for wide, right in zip(widths, numeric, strict=True))
+    return [padded.format(*row).rstrip() for row in rows]
+
+
+def _is_plain(text: str) -> bool:
+    return text.isascii() and text.isprintable()
+
+
+def _escaped(row: Sequence[str]) -> list[str]:
+    return [visible(cell).replace("\n", "\\u000a") for cell in row]
 
 
 def _blocks(rows: Sequence[Sequence[str]]) -> list[str]:

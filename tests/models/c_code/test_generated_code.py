@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.function_files import read_function_file
+from kennfeld.models.model_function import as_model
+from kennfeld.parameter_set import ParameterSet
 
 pytest.importorskip("pycparser")
 SCRIPT = Path(__file__).parents[3] / "scripts" / "c_functions.py"
@@ -136,6 +139,24 @@ def test_formula_text_names_elements_by_dots(tmp_path):
     assert function.calls == {"v.y.0": 0, "v.y.1": 1}
 
 
+def test_members_of_a_struct_that_is_returned_are_outputs(tmp_path):
+    text = "typedef struct { double x; float y[2]; } Out; Out step(double u) { return (Out){u, {1, u}}; }"
+    function = _function(text, "step", tmp_path)
+    assert _names(function.outputs) == ["step.x", "step.y[0]", "step.y[1]"]
+
+
+def test_a_member_of_a_union_counts_where_it_is_the_one_written_last(tmp_path):
+    text = """
+        typedef struct { int kind; union { double number; int whole; }; } Out;
+        void step(double u, Out *out) { out->kind = u > 0; if (u > 0) out->number = u; else out->whole = (int)u; }
+    """
+    function = _function(text, "step", tmp_path)
+    assert _names(function.outputs) == ["out.kind", "out.number", "out.whole"]
+    nodes = evaluate(as_model(function).graph, {"u": np.array([2.5, -3.5])}, ParameterSet())
+    np.testing.assert_array_equal(nodes["out.number"], [2.5, np.nan])
+    np.testing.assert_array_equal(nodes["out.whole"], [np.nan, -3.0])
+
+
 def test_a_struct_that_is_only_written_gives_outputs_and_one_that_is_also_read_states(tmp_path):
     function = _function(POINTERS, "control", tmp_path)
     assert _names(function.inputs) == ["in.set", "in.measured", "in.gains.a", "in.gains.b"]
@@ -164,9 +185,19 @@ def test_an_included_file_of_the_folder_is_read(tmp_path):
     [
         ("typedef struct { int a : 3; } S; double step(S *s) { return s->a; }", "a is a bit field"),
         (
-            "typedef union { int a; float b; } U; double step(U *u) { return u->a; }",
-            "argument u is a pointer to a union",
+            "typedef union { int a; float b; } U; double step(float x) { U u; u.b = x; return u.a; }",
+            "u.a is read, but b was written last",
         ),
+        (
+            "union { int a; float b; } static u; double step(float x) { double y = u.b; u.a = x; return y; }",
+            "u.b is read, but u.a is written, which overlaps with it",
+        ),
+        (
+            "typedef union { int a; float b; } U; static void f(int *a, float *b) { *a = 1; *b = 2; }"
+            "double step(float x) { U u; f(&u.a, &u.b); return u.b; }",
+            "two names",
+        ),
+        ("struct S { int *p; }; struct S f(int x); struct S step(struct S s) { return s; }", "a is a pointer|returns"),
         ("double step(double (*f)(double), double x) { return f(x); }", "argument f is"),
         ("double step(double x) { goto end; end: return x; }", "goto is not supported"),
         (
@@ -177,6 +208,7 @@ def test_an_included_file_of_the_folder_is_read(tmp_path):
         ("double step(double x) { double a[3] = {x}; return a[3]; }", "index 3 of a, which has 3 elements"),
         ("static double a[2]; double step(double x) { int i; for (i = 0; i < 3; i++) a[i] = x; return x; }", "range"),
         ("#define F(a, b) a\ndouble step(double x) { return F(x); }", "takes 2 arguments, got 1"),
+        ("double *p; double step(double x) { return *p + x; }", "the pointer p must be set where it is declared"),
         ("double step(struct s *x) { return x->y; }", "members are not known"),
     ],
 )

@@ -127,6 +127,57 @@ PROGRAMS = {
             *y = sum + ring[2];
             return low + (n > 0 && ring[n - 1] > 0 ? ring[n - 1] : 0);
         }""",
+    "structs": """
+        typedef struct { double x, y; double list[2]; } Pair;
+        typedef struct { Pair first, second; int count; struct { double a; union { double b; double c; }; }; } Both;
+        static Pair kept = {0.5, .list = {1, 2}};
+        static Pair make(double x, int n) { Pair p = {x, n, {x + 1, n + 1}}; if (n > 2) p.y = -x; return p; }
+        static Pair swapped(Pair p) { double x = p.x; p.x = p.y; p.y = x; return p; }
+        static Pair limited(Pair p) { if (p.x > 2) return (Pair){ 2, .list[1] = p.y }; p.list[0] = 9; return p; }
+        static double sum(const Pair *p) { return p->x + 10 * p->y + 100 * p->list[0] + 1000 * p->list[1]; }
+        static double total(const double *x, int n) { double s = 0; for (int i = 0; i < n; i++) s += x[i]; return s; }
+        static Both both(Pair p, double u) { Both b = { p, swapped(p), .count = 3, .c = u }; b.a = b.c + 1; return b; }
+        double step(double u, int n, double *y) {
+            Pair p = make(u, n), q = swapped(p), pairs[3] = { p, [2] = q };
+            Both b = both(q, u);
+            pairs[1] = n > 0 ? p : swapped(swapped(q));
+            Pair again = limited(pairs[1]);
+            pairs[0].list[1] = total((double[]){u, 1, 2}, 3) + make(u, n).list[0];
+            kept = again = (u > 0 ? pairs[0] : kept);
+            *y = sum(&kept) + b.second.x + b.first.list[1] + b.count + b.a;
+            return sum(&pairs[n & 1]) + sum(&(Pair){u, .y = 2}) + sum(&again) + (int){n} + limited(q).list[1];
+        }""",
+    "unions": """
+        typedef union { double array[3]; struct { double x, y, z; } axis; double rows[1][3]; } Vector;
+        typedef struct { int kind; union { double number; int whole; struct { int a; double b[2]; } part; }; } Value;
+        static Vector sum = {{1, 2, 3}};
+        static Value last;
+        static Vector added(Vector a, Vector b) {
+            return (Vector){ .axis = { a.axis.x + b.axis.x, .y = a.axis.y + b.array[1], a.axis.z + b.axis.z } };
+        }
+        static void set(Value *v, double u, int n) {
+            v->kind = n & 1;
+            if (v->kind) v->number = u;
+            else v->whole = (int)u;
+        }
+        static double get(const Value *v) { return v->kind ? v->number : v->whole; }
+        double step(double u, int n, double *y) {
+            Value values[2], plain = { 2, .part = { n, { u } } };
+            Vector v = { .array = { u, 2 } };
+            union { float f; int i; } word;
+            double before = get(&last);
+            word.i = n; word.f = word.i + 1;
+            v.rows[0][2] = v.axis.y + n;
+            v.array[n & 1] += 1;
+            sum = added(sum, v);
+            sum.axis.x *= 0.5;
+            set(&values[0], u, n);
+            set(&values[1], 2 * u, n + 1);
+            last = values[n > 2];
+            plain.part.b[1] = plain.part.a + word.f;
+            *y = sum.array[0] + 10 * sum.rows[0][1] + 100 * sum.axis.z;
+            return before + get(&values[0]) + get(&values[1]) + plain.part.b[0] + plain.part.b[1];
+        }""",
     "mathematics": """
         #include <math.h>
         double step(double u, int n, double *y) {

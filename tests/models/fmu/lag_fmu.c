@@ -1,6 +1,6 @@
 /* A lag with a table, as an FMU for model exchange of FMI 2.0 (-DFMI=2) or 3.0 (-DFMI=3).
  *
- *   der(x) = (u - x) / tau,  x(0) = k,  y = k x + sum of (10 i + j) table[i,j],  2 rows, 3 columns
+ *   der(x) = (u - x) / tau,  x(0) = k,  y = k x + sum of (10 i + j) table[i,j],  2 rows, COLUMNS columns, which are 3
  *
  * tau is fixed: it takes effect at initialization only, and tau <= 0 is an error. Directional derivatives are right along
  * x and u, and 0 along parameters. With -DSTATE_EVENT x becomes 1 at x > 2, with -DENDING the simulation ends there, with
@@ -18,9 +18,12 @@
 #include <unistd.h>
 #endif
 
-enum { TIME, X, DER_X, U, Y, TAU, K, TABLE };
+#ifndef COLUMNS
+#define COLUMNS 3
+#endif
+enum { TIME, X, DER_X, U, Y, TAU, K, TABLE, VALUES = 2 * COLUMNS };
 typedef struct {
-    double time, x, u, tau, k, table[6], used_tau;
+    double time, x, u, tau, k, table[VALUES], used_tau;
     int initialized, high;
 } Lag;
 
@@ -30,7 +33,7 @@ static void start(Lag *m) {
     m->high = high;
     m->tau = 2.0;
     m->k = 1.0;
-    for (int i = 0; i < 6; i++) m->table[i] = i;
+    for (int i = 0; i < VALUES; i++) m->table[i] = i;
 }
 
 #ifndef IN_INSTANTIATE
@@ -55,7 +58,7 @@ static int overflow(int depth) {
 static int get(Lag *m, unsigned reference, double *value) {
     IN_GET;
     double y = m->k * m->x + m->high;
-    for (int i = 0; i < 6; i++) y += (10 * (i / 3 + 1) + i % 3 + 1) * m->table[i];
+    for (int i = 0; i < VALUES; i++) y += (10 * (i / COLUMNS + 1) + i % COLUMNS + 1) * m->table[i];
     if (m->used_tau <= 0.0) return 3;
     switch (reference) {
     case X: *value = m->x; return 0;
@@ -69,7 +72,7 @@ static int set(Lag *m, unsigned reference, double value) {
     if (reference == U) m->u = value;
     else if (reference == TAU && !m->initialized) m->tau = value;
     else if (reference == K) m->k = value;
-    else if (reference >= TABLE && reference < TABLE + 6) m->table[reference - TABLE] = value;
+    else if (reference >= TABLE && reference < TABLE + VALUES) m->table[reference - TABLE] = value;
 #ifdef START
     else if (reference == X && !m->initialized) m->x = value;
 #endif
@@ -165,7 +168,7 @@ int fmi3GetContinuousStateDerivatives(void *c, double *d, size_t n) { return get
 int fmi3SetFloat64(void *c, const unsigned *r, size_t n, const double *v, size_t nv) {
     int status = 0;
     for (size_t i = 0, at = 0; i < n; i++)
-        for (unsigned k = 0; k < (r[i] == TABLE ? 6u : 1u); k++) status |= set(c, r[i] + k, v[at++]);
+        for (unsigned k = 0; k < (r[i] == TABLE ? (unsigned)VALUES : 1u); k++) status |= set(c, r[i] + k, v[at++]);
     return status;
 }
 int fmi3GetFloat64(void *c, const unsigned *r, size_t n, double *v, size_t nv) {

@@ -15,14 +15,14 @@ _EXACT = 'initial="exact"'
 SOURCE = Path(__file__).with_name("lag_fmu.c")
 
 
-def description_2(head='providesDirectionalDerivative="true"', indicators=0, start=""):
+def description_2(head='providesDirectionalDerivative="true"', indicators=0, start="", table=TABLE):
     def variable(reference, name, rest, real=""):
         return f'<ScalarVariable name="{name}" valueReference="{reference}" {rest}><Real {real}/></ScalarVariable>'
 
     fixed, tunable = (f'causality="parameter" variability="{word}"' for word in ("fixed", "tunable"))
-    table = [
+    values = [
         variable(7 + k, f"table[{i},{j}]", tunable, f'start="{k}" min="-5" max="{5 + k}"')
-        for k, (i, j) in reversed(list(enumerate(TABLE)))
+        for k, (i, j) in reversed(list(enumerate(table)))
     ]
     variables = [
         variable(0, "time", 'causality="independent"'),
@@ -32,7 +32,7 @@ def description_2(head='providesDirectionalDerivative="true"', indicators=0, sta
         variable(4, "y", 'causality="output"', 'declaredType="Torque"'),
         variable(5, "tau", fixed, 'start="2" min="0.01" max="10" unit="s"'),
         variable(6, "k", tunable, 'start="1"'),
-        *table,
+        *values,
     ]
     return f"""<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="2.0" modelName="lag" guid="{{lag}}" numberOfEventIndicators="{indicators}">

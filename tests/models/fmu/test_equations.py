@@ -161,6 +161,21 @@ def test_differences_along_parameters_have_instances_of_their_own(tmp_path, vers
     assert instance.further_instances == count
 
 
+def test_slopes_along_many_parameters_are_the_same_with_one_instance_and_with_many(tmp_path):
+    table = [(i, j) for i in (1, 2) for j in range(1, 10)]
+    point = np.array([[0.0, x, 3.0, 0.8, 1.2, *np.arange(17.0, -1.0, -1.0)] for x in (1.0, 1.5, 2.0)])
+    slopes, instances = [], []
+    for capability in ("", 'canBeInstantiatedOnlyOncePerProcess="true"'):
+        folder = tmp_path / str(len(slopes))
+        folder.mkdir()
+        path = build(folder, 2, "-DCOLUMNS=9", head=capability, table=table)
+        slopes.append(evaluate_points(equations_of(path), point)[1])
+        instances.append(load_instance(str(path), digest_of(path)).further_instances)
+    assert instances == [40, 0]
+    np.testing.assert_array_equal(slopes[0], slopes[1])
+    np.testing.assert_allclose(slopes[0][0, 1, 5:], [10 * i + j for i, j in reversed(table)], rtol=1e-7)
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_equations_with_memory_are_refused(tmp_path, version):
     path = build(tmp_path, version, "-DMEMORY")

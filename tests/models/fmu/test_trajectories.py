@@ -6,7 +6,7 @@ import pytest
 from tank_fmu import COUNT, build, closed_form, recording
 
 import kennfeld as kf
-from kennfeld.errors import InputError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.models.fmu.fmu_archive import digest_of
 from kennfeld.models.fmu.importing import fmu
 from kennfeld.models.fmu.trajectories import load_trajectories
@@ -250,3 +250,13 @@ def test_a_library_that_does_not_create_an_instance_is_reported(tmp_path):
             new.writestr(name, content.replace(b"{tank}", b"{new}") if name.endswith("xml") else content)
     with pytest.raises(InputError, match="does not create an instance"):
         load(other)
+
+
+@pytest.mark.parametrize("interface", ["co-simulation", "co_simulation"])
+def test_the_interface_is_named_with_a_hyphen_or_an_underscore(tank, interface):
+    assert kf.fmu(tank, interface=interface).graph.names == kf.fmu(tank).graph.names
+
+
+def test_an_unknown_interface_is_named_with_those_that_there_are(tank):
+    with pytest.raises(ArgumentError, match="interface='both' must be model-exchange or co-simulation"):
+        kf.fmu(tank, interface="both")

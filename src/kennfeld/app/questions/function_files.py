@@ -100,7 +100,7 @@ def _choices(source: FunctionSource) -> list[str]:
         description = read_archive(source.path)
     except InputError:
         return []
-    offered = [choice for choice in source.kind.choices if getattr(description, choice) is not None]
+    offered = [choice for choice in source.kind.choices if getattr(description, choice.replace("-", "_")) is not None]
     return offered if len(offered) > 1 else []
 
 

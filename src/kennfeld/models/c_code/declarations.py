@@ -25,6 +25,7 @@ from kennfeld.models.c_code.struct_types import (
 )
 
 _MAX_DIMENSIONS: Final = 4
+RESULT: Final = "return"  # name of the returned value, which precedes the paths of its members
 
 
 def line_of(tree: c_ast.Node) -> int:
@@ -103,7 +104,17 @@ class CFunctionDeclaration:
     name: str
     tree: c_ast.FuncDef
     arguments: tuple[CArgument, ...]
-    result: CType | None
+    result: CType | CStructType | None
+
+    @property
+    def returned(self) -> "CVariable | None":
+        """The value that it returns, as a variable."""
+        return None if self.result is None else CVariable(RESULT, self.result)
+
+    @property
+    def result_names(self) -> tuple[str, ...]:
+        """The names of the numbers that it returns."""
+        return () if self.returned is None else tuple(f"{RESULT}{leaf.path}" for leaf in self.returned.leaves)
 
     @property
     def outputs(self) -> tuple[CArgument, ...]:
@@ -208,16 +219,16 @@ def _function(tree: c_ast.FuncDef, file: CFile) -> CFunctionDeclaration:
     return CFunctionDeclaration(str(tree.decl.name), tree, tuple(arguments), result)
 
 
-def _result(tree: c_ast.FuncDef, declared: DeclaredType) -> CType:
-    if declared.is_pointer or not isinstance(declared.type, CType):
-        kind = (
-            "a pointer"
-            if declared.is_pointer
-            else "a struct"
-            if isinstance(declared.type, CStructType)
-            else "no number"
-        )
-        raise UnsupportedCError(f"{tree.decl.name} returns {kind}, which is not supported", line_of(tree.decl))
+def _result(tree: c_ast.FuncDef, declared: DeclaredType) -> CType | CStructType:
+    reason = ""
+    if declared.is_pointer:
+        reason = "a pointer"
+    elif isinstance(declared.type, OpaqueType):
+        reason = declared.type.reason
+    elif any(leaf.owner[0] for leaf in leaves_of(declared.type)):
+        reason = "a struct with pointers"
+    if reason or isinstance(declared.type, OpaqueType):
+        raise UnsupportedCError(f"{tree.decl.name} returns {reason}, which is not supported", line_of(tree.decl))
     return declared.type
 
 

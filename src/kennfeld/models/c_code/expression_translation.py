@@ -1,17 +1,15 @@
 """Translation of C expressions to the shared syntax tree, with their types."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 from pycparser import c_ast
 
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.matlab import syntax as m
-from kennfeld.matlab.traversal import assigned_name
-from kennfeld.models.c_code.declarations import CArgument, CFile, CFunctionDeclaration, line_of
-from kennfeld.models.c_code.functions import MATHEMATICS, TESTS
+from kennfeld.models.c_code.declarations import CFile, line_of
 from kennfeld.models.c_code.number_types import (
     BOOL,
     DOUBLE,
@@ -26,13 +24,12 @@ from kennfeld.models.c_code.number_types import (
     holds,
     promoted,
 )
-from kennfeld.models.c_code.places import CPlace, PlaceTranslation, assigned_leaves, kind_of
-from kennfeld.models.c_code.struct_types import CStructType, DeclaredType, integer_literal
+from kennfeld.models.c_code.places import CPlace, PlaceTranslation, kind_of, parts_of
+from kennfeld.models.c_code.struct_types import TAG, CStructType, DeclaredType, integer_literal
 
 _COMPARISONS: Final = {"==": "==", "!=": "~=", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _BITS: Final = {"&": "and", "|": "or", "^": "xor"}
-# functions that Simulink writes to a file of its own
-_ALIASES: Final = {"rtIsNaN": "isnan", "rtIsNaNF": "isnan", "rtIsInf": "isinf", "rtIsInfF": "isinf"}
+_Value = TypeVar("_Value")
 _SPECIAL: Final = {"__infinity": float("inf"), "__nan": float("nan")}
 
 
@@ -102,7 +99,7 @@ class CExpressionTranslation(PlaceTranslation):
                 return _literal(kind, text)
             case c_ast.ID(name=name) if name in _SPECIAL:
                 return COperand(m.Number(_SPECIAL[name]), DOUBLE)
-            case c_ast.ID() | c_ast.ArrayRef() | c_ast.StructRef() | c_ast.UnaryOp(op="*"):
+            case c_ast.ID() | c_ast.ArrayRef() | c_ast.StructRef() | c_ast.UnaryOp(op="*") | c_ast.CompoundLiteral():
                 return self._read(tree)
             case c_ast.UnaryOp(op=("++" | "--" | "p++" | "p--") as op, expr=target):
                 return self._step(op, target, tree)
@@ -134,7 +131,7 @@ class CExpressionTranslation(PlaceTranslation):
             raise UnsupportedCError("sizeof is supported of numbers and arrays of known size only")
         return declared.type.bytes * math.prod(declared.sizes)
 
-    def apart(self, translate: Callable[[], COperand]) -> tuple[COperand, list[m.Statement]]:
+    def apart(self, translate: Callable[[], _Value]) -> tuple[_Value, list[m.Statement]]:
         """Translate an expression that is evaluated only under a condition; return it with its statements."""
         outer, self.pending = self.pending, []
         try:
@@ -160,7 +157,38 @@ class CExpressionTranslation(PlaceTranslation):
     def read(self, place: CPlace) -> COperand:
         """Return the number at a place."""
         assert isinstance(place.type, CType)
-        return COperand(self.used(place), place.type)
+        return COperand(self.value_of(place), place.type)
+
+    def value_of(self, place: CPlace) -> m.Expression:
+        """Return the tree of numbers that are read; a member of a union must be the one written last."""
+        tree = self.used(place)
+        for part in reversed(place.unions):
+            struct = part.union.type
+            assert isinstance(struct, CStructType)
+            names = " ".join(member.name for member in struct.members[:-1])
+            label = part.union.label or struct.name
+            texts = m.Text(label, True), m.Text(names, True)
+            tree = call_of("member", tree, self.used(part.tag(place.indices)), m.Number(float(part.number)), *texts)
+        return tree
+
+    def marked(self, place: CPlace, line: int, *, keeps: bool = False) -> list[m.Statement]:
+        """Return the statements that make a place a part of the members of unions that were written last.
+
+        Numbers of such a member that the place does not cover are not known, if another member was written before, nor
+        are those that it covers if it `keeps` its numbers.
+        """
+        result: list[m.Statement] = []
+        position = m.SourcePosition(line)
+        for part in place.unions:
+            tag, number = self.used(part.tag(place.indices)), m.Number(float(part.number))
+            member = replace(part.member, indices=place.indices[: len(part.member.indices)])
+            is_whole = member.name == place.name and member.indices == place.indices and place.offset is None
+            for each in () if is_whole and not keeps else parts_of(member):
+                if not each.path.rpartition(".")[2].startswith(TAG):
+                    tree = self.used(each)
+                    result.append(m.Assign((tree,), call_of("overlapped", tree, tag, number), place=position))
+            result.append(m.Assign((tag,), number, place=position))
+        return result
 
     def stored(self, place: CPlace, operand: COperand, line: int) -> m.Assign:
         """Return the statement that assigns a number to a place."""
@@ -169,17 +197,23 @@ class CExpressionTranslation(PlaceTranslation):
         assert isinstance(place.type, CType)
         if place.type is FLOAT:
             self.remarks["float is computed in double precision"] = None
-        return m.Assign((self.used(place),), converted(operand, place.type), place=m.SourcePosition(line))
+        value, position = converted(operand, place.type), m.SourcePosition(line)
+        if place.unions:  # the value may be of the member that it replaces
+            name = m.Name(self.temporary())
+            self.pending += [m.Assign((name,), value, place=position), *self.marked(place, line)]
+            value = name
+        return m.Assign((self.used(place),), value, place=position)
 
     def assignment(self, tree: c_ast.Assignment) -> list[m.Statement]:
         """Return the statements of `target op= value`, behind those that its value needs."""
-        if tree.op == "=" and isinstance(tree.rvalue, c_ast.ID | c_ast.StructRef | c_ast.ArrayRef | c_ast.UnaryOp):
-            copies = self._copies(tree)
-            if copies is not None:
-                return copies
-        _, statements = self._assignment(tree)
+        copies = self.copies(tree)
+        _, statements = self._assignment(tree) if copies is None else (None, copies)
         pending, self.pending = self.pending, []
         return [*pending, *statements]
+
+    def copies(self, tree: c_ast.Assignment) -> list[m.Statement] | None:
+        """Return the statements that copy a struct; None if the target is a number."""
+        raise NotImplementedError
 
     def _assignment(self, tree: c_ast.Assignment) -> tuple[CPlace, list[m.Statement]]:
         """Return the target of an assignment, whose indices are evaluated once, and its statement."""
@@ -188,21 +222,6 @@ class CExpressionTranslation(PlaceTranslation):
         if tree.op != "=":
             operand = self._combined(tree.op[:-1], self.read(target), operand)
         return target, [self.stored(target, operand, line_of(tree))]
-
-    def _copies(self, tree: c_ast.Assignment) -> list[m.Statement] | None:
-        """Return the statements that copy a struct; None if the target is a number."""
-        target = self.place(tree.lvalue)
-        if target.is_pointer or target.sizes or not isinstance(target.type, CStructType):
-            return None
-        return self.copied(target, self.place(tree.rvalue), line_of(tree))
-
-    def copied(self, target: CPlace, source: CPlace, line: int) -> list[m.Statement]:
-        """Return the statements that copy all numbers of a place to another one."""
-        if target.is_constant:
-            raise UnsupportedCError(f"{target.label} is const and cannot be assigned", line, wrong=True)
-        place = m.SourcePosition(line)
-        pairs = assigned_leaves(target, source)
-        return [m.Assign((self.used(to),), self.used(of), place=place) for to, of in pairs]
 
     def _step(self, op: str, target: c_ast.Node, tree: c_ast.Node) -> COperand:
         """Translate ++ and --; with the operator behind it, the value is that before."""
@@ -232,7 +251,11 @@ class CExpressionTranslation(PlaceTranslation):
             name = self.temporary()
             self.pending.append(m.Assign((m.Name(name),), index, place=m.SourcePosition(line)))
             indices.append(m.Name(name))
-        return replace(place, indices=tuple(indices))
+        offset = place.offset
+        if offset is not None and not isinstance(offset, m.Number):
+            offset = m.Name(self.temporary())
+            self.pending.append(m.Assign((offset,), place.offset or offset, place=m.SourcePosition(line)))
+        return replace(place, indices=tuple(indices), offset=offset)
 
     def temporary(self) -> str:
         """Return the name of a new local variable."""
@@ -339,86 +362,7 @@ class CExpressionTranslation(PlaceTranslation):
 
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:
         """Translate a call of a function of the file or of the C library."""
-        if not isinstance(tree.name, c_ast.ID):
-            raise UnsupportedCError("calls through pointers are not supported")
-        name = str(tree.name.name)
-        trees = list(tree.args.exprs) if tree.args is not None else []
-        if name in self.file.unsupported:
-            error = self.file.unsupported[name]
-            raise UnsupportedCError(f"{name} is not supported: {error.message}", line_of(tree))
-        if name in self.file.functions:
-            self.calls[name] = None
-            return self._call_own(name, trees, wants_result, line_of(tree))
-        name = _ALIASES.get(name, name)
-        plain = name if name in MATHEMATICS or name in TESTS else name.removesuffix("f")
-        known = {**MATHEMATICS, **TESTS}
-        if plain not in known:
-            raise UnsupportedCError(f"unknown function {name}", line_of(tree), wrong=True)
-        if len(trees) != known[plain]:
-            raise UnsupportedCError(f"{name} takes {known[plain]} arguments, got {len(trees)}", wrong=True)
-        operands = [self.operand(argument) for argument in trees]
-        if plain in ("abs", "labs"):
-            kind = INT if plain == "abs" else LONG
-            return COperand(call_of(plain, *(converted(operand, kind) for operand in operands)), kind)
-        kind = INT if plain in TESTS else DOUBLE
-        return COperand(call_of(plain, *(operand.tree for operand in operands)), kind)
-
-    def _call_own(self, name: str, trees: Sequence[c_ast.Node], wants_result: bool, line: int) -> COperand:
-        function = self.file.functions[name]
-        if len(trees) != len(function.arguments):
-            raise UnsupportedCError(f"{name} takes {len(function.arguments)} arguments, got {len(trees)}", wrong=True)
-        if wants_result and function.result is None:
-            raise UnsupportedCError(f"{name} returns no value", wrong=True)
-        targets: list[m.Expression | None] = []
-        arguments: list[m.Expression] = []
-        passed: list[str] = []
-        for argument, tree in zip(function.arguments, trees, strict=True):
-            if argument.mode == "value" and isinstance(argument.variable.type, CType):
-                arguments.append(converted(self.operand(tree), argument.variable.type))
-                continue
-            places = [self.frozen(place, line) for place in self._passed(name, argument, tree)]
-            values = [self.used(place) for place in places]
-            arguments += values
-            if argument.mode == "output":
-                targets += values
-            if argument.mode != "value":
-                passed += [place.name for place in places]
-        changed = tuple(assigned_name(target) for target in targets if target is not None)
-        self.passed.append(PassedNames(name, tuple(passed), changed, line))
-        call = m.Call(m.Name(f"{name}()"), tuple(arguments))
-        return self._called(function, call, targets, line)
-
-    def _called(
-        self, function: CFunctionDeclaration, call: m.Call, targets: Sequence[m.Expression | None], line: int
-    ) -> COperand:
-        if not targets and function.result is not None:
-            return COperand(call, function.result)
-        result = self.temporary()
-        first: list[m.Expression | None] = [m.Name(result)] if function.result is not None else []
-        place = m.SourcePosition(line)
-        self.pending.append(
-            m.Assign((*first, *targets), call, place=place) if first or targets else m.Evaluate(call, place=place)
-        )
-        return COperand(m.Name(result), function.result or INT)
-
-    def _passed(self, name: str, argument: CArgument, tree: c_ast.Node) -> list[CPlace]:
-        """Return the places of the numbers whose addresses, or whose struct, an argument passes."""
-        place = self.place(tree) if argument.mode == "value" else self.address(tree)
-        variable = argument.variable
-        if argument.mode != "value" and place.sizes and not variable.sizes:
-            place = self._pointed(place, tree)
-        if place.type != variable.type:
-            label = getattr(variable.type, "name", "something else")
-            raise UnsupportedCError(f"{name} takes the address of {label} as {variable.name}", wrong=True)
-        if len(place.sizes) != len(variable.sizes):
-            expected = "an array" if variable.sizes else "a single object"
-            raise UnsupportedCError(f"{name} takes the address of {expected} as {variable.name}", wrong=True)
-        if place.is_constant and argument.mode == "output":
-            raise UnsupportedCError(f"{place.label} is const, but {name} may change it", wrong=True)
-        parts = [place.leaf(leaf) for leaf in place.leaves]
-        if any(part.sizes and part.indices for part in parts):
-            raise UnsupportedCError(f"{place.label} is an array within an array, which cannot be passed")
-        return parts
+        raise NotImplementedError
 
 
 def _literal(kind: str, text: str) -> COperand:

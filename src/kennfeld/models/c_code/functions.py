@@ -36,6 +36,38 @@ class CFunction:
         return (self.rule(evaluator, *(np.asarray(s.as_array(s.force(value))) for value in values)),)
 
 
+def written_last(builder: GraphBuilder, nodes: Nodes, last: Nodes, number: int) -> Nodes:
+    """Return the numbers of a member of a union, or NaN where another one was written last."""
+    apply = Elementwise(builder)
+    is_kept = apply("or", apply("eq", last, 0.0), apply("eq", last, float(number)))
+    return apply("select", is_kept, nodes, math.nan)
+
+
+@dataclass(frozen=True)
+class UnionFunction:
+    """A function of the members of unions: of the numbers of one, the number of the one written last, its own number.
+
+    For those that are read, two texts follow: the union, and the names of its members.
+    """
+
+    def results(
+        self, evaluator: SymbolicEvaluator, values: Sequence[s.SymbolicValue], wanted: int
+    ) -> tuple[s.SymbolicValue, ...]:
+        """Return the numbers of the member, or NaN where another one was written last.
+
+        Raises:
+            ProgramError: another one certainly was, and this one is read.
+        """
+        nodes, last, own = (np.asarray(s.as_array(s.force(value))) for value in values[:3])
+        number = _number(evaluator, own)
+        known = evaluator.builder.value(int(last.item()))
+        if len(values) > 3 and known not in (None, 0.0, number):
+            names = str(values[4]).split()
+            message = f"{values[3]}.{names[number - 1]} is read, but {names[int(known) - 1]} was written last"
+            raise ProgramError(message, "Read the member of a union that was written last.")
+        return (written_last(evaluator.builder, nodes, last, number),)
+
+
 def _number(evaluator: SymbolicEvaluator, nodes: Nodes) -> int:
     return int(evaluator.builder.value(int(nodes.item())) or 0)
 
@@ -228,5 +260,7 @@ _INTERNAL: Final = (
 MATHEMATICS: Final = {function.name: function.count for function in _MATHEMATICS}
 TESTS: Final = {function.name: function.count for function in _TESTS}
 LIBRARY: Final[dict[str, LibraryFunction]] = {
-    f"c:{function.name}": function for function in (*_MATHEMATICS, *_TESTS, *_INTERNAL)
+    **{f"c:{function.name}": function for function in (*_MATHEMATICS, *_TESTS, *_INTERNAL)},
+    "c:member": UnionFunction(),
+    "c:overlapped": UnionFunction(),
 }

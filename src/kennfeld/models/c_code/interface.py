@@ -106,6 +106,15 @@ def argument_numbers(function: CFunctionDeclaration) -> Iterator[CNumbers]:
             yield CNumbers(name, name, leaf, argument.variable, mode=mode, line=function.line)
 
 
+def result_numbers(function: CFunctionDeclaration) -> Iterator[CNumbers]:
+    """Yield the numbers of the value that a function returns."""
+    if (returned := function.returned) is not None:
+        for leaf in returned.leaves:
+            if not leaf.is_tag:
+                name = f"{returned.name}{leaf.path}"
+                yield CNumbers(name, f"{function.name}{leaf.path}", leaf, returned, line=function.line)
+
+
 def static_numbers(static: StaticVariable, file: CFile) -> CNumbers:
     """Return the numbers of a variable that keeps its values."""
     tree = file.variables.get(static.label) if static.root.name.startswith(".") else None
@@ -135,6 +144,8 @@ def find_interface(
     values = {number.leaf.owner[1]: number.root.name for number in reversed(statics) if number.is_initialized}
 
     def role(number: CNumbers) -> Role:
+        if number.leaf.is_tag:
+            return "written" if number.name in usage.writes and number.mode != "value" else "constant"
         if number.mode:
             return _argument_role(number, usage, values)
         return _static_role(number, usage, written_elsewhere)
@@ -193,10 +204,14 @@ def settle(interface: CInterface, usage: Usage, held: Collection[str], *, return
     """
     written = interface.written
     mixed = {number.group for number in (*interface.inputs, *interface.parameters) if number.is_member} | {
-        number.group for number in written if number.name in held and number.name in usage.reads
+        number.group
+        for number in written
+        if number.name in held and number.name in usage.reads and not number.leaf.is_tag
     }
 
     def is_output(number: CNumbers) -> bool:
+        if number.leaf.is_tag:
+            return False
         if number.is_result or number.is_named("output"):
             return True
         return bool(number.mode) and number.group not in mixed and not number.is_named("state")
@@ -216,6 +231,6 @@ def _results_of_procedure(written: Sequence[CNumbers], held: Collection[str]) ->
         lambda number: bool(number.mode) or "()." not in number.name,
     )
     for rule in rules:
-        if outputs := tuple(number for number in written if rule(number)):
+        if outputs := tuple(number for number in written if not number.leaf.is_tag and rule(number)):
             return outputs
     return ()

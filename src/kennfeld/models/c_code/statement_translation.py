@@ -8,6 +8,7 @@ from pycparser import c_ast
 
 from kennfeld.matlab import syntax as m
 from kennfeld.models.c_code.declarations import (
+    RESULT,
     CFile,
     CFunctionDeclaration,
     CVariable,
@@ -15,19 +16,19 @@ from kennfeld.models.c_code.declarations import (
     line_of,
     variable_of,
 )
-from kennfeld.models.c_code.expression_translation import CExpressionTranslation, call_of, converted
-from kennfeld.models.c_code.initial_values import count_elements, initial_trees
+from kennfeld.models.c_code.expression_translation import COperand, converted
+from kennfeld.models.c_code.initial_values import count_elements
 from kennfeld.models.c_code.number_types import FLOAT, CType, UnsupportedCError
-from kennfeld.models.c_code.places import CPlace, Scope
-from kennfeld.models.c_code.struct_types import Leaf, enumeration_constants, enumerations
+from kennfeld.models.c_code.object_translation import ObjectTranslation
+from kennfeld.models.c_code.places import CPlace, Scope, parts_of
+from kennfeld.models.c_code.struct_types import CStructType, enumeration_constants, enumerations
 
-RESULT: Final = "return"
 _YES: Final = m.Number(1.0)
 _NO: Final = m.Number(0.0)
 _SILENT: Final = frozenset({"printf", "assert", "puts", "fprintf", "fflush"})
 
 
-class FunctionTranslation(CExpressionTranslation):
+class FunctionTranslation(ObjectTranslation):
     """Translates one function.
 
     `statics` are the static variables that it declares; `problems` are the statements that are not supported.
@@ -52,9 +53,8 @@ class FunctionTranslation(CExpressionTranslation):
                 self.remarks["float is computed in double precision"] = None
         body = self._block(self.function.tree.body.block_items or ())
         head = (m.Declaration("global", tuple(self.statics_used)),) if self.statics_used else ()
-        results = ([RESULT] if self.function.result is not None else []) + [
-            name for argument in self.function.outputs for name in argument.names
-        ]
+        written = (name for argument in self.function.outputs for name in argument.names)
+        results = [*self.function.result_names, *written]
         names = tuple(name for argument in self.function.arguments for name in argument.names)
         return m.FunctionDefinition(f"{self.function.name}()", names, tuple(results), (*head, *body))
 
@@ -137,9 +137,14 @@ class FunctionTranslation(CExpressionTranslation):
             return []
         if name in ("memset", "memcpy") and name not in self.file.functions:
             return self._fill(name, tree) if tree.args is not None and len(tree.args.exprs) == 3 else []
-        operand = self.call(tree, wants_result=False)
+        operand: COperand | None = None
+        declared = self.file.functions.get(name)
+        if declared is not None and isinstance(declared.result, CStructType):
+            self.called_struct(tree)
+        else:
+            operand = self.call(tree, wants_result=False)
         pending, self.pending = self.pending, []
-        calls = [] if isinstance(operand.tree, m.Name) else [m.Evaluate(operand.tree)]
+        calls = [] if operand is None or isinstance(operand.tree, m.Name) else [m.Evaluate(operand.tree)]
         return [*pending, *calls]
 
     def _return(self, value: c_ast.Node | None, place: m.SourcePosition) -> list[m.Statement]:
@@ -148,6 +153,9 @@ class FunctionTranslation(CExpressionTranslation):
             return [jump]
         if value is None:
             raise UnsupportedCError(f"{self.function.name} must return a value", wrong=True)
+        if isinstance(self.function.result, CStructType):
+            result = CPlace(CVariable(RESULT, self.function.result), "", self.function.result)
+            return [*self.copied(result, self.place(value), place.line), jump]
         number = converted(self.operand(value), self.function.result)
         return [m.Assign((m.Name(RESULT),), number, place=place), jump]
 
@@ -161,11 +169,7 @@ class FunctionTranslation(CExpressionTranslation):
             return self.copied(place, self.address(value), line)
         if not isinstance(value, c_ast.Constant) or value.value not in ("0", "0U", "0u"):
             raise UnsupportedCError("memset is supported with 0 only", line)
-        parts = [place.leaf(leaf) for leaf in place.leaves]
-        if any(part.sizes and part.indices for part in parts):
-            raise UnsupportedCError("memset of an array within an array is not supported", line)
-        at = m.SourcePosition(line)
-        return [m.Assign((self.used(part),), zeros_of(part.sizes), place=at) for part in parts]
+        return self.filled(parts_of(place), place, line)
 
     # declarations
 
@@ -216,9 +220,7 @@ class FunctionTranslation(CExpressionTranslation):
             return self.copied(self.place(c_ast.ID(tree.name)), self.place(tree.init), line)
         if tree.init is None and is_number and tree.name not in self._addressed:
             return []
-        values = self.first_values(tree, variable)
-        place = m.SourcePosition(line)
-        return [m.Assign((m.Name(f"{variable.name}{leaf.path}"),), value, place=place) for leaf, value in values]
+        return self.first_assignments(tree, variable)
 
     def static_parts(self, tree: c_ast.Decl, variable: CVariable, label: str) -> list[StaticVariable]:
         """Return the numbers of a variable that keeps its values."""
@@ -227,23 +229,6 @@ class FunctionTranslation(CExpressionTranslation):
             StaticVariable(f"{variable.name}{leaf.path}", leaf, value, variable, label, is_initialized, line)
             for leaf, value in self.first_values(tree, variable)
         ]
-
-    def first_values(self, tree: c_ast.Decl, variable: CVariable) -> list[tuple[Leaf, m.Expression]]:
-        """Return the numbers of a variable with the trees of their first values: zeros, where none is written."""
-        try:
-            trees = initial_trees(tree.init, variable.type, variable.sizes, self.file.types.constants)
-        except UnsupportedCError as error:
-            raise UnsupportedCError(f"{tree.name}: {error.message}", line_of(tree), wrong=error.wrong) from None
-        return [(leaf, self._first_value(leaf, trees[leaf.path])) for leaf in variable.leaves]
-
-    def _first_value(self, leaf: Leaf, trees: Sequence[c_ast.Node | None]) -> m.Expression:
-        if all(tree is None for tree in trees):
-            return zeros_of(leaf.sizes)
-        items = [_NO if tree is None else converted(self.operand(tree), leaf.type) for tree in trees]
-        if not leaf.sizes:
-            return items[0]
-        sizes = [m.Number(float(size)) for size in (len(leaf.sizes), *leaf.sizes)]
-        return call_of("array", *sizes, *items)
 
     # loops
 
@@ -353,6 +338,8 @@ def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[Uns
     for name, tree in sorted(file.variables.items(), key=lambda item: isinstance(item[1].type, c_ast.PtrDecl)):
         try:
             if isinstance(tree.type, c_ast.PtrDecl):
+                if tree.init is None:
+                    raise UnsupportedCError(f"the pointer {name} must be set where it is declared")
                 scope[name] = translation.address(tree.init)
                 continue
             elements = count_elements(tree.init, file.types.constants)
@@ -362,11 +349,6 @@ def translate_shared(file: CFile) -> tuple[Scope, list[StaticVariable], list[Uns
         except UnsupportedCError as error:
             problems.append(UnsupportedCError(error.message, error.line or line_of(tree), wrong=error.wrong, name=name))
     return scope, statics, problems
-
-
-def zeros_of(sizes: Sequence[int]) -> m.Expression:
-    """Return the tree of zeros."""
-    return call_of("zeros", *(m.Number(float(size)) for size in sizes)) if sizes else _NO
 
 
 def _is_whole(size: c_ast.Node) -> bool:

@@ -1,23 +1,26 @@
-"""Structs of C: their members, and the numbers that they consist of."""
+"""Structs and unions of C: their members, and the numbers that they consist of."""
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Final, NamedTuple, TypeAlias
 
 from pycparser import c_ast
 
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.models.c_code.number_types import KNOWN_TYPES, CType, UnsupportedCError, number_type
+from kennfeld.models.c_code.number_types import INT, KNOWN_TYPES, CType, UnsupportedCError, number_type
 
 Sizes: TypeAlias = tuple[int, ...]
 MAX_SIZE: Final = 100_000  # numbers of a variable
 _MAX_NESTING: Final = 20
 _MAX_PATHS: Final = 20_000  # of a struct, through the structs in it
+HIDDEN: Final = "?"  # how the names of members without names begin
+TAG: Final = "%"  # how the names of members begin that tell which one of a union was written last
 
 
 @dataclass(frozen=True)
 class OpaqueType:
-    """A type that code may declare, but not use: a union, a function; `tag` is that of a struct not defined yet."""
+    """A type that code may declare, but not use: a function, a bit field; `tag` is that of a struct not defined yet."""
 
     reason: str
     tag: str = ""
@@ -25,20 +28,50 @@ class OpaqueType:
 
 @dataclass(frozen=True)
 class CStructType:
-    """A struct by its members, in order; `count` is how many paths lead to numbers in it."""
+    """A struct or union by its members, in order.
+
+    The members of a union have numbers of their own, behind which a number tells which member was written last. If all
+    members consist of the same numbers, they share those of the first array.
+
+    Attributes:
+        name: its name, such as `struct Gains`.
+        members: the members. A member without a name, whose own members count as those of the struct, has a name that
+            begins with `?`.
+        count: how many paths lead to numbers in it.
+        tag: of a union, the name of the last member, which tells the number of the one written last, from 1 on.
+        storage: of a union whose members share their numbers, the member that stands for all.
+    """
 
     name: str
     members: "tuple[Member, ...]"
     count: int = 0
+    tag: str = ""
+    storage: "Member | None" = None
 
-    def member(self, name: str) -> "Member":
-        """Return a member; raises `UnsupportedCError` if there is none of this name, or it cannot be used."""
+    @property
+    def is_union(self) -> bool:
+        """True if the members overlap."""
+        return bool(self.tag) or self.storage is not None
+
+    def chain(self, name: str) -> "tuple[Member, ...]":
+        """Return a member, behind the members without names that lead to it; empty if there is none of this name."""
         for member in self.members:
+            kind = member.declared.type
             if member.name == name:
-                if isinstance(member.declared.type, OpaqueType):
-                    raise UnsupportedCError(f"the member {name} is {member.declared.type.reason}: not supported")
-                return member
-        raise UnsupportedCError(f"{self.name} has no member {name}", wrong=True)
+                return (member,)
+            inner = kind.chain(name) if member.name.startswith(HIDDEN) and isinstance(kind, CStructType) else ()
+            if inner:
+                return (member, *inner)
+        return ()
+
+    def path(self, name: str) -> "tuple[Member, ...]":
+        """Return the chain of a member; raises `UnsupportedCError` if there is none, or it cannot be used."""
+        chain = self.chain(name)
+        if not chain:
+            raise UnsupportedCError(f"{self.name} has no member {name}", wrong=True)
+        if isinstance(chain[-1].declared.type, OpaqueType):
+            raise UnsupportedCError(f"the member {name} is {chain[-1].declared.type.reason}: not supported")
+        return chain
 
 
 ObjectType: TypeAlias = CType | CStructType | OpaqueType
@@ -79,6 +112,7 @@ class Leaf(NamedTuple):
         sizes: sizes of the array that they are, those of arrays of structs first.
         is_constant: True if one of the members is constant.
         owner: the struct that the numbers belong to: path and name of the last one behind a pointer.
+        unions: of the members of unions that they belong to, the path of the tag and the number of the member.
     """
 
     path: str
@@ -86,6 +120,17 @@ class Leaf(NamedTuple):
     sizes: Sizes = ()
     is_constant: bool = False
     owner: tuple[str, str] = ("", "")
+    unions: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def is_tag(self) -> bool:
+        """True if the number tells which member of a union was written last."""
+        return self.path.rpartition(".")[2].startswith(TAG)
+
+
+def member_path(path: str, name: str) -> str:
+    """Return the path of a member; those without names are left out."""
+    return path if name.startswith(HIDDEN) else f"{path}.{name}"
 
 
 def leaves_of(kind: ObjectType, sizes: Sizes = ()) -> Iterator[Leaf]:
@@ -97,14 +142,17 @@ def _leaves(kind: ObjectType, leaf: Leaf) -> Iterator[Leaf]:
     if isinstance(kind, CType):
         yield leaf._replace(type=kind)
     elif isinstance(kind, CStructType):
-        for name, declared in kind.members:
-            path = f"{leaf.path}.{name}"
-            owner = (path, _name(declared.type)) if declared.is_pointer else leaf.owner
-            is_constant = leaf.is_constant or declared.is_constant
-            sizes = (*leaf.sizes, *declared.sizes)
-            yield from _leaves(
-                declared.type, leaf._replace(path=path, sizes=sizes, is_constant=is_constant, owner=owner)
+        for at, (name, declared) in enumerate(kind.members if kind.storage is None else (kind.storage,), start=1):
+            path = member_path(leaf.path, name)
+            inner = leaf._replace(
+                path=path,
+                sizes=(*leaf.sizes, *declared.sizes),
+                is_constant=leaf.is_constant or declared.is_constant,
+                owner=(path, _name(declared.type)) if declared.is_pointer else leaf.owner,
             )
+            if kind.tag and name != kind.tag:
+                inner = inner._replace(unions=(*leaf.unions, (member_path(leaf.path, kind.tag), at)))
+            yield from _leaves(declared.type, inner)
 
 
 def _name(kind: ObjectType) -> str:
@@ -159,33 +207,39 @@ class TypeTable:
                 return _changed(known, type=self.structs[tag]) if tag in self.structs else known
             case c_ast.IdentifierType(names=["void"]):
                 return DeclaredType(OpaqueType("void"))
-            case c_ast.Struct():
+            case c_ast.Struct() | c_ast.Union():
                 return DeclaredType(self._struct(tree, depth))
-            case c_ast.Union():
-                return DeclaredType(OpaqueType("a union"))
             case c_ast.FuncDecl():
                 return DeclaredType(OpaqueType("a function"))
         return DeclaredType(number_type(tree, self.numbers, _line(tree)))
 
-    def _struct(self, tree: c_ast.Struct, depth: int) -> ObjectType:
+    def _struct(self, tree: c_ast.Struct | c_ast.Union, depth: int) -> ObjectType:
+        kind = "union" if isinstance(tree, c_ast.Union) else "struct"
         if tree.decls is None:
             if tree.name in self.structs:
                 return self.structs[tree.name]
-            return OpaqueType(f"struct {tree.name}, whose members are not known", str(tree.name))
-        members = []
-        for item in tree.decls:
-            if not isinstance(item, c_ast.Decl) or not item.name:
-                members.append(Member("", DeclaredType(OpaqueType("a member without a name"))))
-                continue
-            kind = DeclaredType(OpaqueType("a bit field")) if item.bitsize is not None else self._member(item, depth)
-            members.append(Member(str(item.name), kind))
+            return OpaqueType(f"{kind} {tree.name}, whose members are not known", str(tree.name))
+        members = [Member(*member) for item in tree.decls if (member := self._named_member(item, depth)) is not None]
         count = sum(getattr(member.declared.type, "count", 1) for member in members)
         if count > _MAX_PATHS:
-            return OpaqueType(f"a struct of more than {_MAX_PATHS} members")
-        struct = CStructType(f"struct {tree.name}" if tree.name else "the struct", tuple(members), count)
+            return OpaqueType(f"a {kind} of more than {_MAX_PATHS} members")
+        struct = CStructType(f"{kind} {tree.name}" if tree.name else f"the {kind}", tuple(members), count)
+        if kind == "union":
+            struct = _union(struct, tree)
         if tree.name:
             self.structs[tree.name] = struct
         return struct
+
+    def _named_member(self, item: c_ast.Node, depth: int) -> tuple[str, DeclaredType] | None:
+        """Return name and type of a member; None for what declares none, such as bits without a name."""
+        if not isinstance(item, c_ast.Decl):
+            return None
+        if item.name:
+            bits = item.bitsize is not None
+            return str(item.name), DeclaredType(OpaqueType("a bit field")) if bits else self._member(item, depth)
+        declared = self._member(item, depth) if item.bitsize is None else DeclaredType(OpaqueType("a bit field"))
+        is_part = isinstance(item.type, c_ast.Struct | c_ast.Union) and item.type.decls and not item.type.name
+        return (f"{HIDDEN}{_position(item.type)}", declared) if is_part else None
 
     def _member(self, tree: c_ast.Decl, depth: int) -> DeclaredType:
         try:
@@ -203,14 +257,53 @@ class TypeTable:
         except UnsupportedCError as error:
             declared = DeclaredType(OpaqueType(error.message))
         struct = declared.type
-        if isinstance(struct, CStructType) and struct.name == "the struct":
-            declared = _changed(declared, type=CStructType(str(tree.name), struct.members, struct.count))
+        if isinstance(struct, CStructType) and struct.name in ("the struct", "the union"):
+            declared = _changed(declared, type=replace(struct, name=str(tree.name)))
         self.typedefs[str(tree.name)] = declared
 
     def enumerate(self, tree: c_ast.Node) -> None:
         """Note the constants of the enumerations that a declaration defines."""
         for enumeration in enumerations(tree):
             self.constants |= enumeration_constants(enumeration, self.constants)
+
+
+def _union(members: CStructType, tree: c_ast.Union) -> CStructType:
+    """Return a union of these members."""
+    storage = _shared_array(members)
+    if storage is not None:
+        return replace(members, storage=storage, count=1)
+    tag = Member(f"{TAG}{_position(tree)}", DeclaredType(INT))
+    return replace(members, members=(*members.members, tag), count=members.count + 1, tag=tag.name)
+
+
+def _shared_array(union: CStructType) -> Member | None:
+    """Return the array that all members of a union share, number by number; None if they are of different types."""
+    sizes = [math.prod((*leaf.sizes, 1)) for leaf in leaves_of(union)]
+    types = {leaf.type for leaf in leaves_of(union)}
+    if len(types) != 1 or any(leaf.owner[0] for leaf in leaves_of(union)) or _is_incomplete(union) or min(sizes) < 1:
+        return None
+    counts = {member.name: number_count(member.declared.type, member.declared.sizes) for member in union.members}
+    arrays = (member for member in union.members if len(member.declared.sizes) == 1)
+    (kind,) = types
+    most = max(counts.values())
+    return next((each for each in arrays if each.declared.type == kind and counts[each.name] == most), None)
+
+
+def _is_incomplete(kind: ObjectType) -> bool:
+    """Return True if a type has members that cannot be used, or unions whose members do not share their numbers."""
+    if isinstance(kind, CStructType):
+        return bool(kind.tag) or any(_is_incomplete(member.declared.type) for member in kind.members)
+    return isinstance(kind, OpaqueType)
+
+
+def number_count(kind: ObjectType, sizes: Sizes = ()) -> int:
+    """Return how many numbers an object has."""
+    return sum(math.prod(leaf.sizes) for leaf in leaves_of(kind, sizes))
+
+
+def _position(tree: c_ast.Node) -> str:
+    """Return where a type without a name is defined, which tells it from others."""
+    return f"{tree.coord.line}_{tree.coord.column or 0}" if tree.coord is not None else "0"
 
 
 def _line(tree: c_ast.Node) -> int:
@@ -238,7 +331,7 @@ def enumerations(tree: c_ast.Node) -> Iterator[c_ast.Enum]:
         yield tree
     elif isinstance(tree, c_ast.Decl | c_ast.Typedef | c_ast.TypeDecl | c_ast.ArrayDecl | c_ast.PtrDecl):
         yield from enumerations(tree.type)
-    elif isinstance(tree, c_ast.Struct):
+    elif isinstance(tree, c_ast.Struct | c_ast.Union):
         for item in tree.decls or ():
             yield from enumerations(item)
 
@@ -257,6 +350,8 @@ def enumeration_constants(tree: c_ast.Enum, known: Mapping[str, int]) -> dict[st
 
 def constant_integer(tree: c_ast.Node | None, known: Mapping[str, int]) -> int:
     """Return a constant integer, such as the size of an array."""
+    if type(tree).__name__ == "ArrayDesignator":  # which some versions of pycparser put around an index
+        return constant_integer(next(child for _, child in tree.children()), known)  # type: ignore[union-attr]
     match tree:
         case c_ast.Constant(type=kind, value=text) if "int" in kind or kind == "char":
             return integer_literal(text)

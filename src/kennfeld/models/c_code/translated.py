@@ -13,17 +13,19 @@ from kennfeld.matlab import syntax as m
 from kennfeld.models.c_code.calibration_values import lookups, parameter_of
 from kennfeld.models.c_code.declarations import CFile, CFunctionDeclaration
 from kennfeld.models.c_code.expression_translation import COperand, PassedNames, converted
-from kennfeld.models.c_code.functions import LIBRARY
+from kennfeld.models.c_code.functions import LIBRARY, written_last
 from kennfeld.models.c_code.interface import (
     CInterface,
     CNumbers,
     argument_numbers,
     find_interface,
+    result_numbers,
     settle,
     static_numbers,
 )
 from kennfeld.models.c_code.number_types import DOUBLE, UnsupportedCError
-from kennfeld.models.c_code.statement_translation import RESULT, FunctionTranslation, translate_shared
+from kennfeld.models.c_code.statement_translation import FunctionTranslation, translate_shared
+from kennfeld.models.c_code.struct_types import TAG
 from kennfeld.models.c_code.usage import Usage, usage_of
 from kennfeld.models.imperative import symbolic_values as s
 from kennfeld.models.imperative.evaluation_context import EvaluationContext
@@ -67,20 +69,22 @@ class TranslatedFunction:
         for number in self.interface.written:
             if number.name in self.interface.states:
                 call.close(number, last[number.name])
-        returned = [last[RESULT]] if self.function.result is not None else []
-        results = [*returned, *(last[number.name] for number in self.interface.outputs)]
+        results = [
+            _shown(builder, number, last) for number in (*result_numbers(self.function), *self.interface.outputs)
+        ]
         return [int(node) for nodes in results for node in nodes.ravel()]
 
     @property
     def outputs(self) -> list[str]:
         """The names of the results."""
-        returned = [self.function.name] if self.function.result is not None else []
-        return [*returned, *(label for number in self.interface.outputs for label in number.labels)]
+        numbers = (*result_numbers(self.function), *self.interface.outputs)
+        return [label for number in numbers for label in number.labels]
 
     @property
     def states(self) -> list[str]:
         """The names of what it keeps between calls."""
         kept = (number for number in self.interface.written if number.name in self.interface.states)
+        kept = (number for number in kept if not number.leaf.is_tag)
         return [label for number in kept for label in number.labels]
 
     @property
@@ -111,7 +115,8 @@ class _FunctionCall:
         results = self.interpreter.call(definition, passed, len(definition.results))
         last = dict(zip(definition.results, results, strict=True))
         last |= {name: self.interpreter.state.kept[GLOBAL, name] for name in kept}
-        names = {number.name for number in self.translated.interface.written} | {RESULT}
+        names = {number.name for number in self.translated.interface.written}
+        names.update(self.translated.function.result_names)
         return {name: np.asarray(s.as_array(value, name)) for name, value in last.items() if name in names}
 
     def close(self, number: CNumbers, last: Nodes) -> None:
@@ -163,6 +168,15 @@ def _unset(number: CNumbers) -> s.InvalidValue:
     return s.InvalidValue(f"{number.label} is read before it is assigned, or not assigned in every case")
 
 
+def _shown(builder: GraphBuilder, number: CNumbers, last: Mapping[str, Nodes]) -> Nodes:
+    """Return the nodes of a result: NaN for a member of a union, if another one was written last."""
+    nodes = last[number.name]
+    for path, member in number.leaf.unions:
+        tag = last.get(f"{number.root.name}{path}")
+        nodes = nodes if tag is None else written_last(builder, nodes, tag, member)
+    return nodes
+
+
 def _shaped(number: CNumbers, nodes: Nodes) -> Nodes:
     sizes = number.leaf.sizes
     return nodes.reshape(sizes if len(sizes) > 1 else (-1, 1))
@@ -190,6 +204,7 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     arguments = list(argument_numbers(function))
     usage = usage_of(f"{function.name}()", functions)
     problems += _wrong_arguments(arguments, usage)
+    problems += _overlaps([*(each for each in arguments if each.mode != "value"), *statics], usage)
     if not problems:
         problems += [problem for translation in called for problem in _aliases(translation.passed, functions)]
     others = {name for own in functions for name in usage_of(own, functions).writes}
@@ -242,6 +257,22 @@ def _wrong_arguments(arguments: Iterable[CNumbers], usage: Usage) -> Iterator[Un
             yield UnsupportedCError(message, number.line)
 
 
+def _overlaps(numbers: Sequence[CNumbers], usage: Usage) -> Iterator[UnsupportedCError]:
+    """Yield problems of members of unions that a function reads, although it writes other members only."""
+    for number in numbers:
+        for path, member in number.leaf.unions:
+            tag = f"{number.root.name}{path}"
+            others = [
+                each.label
+                for each in numbers
+                for own, at in each.leaf.unions
+                if each.root is number.root and own == path and at != member and each.name in usage.writes
+            ]
+            if tag in usage.writes and number.name in usage.reads - usage.writes and others:
+                message = f"{number.label} is read, but {join_names(others, 2)} is written, which overlaps with it"
+                yield UnsupportedCError(message, number.line)
+
+
 def _aliases(
     passed: Sequence[PassedNames], functions: Mapping[str, m.FunctionDefinition]
 ) -> Iterator[UnsupportedCError]:
@@ -252,7 +283,7 @@ def _aliases(
             is_twice = call.names.count(name) > 1 and name in call.changed
             is_shared = name in usage.writes or (name in usage.reads and name in call.changed)
             if is_twice or (is_shared and (name.startswith(".") or "()." in name)):
-                label = name.removeprefix(".")
+                label = name.removeprefix(".").partition(f".{TAG}")[0] or "a union"
                 message = f"{call.function} can change {label} by two names, which is not supported"
                 yield UnsupportedCError(message, call.line)
 

@@ -67,6 +67,8 @@ class _Usages:
                 reads.add(name)
             case m.Call(m.Name(name), arguments) if name in self.functions:
                 self._add_call(name, (), arguments, reads, writes)
+            case m.Call(m.Name("c:overlapped")):  # of numbers that a union no longer has
+                return
             case _:
                 for child in children(tree):
                     self._read(child, reads, writes)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from kennfeld.errors import Findings, InputError, Location
+from kennfeld.garbage_collection import no_collection
 from kennfeld.models.fmu.description import REAL_TYPES, Dependency, FmuDescription, FmuInterface, FmuVariable
 from kennfeld.models.fmu.number_types import number_type
 from kennfeld.xml_document import XmlElement, XmlLimits, parse_xml
@@ -21,6 +22,7 @@ LIMITS = XmlLimits(
     children=200_000,
     reduced="Export the FMU without its local variables.",
     complete=_EXPORT,
+    keeps_text=False,
 )
 
 
@@ -35,8 +37,9 @@ def read_description(raw: bytes, file: str, platforms: Sequence[str]) -> FmuDesc
     Raises:
         InputError: the description is of another version, is damaged, or exceeds the limits.
     """
-    root = parse_xml(raw, f"{file}/modelDescription.xml", LIMITS)
-    return _Reader(root, f"{file}/modelDescription.xml").description(tuple(platforms))
+    with no_collection():
+        root = parse_xml(raw, f"{file}/modelDescription.xml", LIMITS)
+        return _Reader(root, f"{file}/modelDescription.xml").description(tuple(platforms))
 
 
 class _Reader:
@@ -139,29 +142,30 @@ class _Reader:
     def _variable(
         self, element: XmlElement, tag: str, attributes: Mapping[str, str], sizes: Mapping[str | None, str]
     ) -> FmuVariable:
-        whole = {**self.types.get(attributes.get("declaredType", ""), {}), **attributes}
-        named = XmlElement(tag, whole, element.line)
+        declared, get = self.types.get(attributes.get("declaredType", "")), attributes.get
+        whole = attributes if declared is None else {**declared, **attributes}
+        line, name = element.line, get("name", "")
         real, numeric = tag in REAL_TYPES, number_type(self.version, tag) is not None
-        name, derivative = attributes.get("name", ""), attributes.get("derivative")
         if not name:
             self._error(element, "a variable has no name")
-        shape = self._shape(element, sizes)
-        start = self._start(named, math.prod(shape)) if numeric else ()
+        shape = self._shape(element, sizes) if self.version == "3.0" and element.children else ()
         return FmuVariable(
             name=name,
-            reference=int(self._number(named, "valueReference", -1.0)),
+            reference=int(self._attribute(whole, line, "valueReference", -1.0)),
             type=tag,
-            causality=attributes.get("causality", "local"),
-            variability=attributes.get("variability", "continuous" if real else "discrete"),
-            start=start,
+            causality=get("causality", "local"),
+            variability=get("variability", "continuous" if real else "discrete"),
+            start=self._start(whole, line, math.prod(shape)) if numeric else (),
             shape=shape,
             unit=whole.get("unit", ""),
-            minimum=self._number(named, "min", -math.inf) if numeric else -math.inf,
-            maximum=self._number(named, "max", math.inf) if numeric else math.inf,
-            nominal=abs(self._number(named, "nominal", 0.0)) if real else 0.0,
-            derivative=int(self._number(named, "derivative", 0.0)) if derivative is not None and real else None,
-            initial=attributes.get("initial", ""),
-            line=element.line,
+            minimum=self._attribute(whole, line, "min", -math.inf) if numeric else -math.inf,
+            maximum=self._attribute(whole, line, "max", math.inf) if numeric else math.inf,
+            nominal=abs(self._attribute(whole, line, "nominal", 0.0)) if real else 0.0,
+            derivative=int(self._attribute(whole, line, "derivative", 0.0))
+            if real and "derivative" in attributes
+            else None,
+            initial=get("initial", ""),
+            line=line,
         )
 
     def _shape(self, element: XmlElement, sizes: Mapping[str | None, str]) -> tuple[int, ...]:
@@ -176,12 +180,13 @@ class _Reader:
             return ()
         return tuple(shape)
 
-    def _start(self, element: XmlElement, size: int) -> tuple[float, ...]:
-        texts = element.attributes.get("start", "").split()
+    def _start(self, attributes: Mapping[str, str], line: int, size: int) -> tuple[float, ...]:
+        texts = attributes.get("start", "").split()
         try:
-            values = tuple(_BOOLEANS[text] if text in _BOOLEANS else float(text) for text in texts)
+            values = tuple([_BOOLEANS[text] if text in _BOOLEANS else float(text) for text in texts])
         except ValueError:
-            self._error(element, f"start={element.attributes['start'][:60]!r} must be a number")
+            message = f"start={attributes['start'][:60]!r} must be a number"
+            self.findings.error(Location(self.file, line), message, _EXPORT)
             return ()
         return values * size if len(values) == 1 else values[:size] if len(values) >= size else ()
 
@@ -207,16 +212,16 @@ class _Reader:
         names: dict[str, FmuVariable] = {}
         for variable in variables:
             first = names.setdefault(variable.name, variable)
-            location = Location(self.file, variable.line)
+            problems = []
             if first is not variable:
-                message = f"{variable.name[:60]} is also the name of the variable in line {first.line}"
-                self.findings.error(location, message, _EXPORT)
+                problems.append(f"is also the name of the variable in line {first.line}")
             if variable.minimum > variable.maximum:
-                message = f"{variable.name[:60]} has min={variable.minimum:g} above max={variable.maximum:g}"
-                self.findings.error(location, message, _EXPORT)
+                problems.append(f"has min={variable.minimum:g} above max={variable.maximum:g}")
             if not 0 <= variable.reference <= MOST_REFERENCE:
-                message = f"{variable.name[:60]} has the valueReference {variable.reference:.6g}"
-                self.findings.error(location, message, _EXPORT)
+                problems.append(f"has the valueReference {variable.reference:.6g}")
+            for problem in problems:
+                message = f"{variable.name[:60]} {problem}"
+                self.findings.error(Location(self.file, variable.line), message, _EXPORT)
 
     def _check_derivatives(self, description: FmuDescription) -> None:
         known = {variable.reference for variable in description.variables if variable.is_real}
@@ -226,13 +231,18 @@ class _Reader:
                 self.findings.error(Location(self.file, variable.line), message, _EXPORT)
 
     def _number(self, element: XmlElement, key: str, default: float) -> float:
-        text = element.attributes.get(key)
+        return self._attribute(element.attributes, element.line, key, default)
+
+    def _attribute(self, attributes: Mapping[str, str], line: int, key: str, default: float) -> float:
+        text = attributes.get(key)
+        if text is None:
+            return default
         try:
-            number = default if text is None else float(text)
+            number = float(text)
         except ValueError:
             number = math.nan
-        if text is not None and (math.isnan(number) or (math.isinf(number) and key not in ("min", "max"))):
-            self._error(element, f"{key}={text[:60]!r} must be a number")
+        if math.isnan(number) or (math.isinf(number) and key not in ("min", "max")):
+            self.findings.error(Location(self.file, line), f"{key}={text[:60]!r} must be a number", _EXPORT)
             return 0.0
         return number
 

@@ -7,7 +7,7 @@ the states, which an event may have changed; the start takes (t, inputs, paramet
 states. Of inputs and outputs, doubles come first. Parameters that differ from those of the last call are set first:
 `tunable` ones in event mode, `fixed` ones by a reset, because they take effect at initialization only. So that
 differences along a parameter do not set it at each sample, further instances keep its two other values; they are
-created when first needed, up to `MOST_INSTANCES`.
+created when first needed, up to `MOST_INSTANCES`, or less if there are very many parameters.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,9 @@ from kennfeld.models.fmu.number_access import NumberGroup, get_numbers, real_cou
 NONE, TUNED, RESET = 0, 1, 2  # what a change of parameters requires
 SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
 LOCK, TIMED, USED = range(3)  # places in the memory `control`; USED counts further instances
-MOST_INSTANCES = 17  # the first one, and two for each of eight parameters
+MOST_INSTANCES = 257  # the first one, and two for each of 128 parameters
+_LEAST_INSTANCES = 17
+_MOST_KEPT = 8_000_000  # values of parameters that the instances have
 _MOST_UPDATES = 100  # of discrete states until they must be stable
 _MOVED, _ENDED = 1, 2  # what an event did: changed states, ended the simulation
 _WARNING, _DISCARD = 1, 2  # the last status of success, the last one that leaves the instance usable
@@ -49,6 +51,13 @@ class CallLayout(NamedTuple):
     jumps: bool  # events may change states, at samples
     single: bool
     directional: bool
+
+    @property
+    def instances(self) -> int:
+        """Largest number of instances."""
+        if self.single:
+            return 1
+        return min(MOST_INSTANCES, max(_LEAST_INSTANCES, _MOST_KEPT // max(self.parameters, 1)))
 
     @property
     def arguments(self) -> int:
@@ -449,13 +458,13 @@ def _choose_instance(layout: CallLayout) -> FunctionWriter:
             f.store(instance, instances, following, "ptr")
             f.store(following, slots, "%index", "i64")
             f.store(following, "%number", kind="i64")
-        last = f.new(f"select i1 {usable}, i64 {following}, i64 {MOST_INSTANCES - 1}")
+        last = f.new(f"select i1 {usable}, i64 {following}, i64 {layout.instances - 1}")
         f.store(f.new(f"trunc i64 {last} to i32"), control, USED, "i32")
     return f
 
 
 def _has_room(f: FunctionWriter, layout: CallLayout, used: str) -> str:
-    return f.new(f"icmp slt i64 {used}, {0 if layout.single else MOST_INSTANCES - 1}")
+    return f.new(f"icmp slt i64 {used}, {layout.instances - 1}")
 
 
 def _instantiate(calls: _InstanceCalls) -> str:

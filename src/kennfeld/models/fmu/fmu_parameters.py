@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kennfeld.arrays import Float
 from kennfeld.models.fmu.description import FmuVariable
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, parameter
@@ -28,6 +29,17 @@ class ParameterValue(NamedTuple):
     coordinates: tuple[float, ...]
 
 
+class ParameterGroup(NamedTuple):
+    """Variables that are one parameter: a scalar without shape, or values over the numbers of rows, columns, ..."""
+
+    name: str
+    shape: tuple[int, ...]
+    values: Float | float
+    unit: str
+    lower: Float | float
+    upper: Float | float
+
+
 class FmuParameters(NamedTuple):
     """The parameters, and their values in the order of the FMU's variables."""
 
@@ -42,26 +54,45 @@ def parameters_of(variables: Sequence[FmuVariable], prefix: str = "") -> FmuPara
     >>> parameters_of([second, first]).parameters["k"].values, parameters_of([second, first]).values[0].coordinates
     (array([4., 5.]), (2.0,))
     """
-    families = _families(variables)
     parameters: list[Parameter] = []
     values: list[ParameterValue] = []
-    done: set[str] = set()
-    for variable in variables:
-        name, index = families.get(variable.name, (variable.name, ()))
-        if index:
+    for group in parameter_groups(variables):
+        limits = {"lower": group.lower, "upper": group.upper}
+        parameters.append(parameter(prefix + group.name, group.values, _axes(group.shape), unit=group.unit, **limits))
+    for variable, (name, index) in _named(variables):
+        if index or not variable.shape:
             values.append(ParameterValue(prefix + name, tuple(map(float, index))))
-            if name not in done:
-                members = [v for v in variables if families.get(v.name, ("",))[0] == name]
-                parameters.append(_table(prefix + name, members, [families[v.name][1] for v in members]))
-                done.add(name)
         elif len(variable.shape) > _MOST_AXES:
-            numbered = zip(variable.elements, variable.start, strict=True)
-            parameters += [_scalar(prefix + element, variable, start) for element, start in numbered]
             values += [ParameterValue(prefix + element, ()) for element in variable.elements]
         else:
-            parameters.append(_array(prefix + name, variable))
             values += [ParameterValue(prefix + name, each) for each in _coordinates(variable.shape)]
     return FmuParameters(ParameterSet(parameters), tuple(values))
+
+
+def parameter_groups(variables: Sequence[FmuVariable]) -> Iterator[ParameterGroup]:
+    """Yield what becomes a parameter each: a number, an array, or a family of numbers.
+
+    >>> variables = [FmuVariable(f"k[{i}]", i, "Real", "parameter", "fixed", (3.0 + i,)) for i in (1, 2)]
+    >>> [(group.name, group.shape) for group in parameter_groups(variables)]
+    [('k', (2,))]
+    """
+    named = list(_named(variables))
+    members: dict[str, list[tuple[FmuVariable, tuple[int, ...]]]] = {}
+    for variable, (name, index) in named:
+        if index:
+            members.setdefault(name, []).append((variable, index))
+    for variable, (name, index) in named:
+        limits = variable.unit, variable.minimum, variable.maximum
+        if index:
+            if family := members.pop(name, None):
+                yield _family(name, family)
+        elif len(variable.shape) > _MOST_AXES:
+            numbered = zip(variable.elements, variable.start, strict=True)
+            yield from (ParameterGroup(element, (), start, *limits) for element, start in numbered)
+        elif variable.shape:
+            yield ParameterGroup(name, variable.shape, np.reshape(variable.start, variable.shape), *limits)
+        else:
+            yield ParameterGroup(name, (), variable.start[0], *limits)
 
 
 def start_values_of(states: Sequence[FmuVariable], prefix: str = "") -> FmuParameters:
@@ -72,17 +103,31 @@ def start_values_of(states: Sequence[FmuVariable], prefix: str = "") -> FmuParam
     >>> value.name, value.values, value.locked
     ('x.start', array([3.]), array([ True]))
     """
-    renamed = [state._replace(name=_START.sub(r"\1.start\2", state.name)) for state in states]
-    parameters, values = parameters_of(renamed, prefix)
+    parameters, values = parameters_of(_renamed(states), prefix)
     locked = [each.changed(locked=np.ones(each.values.shape, dtype=bool)) for each in parameters.parameters]
     return FmuParameters(ParameterSet(locked), values)
+
+
+def start_groups(states: Sequence[FmuVariable]) -> list[ParameterGroup]:
+    """Return the groups of the start values of states."""
+    return list(parameter_groups(_renamed(states)))
+
+
+def _renamed(states: Sequence[FmuVariable]) -> list[FmuVariable]:
+    return [state._replace(name=_START.sub(r"\1.start\2", state.name)) for state in states]
+
+
+def _named(variables: Sequence[FmuVariable]) -> Iterator[tuple[FmuVariable, tuple[str, tuple[int, ...]]]]:
+    """Yield variables with the name of their parameter, and the index of a number of a family."""
+    families = _families(variables)
+    return ((variable, families.get(variable.name, (variable.name, ()))) for variable in variables)
 
 
 def _families(variables: Sequence[FmuVariable]) -> Mapping[str, tuple[str, tuple[int, ...]]]:
     """Return family and index of each variable that belongs to a complete family of numbers."""
     members: dict[str, dict[tuple[int, ...], FmuVariable]] = {}
     for variable in variables:
-        match = None if variable.shape else _ELEMENT.fullmatch(variable.name)
+        match = None if variable.shape or not variable.name.endswith("]") else _ELEMENT.fullmatch(variable.name)
         if match is not None:
             members.setdefault(match[1], {})[tuple(int(word) for word in match[2].split(","))] = variable
     names = {variable.name for variable in variables}
@@ -107,22 +152,10 @@ def _axes(shape: Sequence[int]) -> list[Axis]:
     return [Axis(np.arange(1.0, count + 1)) for count in shape]
 
 
-def _scalar(name: str, variable: FmuVariable, start: float) -> Parameter:
-    return parameter(name, start, lower=variable.minimum, upper=variable.maximum, unit=variable.unit)
-
-
-def _array(name: str, variable: FmuVariable) -> Parameter:
-    if not variable.shape:
-        return _scalar(name, variable, variable.start[0])
-    values = np.reshape(variable.start, variable.shape)
-    limits = {"lower": variable.minimum, "upper": variable.maximum}
-    return parameter(name, values, _axes(variable.shape), unit=variable.unit, **limits)
-
-
-def _table(name: str, members: Sequence[FmuVariable], indices: Sequence[tuple[int, ...]]) -> Parameter:
-    shape = tuple(max(numbers) for numbers in zip(*indices, strict=True))
+def _family(name: str, members: Sequence[tuple[FmuVariable, tuple[int, ...]]]) -> ParameterGroup:
+    shape = tuple(max(numbers) for numbers in zip(*(index for _, index in members), strict=True))
     values, lower, upper = (np.empty(shape) for _ in range(3))
-    for member, index in zip(members, indices, strict=True):
+    for member, index in members:
         at = tuple(number - 1 for number in index)
         values[at], lower[at], upper[at] = member.start[0], member.minimum, member.maximum
-    return parameter(name, values, _axes(shape), unit=members[0].unit, lower=lower, upper=upper)
+    return ParameterGroup(name, shape, values, members[0][0].unit, lower, upper)

@@ -18,7 +18,7 @@ from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction, Write, as_model, share_calls
 from kennfeld.parameter_set import ParameterSet
 
-MODEL_EXCHANGE, CO_SIMULATION = "model_exchange", "co_simulation"
+MODEL_EXCHANGE, CO_SIMULATION = "model-exchange", "co-simulation"
 INTERFACES = {MODEL_EXCHANGE: "model exchange", CO_SIMULATION: "co-simulation"}
 _MOST_NAMES = 4
 
@@ -42,17 +42,17 @@ def fmu(
         path: the `.fmu` file.
         step: the step in s, by default that of its default experiment.
         solver: a name in `graph.integration.SOLVERS`, for model exchange.
-        interface: `model exchange` or `co-simulation`; by default model exchange if the FMU can be used so.
+        interface: `model-exchange` or `co-simulation`; by default model exchange if the FMU can be used so.
         fit_starts: True if a calibration may change start values of states; otherwise they are locked.
 
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
         ArgumentError: there is no such interface.
     """
-    if interface not in ("", *INTERFACES.values()):
-        raise ArgumentError(f"interface={interface!r} must be {join_names(list(INTERFACES.values()), 2, ' or ')}")
-    words = {text: word for word, text in INTERFACES.items()}
-    model = as_model(read_fmu(Path(path), words.get(interface, ""), "", step), solver)
+    chosen = interface.replace("_", "-").replace(" ", "-")
+    if chosen not in ("", *INTERFACES):
+        raise ArgumentError(f"interface={interface!r} must be {join_names(list(INTERFACES), 2, ' or ')}")
+    model = as_model(read_fmu(Path(path), chosen, "", step), solver)
     if not fit_starts:
         return model
     return replace(model, values=ParameterSet(p.changed(locked=np.False_) for p in model.values.parameters))

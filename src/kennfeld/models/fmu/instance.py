@@ -21,7 +21,6 @@ from kennfeld.models.fmu.description import FmuDescription, FmuVariable
 from kennfeld.models.fmu.evaluation_code import (
     DIFFERENCES,
     DIRECTIONAL,
-    MOST_INSTANCES,
     RESET,
     SKIPPED,
     TIMED,
@@ -134,7 +133,9 @@ class FmuInstance:
         self.equations = self._compile(write_equations(self.layout), "equations")
         self.start = self._compile(write_start(self.layout), "start") if self.layout.states else self.equations
         self.events = self._compile(write_events(self.layout), "events") if self.layout.jumps else self.equations
-        self._memory["control"][USED] = MOST_INSTANCES  # further instances are for the parameters that are fitted
+        self._memory["control"][USED] = (
+            self.layout.instances
+        )  # further instances are for the parameters that are fitted
         self._choose_slopes(np.array([argument.start for argument in start]))
         self._memory["control"][USED] = 0
 
@@ -183,7 +184,7 @@ class FmuInstance:
             self.layout = self.layout._replace(directional=False)
         provide(f"{prefix}_record", self.record.address())
         library.provide(equation_functions(self.layout), prefix)  # before its code runs
-        self._provide("instances", [library.instantiate()] + [0] * (MOST_INSTANCES - 1), np.uint64)
+        self._provide("instances", [library.instantiate()] + [0] * (self.layout.instances - 1), np.uint64)
         library.provide_creation(prefix)
         provide(YIELD, yield_address())
         return library
@@ -200,10 +201,10 @@ class FmuInstance:
         unknowns = [d.variable for d in description.derivatives]
         unknowns += [output for output in description.computed_outputs if output.is_real]
         self._provide("control", [0, 0, 0], np.int32)
-        self._provide("stale", [RESET] * MOST_INSTANCES, np.int32)
-        self._provide("changed", [0] * MOST_INSTANCES, np.int32)
+        self._provide("stale", [RESET] * self.layout.instances, np.int32)
+        self._provide("changed", [0] * self.layout.instances, np.int32)
         self._provide("slots", [0] * (2 * len(levels)), np.int64)
-        self._provide("cache", [np.nan] * (len(levels) * MOST_INSTANCES), np.float64)
+        self._provide("cache", np.full(len(levels) * self.layout.instances, np.nan), np.float64)
         self._provide("levels", levels, np.int32)
         self._provide("next_event", [np.nan], np.float64)
         inputs, outputs = description.sorted_by_type(description.number_inputs), description.computed_outputs
@@ -295,7 +296,7 @@ class FmuInstance:
         """The remedy for what model exchange cannot do, if the FMU also offers co-simulation; else empty."""
         if self.description.co_simulation is None:
             return ""
-        return f'Choose its co-simulation: "{self.source.name}:co_simulation", kf.fmu(path, interface="co-simulation").'
+        return f'Choose its co-simulation: "{self.source.name}:co-simulation", kf.fmu(path, interface="co-simulation").'
 
     def _is_repeated(self, again: Float, results: Float) -> bool:
         return np.allclose(again, results, rtol=_REPEATED, atol=_REPEATED * np.max(np.abs(results), initial=0.0))
