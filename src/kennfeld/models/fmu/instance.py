@@ -133,9 +133,7 @@ class FmuInstance:
         self.equations = self._compile(write_equations(self.layout), "equations")
         self.start = self._compile(write_start(self.layout), "start") if self.layout.states else self.equations
         self.events = self._compile(write_events(self.layout), "events") if self.layout.jumps else self.equations
-        self._memory["control"][USED] = (
-            self.layout.instances
-        )  # further instances are for the parameters that are fitted
+        self._memory["control"][USED] = self.layout.instances  # no others: those are for parameters that are fitted
         self._choose_slopes(np.array([argument.start for argument in start]))
         self._memory["control"][USED] = 0
 
