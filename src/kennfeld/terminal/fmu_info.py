@@ -1,15 +1,16 @@
 """Description of an FMU, from its model description alone."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kennfeld.formatting import join_names, number_text
 from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
 
 if TYPE_CHECKING:
+    from kennfeld.models.fmu.description import FmuDescription
     from kennfeld.models.fmu.fmu_parameters import ParameterGroup
 
 _MOST_PLATFORMS = 8
@@ -26,7 +27,6 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         InputError: the file is damaged.
     """
     from kennfeld.models.fmu.fmu_archive import read_archive
-    from kennfeld.models.fmu.fmu_parameters import parameter_groups, start_groups
     from kennfeld.models.fmu.importing import (
         CO_SIMULATION,
         INTERFACES,
@@ -37,30 +37,17 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
     )
 
     description = read_archive(path)
-    interfaces = [each for each in INTERFACES if interface_of(description, each) is not None]
     used = interface or usable_interface(description, path)
-    inputs = [(name, v.unit) for v in description.number_inputs for name in v.elements]
-    outputs = [(name, v.unit) for v in description.number_outputs for name in v.elements]
-    kept = description.started_states if used == CO_SIMULATION else description.states
-    states = [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)]
-    starts = start_groups(description.started_states)
-    variability = {v.name: v.variability for v in description.parameters}
-    variability |= dict.fromkeys((group.name for group in starts), "start value")
-    parameters = (*parameter_groups(description.parameters), *starts)
+    interfaces = [each for each in INTERFACES if interface_of(description, each) is not None]
+    numbers = _FmuNumbers.of(description, stepped=used == CO_SIMULATION)
     obstacles = find_obstacles(description, path, used)
     remarks = [f"a command that evaluates it runs code of {path.name}"]
     remarks += [remark.message for remark in find_remarks(description, path, used)]
     notes = [finding.message for finding in obstacles] or remarks
-    platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
-    tables: list[Table] = [
-        [("input", "unit"), *inputs],
-        [("parameter", "kind", "unit", "start", "minimum", "maximum", ""), *_parameter_rows(parameters, variability)],
-        [("state", "unit", "start"), *states],
-        [("output", "unit"), *outputs],
-    ]
     offered = " and ".join(INTERFACES[each] for each in interfaces) or "no interface"
-    summary = f"{path.name}: FMI {description.version} for {offered}, {platforms}"
+    platforms = join_names(description.platforms, _MOST_PLATFORMS, " and ") or "no platform"
     step = "" if description.step is None else f", step {description.step:g} s"
+    summary = f"{path.name}: FMI {description.version} for {offered}, {platforms}{step}"
     as_json = {
         "content": "fmu",
         "file": path.name,
@@ -72,28 +59,70 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
         "platforms": list(description.platforms),
         "step": description.step,
         "event_indicators": description.indicators,
-        "inputs": [{"name": name, "unit": unit} for name, unit in inputs],
-        "parameters": [
-            {
-                "name": p.name,
-                "kind": PARAMETER_KINDS[len(p.shape)],
-                "unit": p.unit,
-                "values": p.values if isinstance(p.values, float) else p.values.tolist(),
-            }
-            for p in parameters
-        ],
-        "states": [{"name": name, "unit": unit} for name, unit, _ in states],
-        "outputs": [{"name": name, "unit": unit} for name, unit in outputs],
+        **numbers.as_json(),
         "usable": not obstacles,
     }
-    return FileInfo(summary + step, tables, notes, as_json)
+    return FileInfo(summary, numbers.tables(), notes, as_json)
+
+
+class _FmuNumbers(NamedTuple):
+    """What an FMU takes and returns: names with units, start values of states, and parameters."""
+
+    inputs: "Sequence[tuple[str, str]]"
+    parameters: "Sequence[ParameterGroup]"
+    variability: "Mapping[str, str]"
+    states: "Sequence[tuple[str, str, str]]"
+    outputs: "Sequence[tuple[str, str]]"
+
+    @classmethod
+    def of(cls, description: "FmuDescription", *, stepped: bool) -> "_FmuNumbers":
+        """Return those of an FMU; `stepped` for co-simulation, where start values replace states."""
+        from kennfeld.models.fmu.fmu_parameters import parameter_groups, start_groups
+
+        kept = description.started_states if stepped else description.states
+        starts = start_groups(description.started_states)
+        variability = {v.name: v.variability for v in description.parameters}
+        return cls(
+            [(name, v.unit) for v in description.number_inputs for name in v.elements],
+            (*parameter_groups(description.parameters), *starts),
+            variability | dict.fromkeys((group.name for group in starts), "start value"),
+            [(name, v.unit, _start(v.start, k)) for v in kept for k, name in enumerate(v.elements)],
+            [(name, v.unit) for v in description.number_outputs for name in v.elements],
+        )
+
+    def tables(self) -> list[Table]:
+        """Return a table for each kind of number."""
+        rows = _parameter_rows(self.parameters, self.variability)
+        return [
+            [("input", "unit"), *self.inputs],
+            [("parameter", "kind", "unit", "start", "minimum", "maximum", ""), *rows],
+            [("state", "unit", "start"), *self.states],
+            [("output", "unit"), *self.outputs],
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the lists of `kennfeld info --json`."""
+        return {
+            "inputs": [{"name": name, "unit": unit} for name, unit in self.inputs],
+            "parameters": [
+                {
+                    "name": p.name,
+                    "kind": PARAMETER_KINDS[len(p.shape)],
+                    "unit": p.unit,
+                    "values": p.values if isinstance(p.values, float) else p.values.tolist(),
+                }
+                for p in self.parameters
+            ],
+            "states": [{"name": name, "unit": unit} for name, unit, _ in self.states],
+            "outputs": [{"name": name, "unit": unit} for name, unit in self.outputs],
+        }
 
 
 def _start(values: tuple[float, ...], number: int) -> str:
     return number_text(values[number]) if number < len(values) else ""
 
 
-def _parameter_rows(groups: "Sequence[ParameterGroup]", variability: dict[str, str]) -> Iterator[tuple[str, ...]]:
+def _parameter_rows(groups: "Sequence[ParameterGroup]", variability: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
     number = cache(number_text)  # many parameters have the same limits
     for name, shape, values, unit, lower, upper in groups:
         start = number(values) if isinstance(values, float) else " x ".join(map(str, shape))

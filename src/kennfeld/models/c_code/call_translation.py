@@ -31,7 +31,7 @@ class _PassedArguments(NamedTuple):
     copies: Sequence[m.Statement]
 
 
-class CallTranslation(CExpressionTranslation):
+class CCallTranslation(CExpressionTranslation):
     """Translates calls."""
 
     def call(self, tree: c_ast.FuncCall, *, wants_result: bool = True) -> COperand:

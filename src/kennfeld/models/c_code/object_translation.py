@@ -6,7 +6,7 @@ from dataclasses import replace
 from pycparser import c_ast
 
 from kennfeld.matlab import syntax as m
-from kennfeld.models.c_code.call_translation import CallTranslation
+from kennfeld.models.c_code.call_translation import CCallTranslation
 from kennfeld.models.c_code.declarations import CVariable, line_of, variable_of
 from kennfeld.models.c_code.expression_translation import call_of, converted
 from kennfeld.models.c_code.initial_values import count_elements, initial_trees
@@ -18,7 +18,7 @@ _VALUES = c_ast.ID | c_ast.StructRef | c_ast.ArrayRef | c_ast.UnaryOp
 _OBJECTS = c_ast.FuncCall | c_ast.CompoundLiteral | c_ast.TernaryOp | c_ast.Assignment
 
 
-class ObjectTranslation(CallTranslation):
+class ObjectTranslation(CCallTranslation):
     """Translates what concerns structs and arrays as a whole."""
 
     def object_place(self, tree: c_ast.Node) -> CPlace:
