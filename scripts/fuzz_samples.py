@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +28,7 @@ WRITERS = [
 ]
 END = "***End_of_Header***"  # of LabVIEW
 _MADE = re.compile(rb"[A-Z][a-z]{2} [A-Z][a-z]{2} [ \d]\d [\d:]{8} \d{4}: updated")  # different each time
+STORED_NETWORKS = 12
 LARGEST = 300_000  # bytes of a real file that is damaged as well
 
 
@@ -453,6 +455,20 @@ def _functions(seed: int) -> Iterator[Sample]:
     yield Sample("function .py", "plant.py", {"plant.py": _PYTHON.encode()})
 
 
+def _networks(seed: int) -> Iterator[Sample]:
+    """Networks with layers, trees, functions, graphs and external data, and stored ones of the package onnx."""
+    if find_spec("onnx") is None:
+        return
+    import onnx
+    from fuzz_networks import networks
+
+    for name, files in networks():
+        yield Sample("network .onnx", name, files)
+    stored = sorted((Path(onnx.__file__).parent / "backend/test/data").glob("pytorch-*/*/model.onnx"))
+    for path in random.Random(seed).sample(stored, min(len(stored), STORED_NETWORKS)):
+        yield Sample("network .onnx", "stored.onnx", {"stored.onnx": path.read_bytes()})
+
+
 def _blocks(draw: random.Random, dictionary: str = "") -> "Model":
     """Algebra, a table, dynamics, a masked and an enabled subsystem."""
     from simulink_files import Mask, Model
@@ -803,6 +819,7 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     _bus_logs,
     _models,
     _functions,
+    _networks,
     _classes,
     _components,
     _projects,

@@ -3,17 +3,19 @@
     python scripts/onnx_table.py [--names] [GROUP ...]
 
 Groups are `node`, one operator each, and the stored networks `simple`, `pytorch-converted`, `pytorch-operator` and
-`light`. Networks are evaluated by the interpreter. With `--names`, each network that is refused or wrong is named.
+`light`. Networks are evaluated by the interpreter. The slopes of networks whose outputs are equal are compared with
+differences, see `onnx_slopes.py`. With `--names`, each network that is refused or wrong is named.
 """
 
 import argparse
+import sys
 import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnx
@@ -26,12 +28,17 @@ from kennfeld.models.model_function import ModelFunction
 from kennfeld.models.onnx_network.importing import network_function
 from kennfeld.models.onnx_network.reading import read_network
 
+sys.path.insert(0, str(Path(__file__).parent))
+
+from onnx_slopes import CONSTANT, DIFFERENT, KINK, SAME, slope_verdict
+
 STORED = Path(onnx.__file__).parent / "backend" / "test" / "data"
 GROUPS = ("node", "simple", "pytorch-converted", "pytorch-operator", "light")
 TOLERANCES = {"float16": 2e-2, "bfloat16": 2e-2, "float32": 2e-5}
 EQUAL = "equal"
 BOUND = "equal with constants"
 WRONG = "wrong"
+MOST_SLOPES = 600_000  # of a network, inputs times outputs, up to which they are compared
 
 Arrays = list[np.ndarray[Any, Any]]
 
@@ -80,17 +87,26 @@ def _stored(folder: Path, kind: str) -> list[onnx.TensorProto]:
     return [onnx.TensorProto.FromString(path.read_bytes()) for path in paths]
 
 
-def verdict(case: Case, folder: Path) -> str:
-    """Compare the outputs of a network with the stated ones: `EQUAL`, `WRONG`, or why it is refused.
+class Verdict(NamedTuple):
+    """Outputs: `EQUAL`, `BOUND`, `WRONG`, or why the network is refused; slopes as `slope_verdict`, empty for none."""
+
+    outputs: str
+    slopes: str = ""
+
+
+def verdict(case: Case, folder: Path) -> Verdict:
+    """Compare the outputs of a network with the stated ones, and its slopes with differences.
 
     A network that needs constants, such as shapes and indices, where the test has inputs, is tried again with the whole
     numbers of the test as constants: `BOUND`.
     """
     result = _compare(case, folder)
-    if "depends on the inputs" not in result:
+    if "depends on the inputs" not in result.outputs:
         return result
-    verdicts = {_compare(bound, folder) for bound in _bound(case)}
-    return BOUND if verdicts == {EQUAL} else WRONG if WRONG in verdicts else verdicts.pop()
+    verdicts = [_compare(bound, folder) for bound in _bound(case)]
+    outputs = {each.outputs for each in verdicts}
+    slopes = next(kind for kind in (DIFFERENT, KINK, SAME, CONSTANT, "") if kind in {each.slopes for each in verdicts})
+    return Verdict(BOUND if outputs == {EQUAL} else WRONG if WRONG in outputs else outputs.pop(), slopes)
 
 
 def _bound(case: Case) -> Iterator[Case]:
@@ -110,24 +126,27 @@ def _bound(case: Case) -> Iterator[Case]:
         yield Case(case.name, model.SerializeToString(), [(kept, outputs)])
 
 
-def _compare(case: Case, folder: Path) -> str:
+def _compare(case: Case, folder: Path) -> Verdict:
     path = folder / "network.onnx"
     path.write_bytes(case.model)
     try:
         network = read_network(path)
         function = network_function(network)
     except InputError as error:
-        return "; ".join(dict.fromkeys(finding.message for finding in error.findings))
+        return Verdict("; ".join(dict.fromkeys(finding.message for finding in error.findings)))
     kinds = {port.kind for port in (*network.inputs, *network.outputs)}
     tolerance = max(TOLERANCES.get(kind, 1e-10) for kind in kinds)
     for inputs, outputs in case.data:
         arguments, stated = _numbers(inputs), _numbers(outputs)
         if len(arguments) != len(function.inputs):
-            return "the size of a batch is not stated"
+            return Verdict("the size of a batch is not stated")
         computed = _computed(function, arguments)
         if computed.shape != stated.shape or not np.allclose(computed, stated, tolerance, tolerance, equal_nan=True):
-            return WRONG
-    return EQUAL
+            return Verdict(WRONG)
+    if not case.data or len(function.inputs) * len(function.outputs) > MOST_SLOPES:
+        return Verdict(EQUAL)
+    moving = ["float" in port.kind for port in network.inputs for _ in port.labels]
+    return Verdict(EQUAL, slope_verdict(function, _numbers(case.data[0][0]), moving))
 
 
 def _numbers(arrays: Sequence[Any]) -> np.ndarray[Any, Any]:
@@ -157,15 +176,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for group in options.groups:
             verdicts = {case.name: verdict(case, Path(folder)) for case in cases(group)}
-            counts = Counter(verdicts.values())
+            counts = Counter(each.outputs for each in verdicts.values())
+            slopes = Counter(each.slopes for each in verdicts.values())
             same, bound, wrong = (counts[name] for name in (EQUAL, BOUND, WRONG))
             refused = len(verdicts) - same - bound - wrong
             print(f"{group}: {len(verdicts)} networks, {same} equal, {bound} equal with constants, ", end="")
-            print(f"{wrong} wrong, {refused} refused")
+            print(f"{wrong} wrong, {refused} refused; ", end="")
+            print(f"slopes: {slopes[SAME]} equal, {slopes[CONSTANT]} zero, {slopes[DIFFERENT]} wrong, ", end="")
+            print(f"{slopes[KINK]} at kinks")
             reasons += counts
-            for name, reason in verdicts.items() if options.names else ():
-                if reason not in (EQUAL, BOUND):
-                    print(f"    {name}: {reason}")
+            for name, (reason, kind) in verdicts.items() if options.names else ():
+                if reason not in (EQUAL, BOUND) or kind in (DIFFERENT, KINK):
+                    print(f"    {name}: {kind or reason}")
     print("\nrefused because")
     for reason, count in reasons.most_common():
         if reason not in (EQUAL, BOUND, WRONG):

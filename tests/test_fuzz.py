@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SCRIPT = Path(__file__).parents[1] / "scripts" / "fuzz.py"
 
 
@@ -19,6 +21,13 @@ def run(*arguments, **environment):
 def test_damaged_files_of_every_kind_end_in_data_or_findings():
     status, lines = run("--count", "300", "--seed", "7")
     assert lines[-1].startswith("seed 7: 300 damaged files, 0 failures"), "\n".join(lines)
+    assert status == 0
+
+
+def test_damaged_networks_end_in_a_network_or_one_message():
+    pytest.importorskip("onnx", reason="the package onnx is not installed")
+    status, lines = run("--count", "40", "--seed", "3", "--kinds", "network .onnx")
+    assert lines[-1].startswith("seed 3: 40 damaged files, 0 failures"), "\n".join(lines)
     assert status == 0
 
 

@@ -1,5 +1,7 @@
 """Files that are damaged, too large or hostile are refused with one clear message."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ pytest.importorskip("onnx", reason="the package onnx is not installed")
 
 import onnx
 from networks import perceptron, random_layers, save
-from onnx import TensorProto, external_data_helper, helper
+from onnx import TensorProto, external_data_helper, helper, numpy_helper
 
 import kennfeld as kf
 from kennfeld.errors import InputError
@@ -120,6 +122,58 @@ def test_a_network_that_grows_without_bound_is_refused(tmp_path):
     nodes = [helper.make_node("Concat", [f"t{i}"] * 8, [f"t{i + 1}"], axis=0) for i in range(12)]
     path = save(tmp_path / "net.onnx", nodes, {"t0": [1]}, {"t12": ["n"]})
     assert "the maximum is 1000000" in message_of(path)
+
+
+def with_functions(tmp_path, calls):
+    """A network that calls function `F0`; `calls` are the operators of each function."""
+    path = save(tmp_path / "net.onnx", [helper.make_node("F0", ["x"], ["y"], domain="local")], {"x": [1]}, {"y": [1]})
+    model, opsets = onnx.load(path), [helper.make_opsetid("", 18), helper.make_opsetid("local", 1)]
+    model.opset_import.append(opsets[1])
+    for number, kinds in enumerate(calls):
+        names = ["a", *(f"t{i}" for i in range(len(kinds) - 1)), "b"]
+        nodes = [
+            helper.make_node(kind, [first], [second], domain="local" if kind.startswith("F") else "")
+            for kind, (first, second) in zip(kinds, pairwise(names), strict=True)
+        ]
+        model.functions.append(helper.make_function("local", f"F{number}", ["a"], ["b"], nodes, opsets))
+    onnx.save(model, path)
+    return path
+
+
+def test_functions_of_the_file_are_replaced_by_their_operators(tmp_path):
+    path = with_functions(tmp_path, [["F1", "F1"], ["Tanh", "Sin"]])
+    model = kf.onnx(path)
+    expected = np.sin(np.tanh(np.sin(np.tanh(0.5))))
+    assert kf.simulate(model, {"x": [0.5]}, {})["y"].values[0] == pytest.approx(expected, rel=1e-14)
+
+
+def test_functions_that_multiply_are_refused_before_they_fill_the_memory(tmp_path):
+    calls = [[f"F{number + 1}"] * 2 for number in range(60)]
+    assert f"has {2**60} operators; the maximum is 20000" in message_of(with_functions(tmp_path, [*calls, ["Tanh"]]))
+
+
+@pytest.mark.parametrize("calls", [[["F0"]], [["F1"], ["F0"]], [*([f"F{n + 1}"] for n in range(150)), ["Tanh"]]])
+def test_functions_that_call_themselves_or_nest_too_deeply_are_refused(tmp_path, calls):
+    assert "call themselves, or each other in more than 100 levels" in message_of(with_functions(tmp_path, calls))
+
+
+def test_constants_of_functions_are_not_read_from_other_folders(tmp_path, monkeypatch):
+    """The package onnx would read them from the working directory."""
+    (tmp_path / "inside").mkdir()
+    path = with_functions(tmp_path / "inside", [["Tanh"]])
+    model = onnx.load(path)
+    tensor = numpy_helper.from_array(np.array([0.0]))
+    external_data_helper.set_external_data(tensor, "secret.bin")
+    tensor.ClearField("raw_data")
+    nodes = [helper.make_node("Constant", [], ["c"], value=tensor), helper.make_node("Add", ["a", "c"], ["b"])]
+    model.functions[0].ClearField("node")
+    model.functions[0].node.extend(nodes)
+    path.write_bytes(model.SerializeToString())
+    (tmp_path / "secret.bin").write_bytes(np.array([41.0]).tobytes())
+    monkeypatch.chdir(tmp_path)
+    assert "secret.bin with its data does not exist" in message_of(path)
+    (tmp_path / "inside" / "secret.bin").write_bytes(np.array([1.0]).tobytes())
+    assert kf.simulate(kf.onnx(path), {"x": [0.5]}, {})["y"].values.tolist() == [1.5]
 
 
 def test_all_missing_operators_are_named_at_once(tmp_path):

@@ -1,6 +1,6 @@
 """Reads ONNX files: checks them, bounds their size, and loads external data only from their own folder."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -10,15 +10,14 @@ import numpy as np
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import one_line
-from kennfeld.models.onnx_network.lowering import is_supported
+from kennfeld.models.onnx_network.inlining import MAX_OPERATORS, expanded_size, inlined, plain_domain
 from kennfeld.models.onnx_network.network import Array, Network, NetworkPort, Operator
 from kennfeld.optional_packages import optional_package
 
 MAX_FILE = 64_000_000  # bytes of a file, and of its external data
-MAX_OPERATORS = 20_000
 MAX_PORTS = 4096  # elements of an input or output
-_MAX_NESTED = 5  # functions within functions of the standard
 _REMEDY = "Export the network again."
+_SMALLER = "Use a smaller network."
 _KINDS = frozenset(
     {
         "float16",
@@ -53,7 +52,6 @@ def read_network(path: Path) -> Network:
     with optional_package(location, "onnx"):
         import onnx
         import onnx.checker
-        import onnx.inliner
         from google.protobuf.message import DecodeError
     try:
         model = onnx.ModelProto.FromString(content)
@@ -61,63 +59,28 @@ def read_network(path: Path) -> Network:
         raise InputError.of(location, "not an ONNX file, or damaged", _REMEDY) from None
     if not model.graph.node and not model.graph.output:
         raise InputError.of(location, "the file holds no network", _REMEDY)
+    _check_size(model, location)
     _load_external_data(model, path)
     try:
         onnx.checker.check_model(model)
-        if model.functions:
-            model = onnx.inliner.inline_local_functions(model)
-        model = _defined_by_others(model)
+        model = inlined(model)
     except Exception as error:  # the checker raises errors of several kinds
         raise InputError.of(location, f"invalid network: {_first_line(error)}", _REMEDY) from None
     return _network(model, path)
 
 
-def _defined_by_others(model: Any) -> Any:
-    """Replace operators without a rule that the standard defines as functions of other operators by these."""
-    for _ in range(_MAX_NESTED):
-        kinds = {(node.domain, node.op_type) for node in model.graph.node}
-        missing = [(domain, kind) for domain, kind in kinds if not is_supported(_domain(domain), kind)]
-        if not missing or len(model.graph.node) > MAX_OPERATORS:
-            break
-        replaced = _inlined(model, missing)
-        if len(replaced.graph.node) == len(model.graph.node):
-            break
-        model = replaced
-    return model
-
-
-def _inlined(model: Any, kinds: Sequence[tuple[str, str]]) -> Any:
-    """Return a network without operators of some kinds, or the same if the package onnx cannot replace them."""
-    from onnx import helper, inliner, shape_inference
-
-    typed = type(model).FromString(model.SerializeToString())
-    inputs = {port.name for port in typed.graph.input}
-    for tensor in typed.graph.initializer:  # the inliner needs the types of constants as well
-        if tensor.name not in inputs:
-            typed.graph.input.append(helper.make_tensor_value_info(tensor.name, tensor.data_type, list(tensor.dims)))
+def _check_size(model: Any, location: Location) -> None:
+    """Raise `InputError` if a network has too many operators, those of its functions included."""
     try:
-        _state_defaults(typed, kinds)
-        typed = shape_inference.infer_shapes(typed)
-        return inliner.inline_selected_functions(typed, list(kinds), inline_schema_functions=True)
-    except Exception:  # of several kinds; a TypeError in older versions, which cannot do that
-        return model
-
-
-def _state_defaults(model: Any, kinds: Sequence[tuple[str, str]]) -> None:
-    """State the default values of attributes, which the inliner does not pass on to functions."""
-    from onnx import defs
-
-    versions = {entry.domain: entry.version for entry in model.opset_import}
-    for node in model.graph.node:
-        if (node.domain, node.op_type) in kinds and defs.has(node.op_type, node.domain):
-            schema = defs.get_schema(node.op_type, versions.get(node.domain, 1), node.domain)
-            stated = {attribute.name for attribute in node.attribute}
-            for name, attribute in schema.attributes.items():
-                if name not in stated and attribute.default_value.type:
-                    node.attribute.append(attribute.default_value)
-
-
-_SMALLER = "Use a smaller network."
+        operators, size, _ = expanded_size(model)
+    except ValueError as error:
+        raise InputError.of(location, str(error), _REMEDY) from None
+    if operators > MAX_OPERATORS:
+        message = f"the network has {operators} operators; the maximum is {MAX_OPERATORS}"
+        raise InputError.of(location, message, _SMALLER)
+    if size > MAX_FILE:
+        message = f"the operators of its functions have {size} bytes; the maximum is {MAX_FILE}"
+        raise InputError.of(location, message, _SMALLER)
 
 
 def _first_line(error: Exception) -> str:
@@ -125,20 +88,21 @@ def _first_line(error: Exception) -> str:
     return text if len(text) <= 300 else f"{text[:300]}..."
 
 
-def _tensors(graph: Any) -> Iterator[Any]:
-    """Yield the tensors of a graph: its constants, and those in attributes of its operators."""
-    yield from graph.initializer
-    for node in graph.node:
-        for attribute in node.attribute:
-            if attribute.HasField("t"):
-                yield attribute.t
-            yield from attribute.tensors
+def _tensors(model: Any) -> Iterator[Any]:
+    """Yield the tensors of a model: its constants, and those in attributes of its operators."""
+    yield from model.graph.initializer
+    for nodes in (model.graph.node, *(function.node for function in model.functions)):
+        for node in nodes:
+            for attribute in node.attribute:
+                if attribute.HasField("t"):
+                    yield attribute.t
+                yield from attribute.tensors
 
 
 def _load_external_data(model: Any, path: Path) -> None:
     """Move data that lie in other files into the model."""
     total = 0
-    for tensor in _tensors(model.graph):
+    for tensor in _tensors(model):
         if not tensor.external_data:
             continue
         entries = {entry.key: entry.value for entry in tensor.external_data}
@@ -177,13 +141,11 @@ def _external_bytes(path: Path, tensor: str, entries: Mapping[str, str]) -> byte
 
 def _network(model: Any, path: Path) -> Network:
     graph, location = model.graph, Location(str(path))
-    if len(graph.node) > MAX_OPERATORS:
-        message = f"the network has {len(graph.node)} operators; the maximum is {MAX_OPERATORS}"
-        raise InputError.of(location, message, _SMALLER)
+    _check_size(model, location)
     if graph.sparse_initializer:
         raise InputError.of(location, "sparse constants are not supported", "Export the network with dense ones.")
     constants = {tensor.name: _array(tensor, location) for tensor in graph.initializer}
-    versions = {_domain(entry.domain): int(entry.version) for entry in model.opset_import}
+    versions = {plain_domain(entry.domain): int(entry.version) for entry in model.opset_import}
     return Network(
         name=graph.name,
         file=str(path),
@@ -196,13 +158,11 @@ def _network(model: Any, path: Path) -> Network:
     )
 
 
-def _domain(domain: str) -> str:
-    return "" if domain == "ai.onnx" else domain
-
-
 def _array(tensor: Any, location: Location) -> Array:
-    from onnx import numpy_helper
+    from onnx import TensorProto, numpy_helper
 
+    if tensor.data_location == TensorProto.EXTERNAL:  # not one that was loaded: it would be read from another folder
+        raise InputError.of(location.within(tensor.name), "invalid reference to external data", _REMEDY)
     try:
         array = np.asarray(numpy_helper.to_array(tensor))
     except Exception as error:  # of several kinds, for damaged data
@@ -248,7 +208,7 @@ def _output(value: Any, location: Location) -> NetworkPort:
 
 
 def _operator(node: Any, versions: Mapping[str, int], location: Location) -> Operator:
-    domain = _domain(node.domain)
+    domain = plain_domain(node.domain)
     attributes = {attribute.name: _attribute(attribute, location) for attribute in node.attribute}
     return Operator(
         node.name,
