@@ -66,7 +66,7 @@ def describe_fmu(path: Path, interface: str = "") -> FileInfo:
 
 
 class _FmuNumbers(NamedTuple):
-    """What an FMU takes and returns: names with units, start values of states, and parameters."""
+    """The numbers of an FMU: inputs, outputs and states with their units, and parameters."""
 
     inputs: "Sequence[tuple[str, str]]"
     parameters: "Sequence[ParameterGroup]"

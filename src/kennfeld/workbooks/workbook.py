@@ -178,4 +178,5 @@ def _guard_damage(name: str) -> Iterator[None]:
     except python_calamine.WorksheetNotFound:
         raise
     except (python_calamine.CalamineError, OSError, ValueError, OverflowError, *_UNPACKING) as error:
-        raise InputError.of(location, f"the workbook cannot be read ({error})", _SAVE_AGAIN) from None
+        reason = " ".join(str(error).split())  # a panic has several lines
+        raise InputError.of(location, f"the workbook cannot be read ({reason})", _SAVE_AGAIN) from None
