@@ -32,7 +32,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 from fuzz_networks import damaged_network
-from fuzz_samples import Sample, samples
+from fuzz_sample import Sample
+from fuzz_samples import samples
 
 LONGEST = 20.0  # s, for one file; half of it of computing, which other programs do not prolong
 STARTING = 60.0  # s more for the imports
