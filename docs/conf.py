@@ -17,6 +17,7 @@ root_doc = "index"
 extensions = ["myst_parser"]
 myst_heading_anchors = 4
 highlight_language = "text"
+smartquotes = False  # `--option` keeps its hyphens
 
 html_theme = "furo"
 html_static_path = ["static"]
