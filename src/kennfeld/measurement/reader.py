@@ -93,7 +93,9 @@ def read(
         InputError: the file cannot be read; reports all problems, with lines and columns.
         ArgumentError: the raster is not a positive number, or `channels` is a single name.
 
-    >>> read("bench.xlsx#Data", ["Speed", "Torque"], raster=0.1)  # doctest: +SKIP
+    >>> data = read("bench.csv", ["Speed", "Torque"])
+    >>> data.samples, data["Torque"].unit
+    (2812, 'Nm')
     """
     if raster is not None and not (raster > 0 and math.isfinite(raster)):
         raise ArgumentError(f"raster={raster} must be a time in s > 0")

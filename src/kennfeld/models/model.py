@@ -45,7 +45,7 @@ class Model:
             none.
         solver: solver of the continuous states, a name in `graph.integration.SOLVERS`; "" if the source declares none.
 
-    >>> from kennfeld.models.formula import formula
+    >>> from kennfeld import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
     >>> model.graph.inputs, dict(model.graph.parameters), str(model.locations["y"])
     (('u',), {'Gain': 1, 'k': 0}, 'demo line 1')

@@ -40,6 +40,9 @@ class Step:
         tolerance: relative change of the cost at which a descent ends.
         continuation: `auto` or `off`.
 
+    Raises:
+        ArgumentError: a value cannot be used.
+
     >>> Step(grid_reduction=2, max_iterations=20).free is None
     True
     """
@@ -108,6 +111,12 @@ class Options(SearchSettings):
         cluster: runs the starts and the folds of a cross-validation instead of these processes.
         steps: a sequence that every start goes through.
         save_every: keep every nth accepted parameter set as a checkpoint; 0 keeps none.
+
+    Raises:
+        ArgumentError: a value cannot be used.
+
+    >>> Options(starts=3, seed=1, steps=[Step(grid_reduction=2), Step()]).steps[0].reduces
+    True
     """
 
     workers: int | None = None

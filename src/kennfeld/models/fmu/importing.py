@@ -45,9 +45,16 @@ def fmu(
         interface: `model exchange` or `co-simulation`; by default model exchange if the FMU can be used so.
         fit_starts: True if a calibration may change start values of states; otherwise they are locked.
 
+    Returns:
+        The model.
+
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
         ArgumentError: there is no such interface.
+
+    >>> model = fmu("lag.fmu")
+    >>> model.graph.inputs, model.graph.outputs, list(model.values)
+    (('u',), ('y',), ['tau', 'k', 'table'])
     """
     if interface not in ("", *INTERFACES.values()):
         raise ArgumentError(f"interface={interface!r} must be {join_names(list(INTERFACES.values()), 2, ' or ')}")
