@@ -151,7 +151,7 @@ def _check_stated(source: MeasurementFile, tables: Sequence[Table], selection: S
 def describe(path: str | Path, dbc: AnyDatabase | Iterable[AnyDatabase] = ()) -> Description:
     """Return the tables, channels, units, ranges and time of a measurement file; `dbc` as in `read`.
 
-    >>> describe("bench.csv").tables[0].channels[0].unit  # doctest: +SKIP
+    >>> describe("bench.csv").tables[0].channels[0].unit
     'rpm'
     """
     with _readable(path, None, to_databases(dbc)) as source:

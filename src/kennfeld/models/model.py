@@ -43,7 +43,7 @@ class Model:
             give other values.
         equations: the graph before the solver is applied, with the derivatives of continuous states; None if there are
             none.
-        solver: solver of the continuous states, a name in `graph.integration.SOLVERS`; "" if the source declares none.
+        solver: solver of the continuous states, `ode1` to `ode5` or `ode8`; "" if the source declares none.
 
     >>> from kennfeld import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])

@@ -64,7 +64,7 @@ class Project:
         Args:
             path: the TOML file.
             unsaved: texts that replace those of the project file and of formula files, by name.
-            load: reads the recordings, by default `preprocessing.pipeline.load_datasets`.
+            load: reads the recordings; by default, the files that the project names.
 
         Raises:
             InputError: all problems of the project file.

@@ -44,6 +44,7 @@ class Trust(NotebookDisplay):
         holdings: active limits of outputs and what they determine; breakpoints at their minimum distance.
         remark: a sentence if the search did not converge, else empty.
         columns: by name, the first column of its values in `covariance`.
+        estimate: what `covariance` and `leverage` are computed from.
 
     >>> from kennfeld import calibrate
     >>> data = {"x": [1.0, 2.0, 3.0], "m": [2.1, 3.9, 6.0]}
