@@ -95,6 +95,13 @@ def test_every_picture_is_small_and_shown(image):
     assert image.resolve() in shown
 
 
+def test_the_architecture_names_files_that_exist():
+    names = re.findall(r"`([\w./]+(?:\.py|/|\.tsx?))`", (DOCS / "architecture.md").read_text(encoding="utf-8"))
+    folders = (ROOT / "src" / "kennfeld", ROOT)
+    assert len(names) > 60
+    assert [name for name in names if not any((folder / name).exists() for folder in folders)] == []
+
+
 @by_name
 def test_every_picture_has_a_text_for_those_who_cannot_see_it(document):
     assert re.findall(r"!\[\s*\]\([^)]*\)", prose(document)) == []
