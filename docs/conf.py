@@ -21,6 +21,7 @@ smartquotes = False  # `--option` keeps its hyphens
 
 html_theme = "furo"
 html_static_path = ["static"]
+html_favicon = "../src/kennfeld/app/static/icon.svg"
 html_css_files = ["kennfeld.css"]
 html_js_files = [("copy_button.js", {"defer": "defer"})]
 html_show_copyright = False

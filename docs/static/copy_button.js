@@ -7,7 +7,7 @@ function textOf(block) {
     return lines.length ? lines.map((line) => line.slice(2)).join("\n") + "\n" : text;
 }
 
-for (const block of document.querySelectorAll(".highlight")) {
+for (const block of navigator.clipboard ? document.querySelectorAll(".highlight") : []) {
     const button = document.createElement("button");
     button.className = "copy";
     button.type = "button";
