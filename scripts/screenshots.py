@@ -1,17 +1,12 @@
-"""Makes the pictures of the app in `docs/images`: `python scripts/screenshots.py`.
-
-It needs Chromium, playwright and pillow.
-"""
+"""Makes the pictures of the app in `docs/images`: `python scripts/screenshots.py` (needs Chromium and playwright)."""
 
 import shutil
 import subprocess
 import sys
 import tempfile
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from kennfeld.project.demo import write
@@ -64,9 +59,7 @@ def _take_all(page: Any) -> None:
 def _take(page: Any, name: str) -> None:
     page.wait_for_timeout(1200)
     page.wait_for_selector(READY)
-    picture = Image.open(BytesIO(page.screenshot()))
-    palette = picture.convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    palette.save(IMAGES / f"{name}.png", optimize=True)  # a third of the bytes
+    page.screenshot(path=str(IMAGES / f"{name}.png"))
 
 
 if __name__ == "__main__":
