@@ -38,18 +38,20 @@ def toctrees() -> str:
     return "\n".join(toctree(*section) for entry in sections for section in entry.items())
 
 
-def toctree(section: str, entries: list[dict[str, str]]) -> str:
+def toctree(section: str, entries: list[str | dict[str, str]]) -> str:
     """Return a hidden table of contents: it fills the sidebar only.
 
-    >>> print(toctree("Start", [{"First steps": "index.md"}]))
+    >>> print(toctree("Start", ["index.md", {"First steps": "get-started.md"}]))
     ```{toctree}
     :hidden:
     :caption: Start
-    First steps <index>
+    index
+    First steps <get-started>
     ```
     """
-    pages = [(title, path) for entry in entries for title, path in entry.items() if (FOLDER / path).exists()]
-    lines = [f"{title} <{path.removesuffix('.md')}>" for title, path in pages]
+    pages = [("", entry) if isinstance(entry, str) else next(iter(entry.items())) for entry in entries]
+    names = [(title, path.removesuffix(".md")) for title, path in pages if (FOLDER / path).exists()]
+    lines = [f"{title} <{name}>" if title else name for title, name in names]
     return "\n".join(["```{toctree}", ":hidden:", f":caption: {section}", *lines, "```"])
 
 
