@@ -89,10 +89,15 @@ def test_the_first_page_links_every_page():
     assert sorted({name for name in listed() if (DOCS / name).exists()} - linked) == []
 
 
+@pytest.fixture(scope="module")
+def shown():
+    """The files that documents link or show."""
+    return {(page.parent / target.partition("#")[0]).resolve() for page in DOCUMENTS for target in links(page)}
+
+
 @pytest.mark.parametrize("image", IMAGES, ids=lambda path: path.name)
-def test_every_picture_is_small_and_shown(image):
+def test_every_picture_is_small_and_shown(image, shown):
     assert image.stat().st_size <= LARGEST
-    shown = [(page.parent / target.partition("#")[0]).resolve() for page in DOCUMENTS for target in links(page)]
     assert image.resolve() in shown
 
 

@@ -1,10 +1,10 @@
-/* A button on each code block that copies its text. Of a session in a console, only the commands are copied. */
+/* A button on each code block that copies its text. Of a session in a shell or in Python, only the input is copied. */
 "use strict";
 
 function textOf(block) {
     const text = block.querySelector("pre").innerText;
-    const lines = text.split("\n").filter((line) => line.startsWith("$ "));
-    return lines.length ? lines.map((line) => line.slice(2)).join("\n") + "\n" : text;
+    const lines = text.split("\n").filter((line) => /^(\$|>>>|\.\.\.) /.test(line));
+    return lines.length ? lines.map((line) => line.replace(/^\S+ /, "")).join("\n") + "\n" : text;
 }
 
 for (const block of navigator.clipboard ? document.querySelectorAll(".highlight") : []) {
