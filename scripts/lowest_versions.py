@@ -12,7 +12,7 @@ from pathlib import Path
 
 __all__ = ["lowest"]
 
-_REQUIREMENT = re.compile(r"([\w.-]+)>=([\w.]+)")
+_REQUIREMENT = re.compile(r"([\w.-]+)[>=]=([\w.]+)")
 
 
 def lowest(text: str) -> Iterator[str]:
@@ -30,7 +30,7 @@ def lowest(text: str) -> Iterator[str]:
             continue
         match = _REQUIREMENT.fullmatch(requirement)
         if match is None:
-            raise ValueError(f"{requirement!r} must have the form name>=version")
+            raise ValueError(f"{requirement!r} must have the form name>=version or name==version")
         yield "==".join(match.groups())
 
 

@@ -25,7 +25,7 @@ DOCSTRINGS = {
     r"\bfrom 0 on\b": ">= 0",
 }
 SOURCES = sorted((ROOT / "src" / "kennfeld").rglob("*.py"))
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def texts(tree):

@@ -104,7 +104,7 @@ def test_a_set_can_be_saved_without_loading_a_format_first(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "path", [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", *(ROOT / "examples").rglob("*.py")]
+    "path", [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", *(ROOT / "examples").rglob("*.py")]
 )
 def test_documents_import_nothing_from_inside(path):
     text = path.read_text(encoding="utf-8")

@@ -15,8 +15,14 @@ UNBOUNDED = float("inf")
 class Limit:
     """Bounds of an output at every scored sample of the training data: `lower <= node <= upper`.
 
-    `node` is a node or an expression over nodes, inputs and channels; the limit applies to samples at which `where`, a
-    condition over inputs and channels, is not 0.
+    Attributes:
+        node: a node, or an expression over nodes, inputs and channels.
+        lower: lower bound, in the unit of the node.
+        upper: upper bound.
+        where: a condition over inputs and channels; the limit applies to samples at which it is not 0.
+
+    Raises:
+        ArgumentError: a bound is not a number, or the lower one exceeds the upper one.
 
     >>> Limit("abs(n_set - n)", upper=50.0, where="t_since_step > 1").upper
     50.0
@@ -33,7 +39,16 @@ class Limit:
 
 @dataclass(frozen=True)
 class Pin:
-    """An equality: the parameter's interpolated value at these coordinates is `value`."""
+    """An equality: the parameter's interpolated value at these coordinates is `value`.
+
+    Attributes:
+        parameter: name of the parameter.
+        at: a coordinate for each axis, in its unit.
+        value: in the unit of the parameter.
+
+    >>> Pin("CurveEta", (0,), 1.0)
+    Pin(parameter='CurveEta', at=(0.0,), value=1.0)
+    """
 
     parameter: str
     at: tuple[float, ...]
@@ -49,8 +64,16 @@ class Pin:
 class Shape:
     """Limits of a table's slope or curvature along one axis, at every grid point.
 
-    `slope` is dz/dx between neighbours, in units of z per unit of x: monotonic if >= 0. `curvature` is d2z/dx2 between
-    three neighbours: convex if >= 0.
+    Attributes:
+        parameter: name of the table.
+        axis: number of the axis from 0: 0 is x, 1 is y.
+        kind: `slope` is dz/dx between neighbours, in units of z per unit of x: monotonic if >= 0. `curvature` is
+            d2z/dx2 between three neighbours: convex if >= 0.
+        lower: lower bound.
+        upper: upper bound.
+
+    Raises:
+        ArgumentError: a bound is not a number, or the lower one exceeds the upper one.
 
     >>> Shape("MapX", 0, "slope", lower=0.0)
     Shape(parameter='MapX', axis=0, kind='slope', lower=0.0, upper=inf)
@@ -68,7 +91,16 @@ class Shape:
 
 @dataclass(frozen=True)
 class Term:
-    """A parameter's interpolated value at coordinates, times a factor; without coordinates the sum of all values."""
+    """A parameter's interpolated value at coordinates, times a factor; without coordinates the sum of all values.
+
+    Attributes:
+        parameter: name of the parameter.
+        at: a coordinate for each axis; None for the sum of all values.
+        factor: multiplies the value or the sum.
+
+    >>> Term("CurveEta", (0,), -1.0).at
+    (0.0,)
+    """
 
     parameter: str
     at: tuple[float, ...] | None = None
@@ -83,7 +115,18 @@ class Term:
 
 @dataclass(frozen=True)
 class Equality:
-    """The sum of the terms is `value`: two equal values, or several values with a given sum."""
+    """The sum of the terms is `value`: two equal values, or several values with a given sum.
+
+    Attributes:
+        terms: at least one.
+        value: their sum.
+
+    Raises:
+        ArgumentError: there are no terms, or the value is not a number.
+
+    >>> print(Equality([Term("MapA", (1000, 50)), Term("MapB", (1000, 50), -1.0)]))
+    MapA(1000, 50) + -1 MapB(1000, 50) = 0
+    """
 
     terms: tuple[Term, ...]
     value: float = 0.0

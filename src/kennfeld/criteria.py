@@ -14,7 +14,14 @@ Loss = Literal["square", "huber", "soft_l1", "excess"]
 class Target:
     """Target of a node: a channel, another node, or a number.
 
-    A bare name, kind `name`, is a channel if the data have one of that name, else a node.
+    Attributes:
+        kind: `channel`, `node` or `number`; a bare name, kind `name`, is a channel if the data have one of that name,
+            else a node.
+        name: of the channel or node.
+        value: the number.
+
+    >>> Target.of("Torque"), Target.of(0.0).kind
+    (Target(kind='name', name='Torque', value=0.0), 'number')
     """
 
     kind: Literal["name", "channel", "node", "number"]
@@ -36,7 +43,14 @@ class Target:
 
 @dataclass(frozen=True)
 class Region:
-    """Samples with their own weight: those at which `where`, formula text over channels, is true.
+    """Samples with their own weight.
+
+    Attributes:
+        where: a condition in formula text over channels; the samples at which it is true.
+        weight: multiplies their loss.
+
+    Raises:
+        ArgumentError: the condition is empty, or the weight is negative.
 
     >>> Region("Speed > 3000", 2.0)
     Region(where='Speed > 3000', weight=2.0)
@@ -56,10 +70,21 @@ class Region:
 class Criterion:
     """A node that the calibration fits to its target.
 
-    Its part of the cost is `weight` times the sum of losses of (node - target) / scale. `loss` is `square`, `huber` or
-    `soft_l1`, the latter two with their `delta` in units of the scale; or `excess`, the square above the target only.
-    The loss of a sample is multiplied by its value of the channel `weight_channel`, if given, and by the weight of each
-    region that contains it.
+    Its part of the cost is `weight` times the sum of losses of (node - target) / scale.
+
+    Attributes:
+        node: the node.
+        target: a channel, a node or a number: a name, a number or a `Target`.
+        weight: multiplies the losses of all samples.
+        loss: `square`, `huber` or `soft_l1`, the latter two with their `delta`; or `excess`, the square above the
+            target only.
+        delta: error in units of the scale at which `huber` and `soft_l1` leave the square.
+        scale: what errors are divided by, in the unit of the node.
+        weight_channel: channel that multiplies the loss of each sample; empty for none.
+        regions: samples with a weight of their own; the weights of all regions that contain a sample are multiplied.
+
+    Raises:
+        ArgumentError: a value cannot be used.
 
     >>> Criterion("TorquePredict", "Torque").target
     Target(kind='name', name='Torque', value=0.0)

@@ -23,7 +23,21 @@ SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow wit
 
 @dataclass(frozen=True, eq=False)
 class Channel(NotebookDisplay):
-    """One recorded quantity; NaN marks a sample without a value."""
+    """One recorded quantity; NaN marks a sample without a value.
+
+    Attributes:
+        name: its name in formulas and project files.
+        values: Float[samples], in its unit.
+        unit: empty if it is unknown.
+        description: free text.
+
+    Raises:
+        ArgumentError: the values are not one-dimensional.
+
+    >>> speed = Channel("Speed", [1000, 2000, 3000], unit="rpm")
+    >>> len(speed), speed.unit
+    (3, 'rpm')
+    """
 
     name: str
     values: Float  # Float[samples]
@@ -56,8 +70,13 @@ class Clock:
 class Settling:
     """Simulation of steady-state points by a model with memory: each is held for `seconds` from the initial states.
 
-    The result is the mean over the last `average` seconds, or the last value if that is 0. `step` is the step of the
-    model in s; by default its own.
+    Attributes:
+        seconds: how long a point is held.
+        average: the result is the mean over these last seconds, or the last value if that is 0.
+        step: step of the model in s; by default its own.
+
+    Raises:
+        ArgumentError: a time is negative, or longer than `seconds`.
 
     >>> Settling(5.0, average=1.0, step=0.1).seconds
     5.0

@@ -85,8 +85,13 @@ class Location:
 class Finding(NotebookDisplay):
     """One problem of an input with its location and remedy, or a remark: something worth knowing.
 
-    An error refuses the input. A warning asks the user to look at something; a remark states what was done with the
-    input, and asks for nothing.
+    Attributes:
+        location: file or argument, line and place within it.
+        message: the problem.
+        remedy: what to do about it; may be empty.
+        excerpt: the text that the location shows; may be empty.
+        severity: an `error` refuses the input, a `warning` asks the user to look at something, and a `remark` states
+            what was done with the input.
 
     >>> print(Finding(Location("torque.kf", 4), "unknown parameter MapOptTorqe", "Did you mean MapOptTorque?"))
     torque.kf line 4: unknown parameter MapOptTorqe. Did you mean MapOptTorque?
@@ -161,14 +166,26 @@ def _line(finding: Finding) -> int:
 
 
 class KennfeldError(Exception):
-    """Base class of all exceptions that Kennfeld raises on purpose."""
+    """Base class of all exceptions that Kennfeld raises on purpose.
+
+    >>> issubclass(InputError, KennfeldError), issubclass(ArgumentError, KennfeldError)
+    (True, True)
+    """
 
     def __str__(self) -> str:
         return visible(super().__str__())
 
 
 class InputError(KennfeldError):
-    """Invalid input; `findings` holds all problems, in the order of the input."""
+    """Invalid input; `findings` holds all problems, in the order of the input.
+
+    >>> from kennfeld import formula
+    >>> try:
+    ...     formula("y = Gain(u")
+    ... except InputError as error:
+    ...     print(error.findings[0])
+    formula line 1, column 9: unclosed parenthesis
+    """
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self.findings = tuple(findings)
@@ -181,11 +198,28 @@ class InputError(KennfeldError):
 
 
 class ArgumentError(KennfeldError, ValueError):
-    """An unusable argument; the text names it and its value."""
+    """An unusable argument; the text names it and its value. It is also a `ValueError`.
+
+    >>> from kennfeld import Options
+    >>> try:
+    ...     Options(starts=0)
+    ... except ArgumentError as error:
+    ...     print(error)
+    starts must be an integer >= 1, got 0
+    """
 
 
 class InputWarning(UserWarning):
-    """Input of the Python API that is usable, but perhaps not as intended; projects report it as a finding."""
+    """Input of the Python API that is usable, but perhaps not as intended; projects report it as a finding.
+
+    >>> import warnings
+    >>> from kennfeld import simulate
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     nodes = simulate("y = 2 * x", {"x": [1.0, float("inf")]}, {})
+    >>> print(caught[0].message)
+    dataset data, channel x: 1 of 2 values is infinite and treated as missing
+    """
 
 
 def warn(findings: Iterable[Finding]) -> None:

@@ -25,14 +25,20 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
 
     A group axis (an axis with a name) has the same breakpoints in every table that uses it.
 
-    A parameter with several variants is a member in one of them; `others` holds the rest, `in_variant` selects, and
-    `values["Kp", "Engine=2"]` is the parameter in a variant. `origin` is what a format keeps of the file that the set
-    was read from, so that it can update that file.
+    A parameter with several variants is a member in one of them; `in_variant` selects, and `values["Kp", "Engine=2"]`
+    is the parameter in a variant.
+
+    Attributes:
+        parameters: the members.
+        texts: the texts that belong to them.
+        axes: group axes, including those without a table.
+        others: further variants of members and texts.
+        origin: what a format keeps of the file that the set was read from, so that it can update that file.
 
     Raises:
         ArgumentError: a name occurs twice, or tables disagree on a group axis.
 
-    >>> from kennfeld.parameters import Scalar
+    >>> from kennfeld import Scalar
     >>> values = ParameterSet([Scalar("Kp", 0.08), Scalar("Ki", 0.046)])
     >>> values["Kp"].value, list(values)
     (0.08, ['Kp', 'Ki'])

@@ -29,11 +29,18 @@ MIN_SPACING = 0.05  # of the mean distance of breakpoints, to which free ones ma
 class Axis:
     """Breakpoints of one direction of a table, strictly increasing.
 
-    `name` is set for a group axis, which several tables share; `input` names the quantity on the axis.
+    Args:
+        breakpoints: Float[points], in the unit of the axis.
+        input: the quantity on the axis.
+        unit: its unit.
+        name: the name of a group axis, which several tables share.
+        free: True if a calibration moves the breakpoints.
+        min_distance: how close free breakpoints may come, by default a twentieth of their mean distance, or the
+            smallest distance if that is less.
+        range: limits within which all free breakpoints may move; without it, the first and the last one are fixed.
 
-    With `free`, a calibration moves the breakpoints. They stay at least `min_distance` apart, by default a twentieth of
-    their mean distance, or the smallest one if that is less. The first and the last one are fixed unless `range` gives
-    the limits within which all of them may move.
+    Raises:
+        ArgumentError: the breakpoints do not increase, or contradict `min_distance` or `range`.
 
     >>> Axis([700, 1000, 1500], input="Speed", unit="rpm").breakpoints
     array([ 700., 1000., 1500.])
@@ -177,9 +184,19 @@ class Axis:
 class Parameter(NotebookDisplay):
     """A calibratable quantity: an array of values over zero to four axes.
 
-    Bounds and locks have the shape of `values`; a single number is broadcast. `functions` are the parts of the ECU
-    software that use it, `display_name` is its short name, and `variant` is the variant (`Engine=2`) that the values
-    belong to; empty if there is just one.
+    Attributes:
+        name: its name in formulas and files.
+        values: Float of the shape of its axes.
+        axes: its axes x, y, z and w.
+        unit: unit of the values.
+        description: free text.
+        lower: lower bounds, in the shape of `values`; a single number is broadcast.
+        upper: upper bounds.
+        locked: True for values that a calibration does not change.
+        extrapolation: `clip` holds the values at the ends of the axes, `linear` continues their slope.
+        functions: the parts of the ECU software that use it.
+        display_name: its short name.
+        variant: the variant (`Engine=2`) that the values belong to; empty if there is just one.
 
     Raises:
         ArgumentError: shapes, bounds or axes are inconsistent.
@@ -331,7 +348,11 @@ class Scalar(Parameter):
 
 
 class Block(Parameter):
-    """A value block: numbers without axes. A formula reads it by position, counted from 0."""
+    """A value block: numbers without axes. A formula reads it by position, counted from 0.
+
+    >>> Block("Gains", [0.5, 1.0, 2.0]).values
+    array([0.5, 1. , 2. ])
+    """
 
     kind: ClassVar[str] = "block"
 
@@ -362,7 +383,12 @@ class Curve(Parameter):
 
 
 class Map(Parameter):
-    """Values over two axes, interpolated bilinearly; `values[i, j]` is at x[i], y[j]."""
+    """Values over two axes, interpolated bilinearly; `values[i, j]` is at x[i], y[j].
+
+    >>> torque = Map("MapTorque", Axis([1000, 2000], "Speed"), Axis([0, 50, 100], "Load"), np.zeros((2, 3)), unit="Nm")
+    >>> torque.size, torque.axes[1].input
+    (6, 'Load')
+    """
 
     kind: ClassVar[str] = "map"
 
@@ -373,7 +399,11 @@ class Map(Parameter):
 
 
 class Cube(Parameter):
-    """Values over three or four axes, interpolated multilinearly."""
+    """Values over three or four axes, interpolated multilinearly.
+
+    >>> Cube("Charge", [[1000, 2000], [0, 100], [20, 50, 90]], np.zeros((2, 2, 3))).axes[2].breakpoints
+    array([20., 50., 90.])
+    """
 
     kind: ClassVar[str] = "cube"
 
@@ -392,8 +422,18 @@ def _axis(axis: Axis | ArrayLike) -> Axis:
 class Text:
     """A parameter that holds text; it is passed through, never calibrated.
 
-    `kind` is free text, an enumeration, whose text is one of the words that the control unit defines, or a boolean,
-    which is true or false.
+    Attributes:
+        name: its name in files.
+        text: the text.
+        kind: `text`, free text; `enumeration`, one of the words that the control unit defines; or `boolean`.
+        description: free text.
+        variant: the variant that the text belongs to.
+        display_name: its short name.
+        functions: the parts of the ECU software that use it.
+        unit: its unit, if the file states one.
+
+    Raises:
+        ArgumentError: an unknown kind.
 
     >>> Text("Mode", "ON", kind="enumeration").kind
     'enumeration'

@@ -28,6 +28,13 @@ class Expansion:
     `x` and `y` are in physical units. The mean of a Gaussian process with a squared-exponential kernel has this form,
     and so does a network of radial basis functions. Two are equal if all their numbers are, bit for bit.
 
+    Attributes:
+        offset: in the unit of y.
+        slopes: Float[inputs], of the plane.
+        weights: Float[centres], the heights of the bells.
+        centres: Float[centres, inputs].
+        widths: Float[centres, inputs], > 0.
+
     Raises:
         ArgumentError: shapes are inconsistent, a number is not finite, or a width is not > 0.
 
@@ -163,7 +170,17 @@ def parts(inputs: int, size: int) -> Parts:
 class RBF(Parameter):
     """An `Expansion` as a parameter whose values are its offset, slopes, weights, centres and widths.
 
-    A formula calls it like a table, `y = Model(a, b)`. `values` holds the numbers in the order of `Parts`.
+    A formula calls it like a table, `y = Model(a, b)`. `values` holds the offset, the slopes, the weights, then the
+    centres and the widths by input.
+
+    Args:
+        name: its name in formulas and files.
+        expansion: the function.
+        inputs: the quantities that it depends on.
+        attributes: unit, bounds and all else that parameters have.
+
+    Raises:
+        ArgumentError: the number of inputs is not that of the expansion.
 
     >>> bell = RBF("Bell", Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]]), inputs=["Speed"])
     >>> bell.values, bell.coordinates

@@ -115,6 +115,11 @@ def find_extrapolation(problem: Problem, parameters: ParameterSet) -> tuple[Extr
 
     Returns:
         A row per surrogate and dataset; a sample with several calls counts once.
+
+    >>> from kennfeld import Project
+    >>> problem = Project.read("kennfeld.toml").problem()
+    >>> find_extrapolation(problem, problem.parameters)  # the torque model calls no surrogate
+    ()
     """
     return tuple(
         _row(data, surrogate, uses)

@@ -135,6 +135,11 @@ def residuals(
         The residuals of each criterion that has a scored sample; of data in partitions without `errors`.
 
     Source of the studentized residual: R. D. Cook, S. Weisberg: Residuals and Influence in Regression, 1982, ch. 2.
+
+    >>> from kennfeld import Project, read_parameters
+    >>> rows = residuals(Project.read("kennfeld.toml").problem(), read_parameters("start.dcm"))
+    >>> [(row.criterion, row.summaries[0].samples) for row in rows]
+    [('TorquePredict', 2812), ('dragTorque', 27)]
     """
     keep = problem.partitions is None
     return analyse(problem, parameters, parameters, trust=trust, worst=worst, keep=keep).residuals

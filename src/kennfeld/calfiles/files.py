@@ -93,6 +93,11 @@ def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
 
     Raises:
         InputError: The file cannot be read; with all findings.
+
+    >>> from kennfeld import read_parameters
+    >>> values = read_parameters("start.dcm")
+    >>> values["MapOptTorque"].values.shape, values["MapOptTorque"].unit
+    ((19, 13), 'Nm')
     """
     parameters = _read_content(Path(path), a2l).parameters
     return parameters if parameters.origin is not None else parameters.from_origin(Path(path))

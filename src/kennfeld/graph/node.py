@@ -74,9 +74,19 @@ class State(NamedTuple):
 class Graph:
     """The graph of one time step of a model.
 
-    `names` are the nodes visible to the user, in their order; `units` belong to names and inputs. `outputs` are the
-    names declared as outputs; without a declaration, the names that no other node uses. Node numbers are canonical:
-    graphs built from equal definitions are equal.
+    Node numbers are canonical: graphs built from equal definitions are equal.
+
+    Attributes:
+        nodes: all operations; each refers to earlier ones by number.
+        names: the nodes visible to the user, in their order, with their numbers.
+        states: the memory of the model.
+        units: units of names and inputs.
+        outputs: the names declared as outputs; without a declaration, the names that no other node uses.
+
+    >>> from kennfeld import formula
+    >>> graph = formula("y[Nm] = PT1(Gain(u), 2.0)").graph
+    >>> graph.inputs, dict(graph.parameters), graph.is_timed
+    (('u',), {'Gain': 1}, True)
     """
 
     nodes: tuple[Node, ...]

@@ -43,9 +43,9 @@ class Model:
             give other values.
         equations: the graph before the solver is applied, with the derivatives of continuous states; None if there are
             none.
-        solver: solver of the continuous states, a name in `graph.integration.SOLVERS`; "" if the source declares none.
+        solver: solver of the continuous states, `ode1` to `ode5` or `ode8`; "" if the source declares none.
 
-    >>> from kennfeld.models.formula import formula
+    >>> from kennfeld import formula
     >>> model = formula("y[Nm] = Gain(u) * k", name="demo", parameters=["Gain", "k"])
     >>> model.graph.inputs, dict(model.graph.parameters), str(model.locations["y"])
     (('u',), {'Gain': 1, 'k': 0}, 'demo line 1')

@@ -40,6 +40,9 @@ class Step:
         tolerance: relative change of the cost at which a descent ends.
         continuation: `auto` or `off`.
 
+    Raises:
+        ArgumentError: a value cannot be used.
+
     >>> Step(grid_reduction=2, max_iterations=20).free is None
     True
     """
@@ -96,18 +99,25 @@ class Options(SearchSettings):
 
     Args:
         max_iterations: of one descent.
-        tolerance: relative change of the cost at which a descent ends; default is 1e-8, or `fit.default_tolerance`.
+        tolerance: relative change of the cost at which a descent ends; default is 1e-8, up to 3e-5 for
+            large problems.
         continuation: `auto` smooths lookups first if that is possible, or `off`.
         method: `gauss-newton`, or `global` to search without gradients, for few values and a discontinuous cost; all
             values then need bounds.
         max_evaluations: budget of the global search; 0 stands for 500 (values + 4).
         starts: number of starts; the first one is the given start.
         seed: of the random starts and of the global search.
-        spread: of the random starts, see `drawn_start`.
+        spread: distance of the random starts; without bounds, in units of the largest value of the table.
         workers: processes that the starts run in; default is one per core.
         cluster: runs the starts and the folds of a cross-validation instead of these processes.
         steps: a sequence that every start goes through.
         save_every: keep every nth accepted parameter set as a checkpoint; 0 keeps none.
+
+    Raises:
+        ArgumentError: a value cannot be used.
+
+    >>> Options(starts=3, seed=1, steps=[Step(grid_reduction=2), Step()]).steps[0].reduces
+    True
     """
 
     workers: int | None = None

@@ -57,6 +57,11 @@ class Problem:
         unknown_shifts: by dataset, the channels whose shift is to be estimated.
         restraints: of tables whose smoothness was chosen.
         partitions: the data, if they are evaluated in partitions; `datasets` are then excerpts of them.
+
+    >>> from kennfeld import Project
+    >>> problem = Project.read("kennfeld.toml").problem()
+    >>> problem.free_size, [data.name for data in problem.datasets]
+    (519, ['bench', 'motored', 'fresh'])
     """
 
     model: Model

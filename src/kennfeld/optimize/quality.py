@@ -29,7 +29,20 @@ CONSTANT = "constant target"  # in place of R2, which compares with the target's
 class Quality:
     """Errors of one criterion on one dataset, in the unit of its target, before and after the calibration.
 
-    `r2_after` is NaN if the target is constant: there is no variance to explain.
+    Attributes:
+        criterion: its node.
+        dataset: name of the dataset.
+        use: "training" or "test".
+        samples: number of scored samples.
+        rmse_before: root mean square error with the start values.
+        rmse_after: with the calibrated values.
+        r2_after: coefficient of determination; NaN if the target is constant, as there is no variance to explain.
+        max_abs_after: largest absolute error.
+
+    >>> from kennfeld import calibrate
+    >>> result = calibrate("y = k * x", {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}, {"k": 0.0}, target="m")
+    >>> result.quality[0].criterion, result.quality[0].samples, round(result.quality[0].rmse_before, 3)
+    ('y', 3, 4.32)
     """
 
     criterion: str

@@ -51,9 +51,20 @@ class RecordingQuality:
     """Errors of one criterion on one file of a dataset, in the unit of its target, before and after the calibration.
 
     Attributes:
+        criterion: its node.
+        dataset: name of the dataset.
         file: its name, with as much of its folder as distinguishes it; None for data without a file.
+        use: "training" or "test".
         samples: number of scored samples; the errors are NaN if there are none.
-        worst: None if there are none.
+        rmse_before: root mean square error with the start values.
+        rmse_after: with the calibrated values.
+        max_abs_after: largest absolute error.
+        worst: the worst stretch of the file; None if there are no samples.
+
+    >>> from kennfeld import calibrate
+    >>> result = calibrate("y = k * x", {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}, {"k": 0.0}, target="m")
+    >>> [(row.dataset, row.file, row.samples) for row in result.recordings]
+    [('training', None, 3)]
     """
 
     criterion: str

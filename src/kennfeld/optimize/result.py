@@ -81,18 +81,31 @@ class Result(NotebookDisplay):
     """The result of a calibration. A fit that fails is a result too, with the reason in `status` and `message`.
 
     Attributes:
+        status: `converged`, or why the search ended otherwise.
+        message: the status as a sentence, with the remedy.
         parameters: the calibrated values.
         start: the values before.
         quality: errors by criterion and dataset.
         trace: accepted steps.
+        iterations: number of accepted steps.
+        evaluations: number of evaluations of the cost.
         cost_before: cost at the start.
         cost_after: cost at the end.
+        free_values: number of values that the search may change.
+        fixed_values: number of values that it may not.
+        seconds: time of each part of the work, in s.
+        inspection: what `trust` is computed from.
         starts: a row for each start, if there are several.
         resumed: the checkpoints from which the search resumed.
         smoothness: factors of each table with an automatic one, by axis x, y, z or w.
         shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
         warnings: criteria whose errors are larger than at the start.
         recordings: errors by criterion, dataset and file, with the worst stretch of each file.
+
+    >>> from kennfeld import calibrate
+    >>> result = calibrate("y = k * x", {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}, {"k": 0.0}, target="m")
+    >>> result.status, round(result.parameters["k"].value, 6)
+    ('converged', 2.0)
     """
 
     status: Status

@@ -33,8 +33,19 @@ class Project:
 
     Model, data and calibration files are read once, when first needed.
 
-    >>> project = Project.read("kennfeld.toml")  # doctest: +SKIP
-    >>> project.calibrate().status  # doctest: +SKIP
+    Attributes:
+        path: the project file.
+        name: the name of the project.
+        formats: formats in which a calibration writes its parameters.
+        file: the content of the project file.
+        load: reads the recordings.
+        report: called with lines of text on the progress.
+        watch: receives the progress of reading recordings.
+
+    >>> project = Project.read("kennfeld.toml")
+    >>> project.check()
+    []
+    >>> project.calibrate().status
     'converged'
     """
 
@@ -53,7 +64,7 @@ class Project:
         Args:
             path: the TOML file.
             unsaved: texts that replace those of the project file and of formula files, by name.
-            load: reads the recordings, by default `preprocessing.pipeline.load_datasets`.
+            load: reads the recordings; by default, the files that the project names.
 
         Raises:
             InputError: all problems of the project file.

@@ -1,4 +1,11 @@
-"""HTML report of a calibration: errors before and after, parameters, uncertainty, settings."""
+"""HTML report of a calibration: errors before and after, parameters, uncertainty, settings.
+
+>>> from kennfeld import Project, report
+>>> project = Project.read("kennfeld.toml")
+>>> text = report.document(project, project.calibrate(), project.check())
+>>> text.startswith("<!doctype html>")
+True
+"""
 
 from kennfeld.report.page import document, document_safely, from_folder
 

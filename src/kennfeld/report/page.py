@@ -135,7 +135,7 @@ def from_folder(project: Project, folder: str | Path, heading: ReportEntry | Non
 
     Args:
         project: the project.
-        folder: a results folder, as written by `kennfeld run`.
+        folder: a results folder, as written by `kennfeld calibrate`.
         heading: title, author and comment; by default those of the project file.
 
     Raises:

@@ -59,9 +59,18 @@ def expand_data(x: Float, y: Float, centres: int = 20, *, placing: Placing = "k-
 def compress_map(table: Parameter, centres: int = 20, *, seed: int = 0) -> Expansion:
     """Fit an expansion to a curve, map or cube: `expand_data` over its grid points.
 
-    Its inputs are the table's axes in their order, in their units. Raises `ArgumentError` for a scalar.
+    Args:
+        table: the table.
+        centres: maximum number of bells.
+        seed: of the choice of their centres.
 
-    >>> from kennfeld.parameters import Curve
+    Returns:
+        An expansion whose inputs are the table's axes in their order, in their units.
+
+    Raises:
+        ArgumentError: the parameter has no axes.
+
+    >>> from kennfeld import Curve
     >>> squared = compress_map(Curve("C", np.arange(11.0), np.arange(11.0) ** 2), centres=6)
     >>> bool(abs(squared(np.array([5.0])) - 25) < 0.5)
     True

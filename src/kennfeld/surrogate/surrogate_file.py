@@ -30,7 +30,20 @@ Surrogate = StaticSurrogate | DynamicSurrogate
 
 
 def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
-    """Write a surrogate, whole or not at all. Raises `InputError` if the file cannot be written."""
+    """Write a surrogate, whole or not at all.
+
+    Args:
+        surrogate: the surrogate.
+        path: the JSON file.
+
+    Raises:
+        InputError: the file cannot be written.
+
+    >>> bell = Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]])
+    >>> write_surrogate(StaticSurrogate("bell", ("x",), "y", (), bell), "engine.json")
+    >>> read_surrogate("engine.json").name
+    'bell'
+    """
     with convert_errors(path, "cannot be written", "Name another file."):
         write_whole(Path(path), _text(_tables(surrogate)))
 
@@ -41,7 +54,22 @@ def recognises_surrogate(head: str) -> bool:
 
 
 def read_surrogate(path: str | Path) -> Surrogate:
-    """Read a file that `write_surrogate` wrote. Raises `InputError` with all problems of the file."""
+    """Read a file that `write_surrogate` or `kennfeld surrogate train` wrote.
+
+    Args:
+        path: the JSON file.
+
+    Returns:
+        The surrogate; its numbers are those that were written, bit for bit.
+
+    Raises:
+        InputError: all problems of the file.
+
+    >>> bell = Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]])
+    >>> write_surrogate(StaticSurrogate("bell", ("x",), "y", (), bell), "engine.json")
+    >>> read_surrogate("engine.json").expansion == bell
+    True
+    """
     file = Path(path)
     findings = Findings()
     reader = _TableReader(_content(file), Location(file.name), findings)

@@ -57,10 +57,21 @@ def quality_of(dataset: str, use: Use, mode: Mode, residual: Float, target: Floa
 class StaticSurrogate:
     """y = f(inputs), trained on steady-state points.
 
-    `units` are those of the inputs, then of the output; empty if none are known.
+    Attributes:
+        name: its name in formula text.
+        inputs: channels.
+        output: the channel that it was trained on.
+        units: those of the inputs, then of the output; empty if none are known.
+        expansion: f, a function of the inputs in their units.
+        validity: the range of the training data; None if it is unknown.
+        quality: errors on the data of the training.
 
     Raises:
         ArgumentError: the number of names does not match the expansion.
+
+    >>> plane = Expansion(1.0, [0.5], [], np.zeros((0, 1)), np.zeros((0, 1)))
+    >>> StaticSurrogate("half", ("Speed",), "y", ("rpm", "-"), plane)(np.array([[4.0]]))
+    array([3.])
     """
 
     name: str
@@ -104,13 +115,30 @@ def check_names(name: str, inputs: tuple[str, ...], output: str, units: tuple[st
 class DynamicSurrogate:
     """y_k = min(max(f(x_k), lower), upper), x_k = [y_{k-l} for l of output_lags, u_{j,k-l} for each j and l of lags_j].
 
-    `step` is in s. `start` is the output before the first sample if none is measured; before the recording the inputs
-    have the values of its first sample, or `start_inputs` if a closed loop has none yet. `limits` bound the output, and
-    with it what is fed back: a saturation that is part of the system. `units` are those of the inputs, then of the
-    output. `stability` is the text of the stability check.
+    Attributes:
+        name: its name in formula text.
+        inputs: channels.
+        lags: of each input, in samples; 0 is the present one.
+        output: the channel that it was trained on.
+        output_lags: of the output, in samples.
+        step: time step in s.
+        expansion: f, a function of the past outputs, then of the inputs with their lags.
+        validity: the range of the training data; None if it is unknown.
+        quality: errors on the data of the training.
+        start: the output before the first sample if none is measured.
+        limits: bounds of the output, and with it of what is fed back: a saturation that is part of the system.
+        units: those of the inputs, then of the output; empty if none are known.
+        stability: the text of the stability check.
+        start_inputs: values of the inputs before the recording if a closed loop has none yet; otherwise those of its
+            first sample are used.
 
     Raises:
         ArgumentError: names, lags and expansion do not match.
+
+    >>> half = Expansion(0.0, [0.5, 0.5], [], np.zeros((0, 2)), np.zeros((0, 2)))
+    >>> lag = DynamicSurrogate("lag", ("u",), ((1,),), "y", (1,), 0.1, half)
+    >>> lag.simulate(np.ones((4, 1)))
+    array([0.5   , 0.75  , 0.875 , 0.9375])
     """
 
     name: str

@@ -32,13 +32,16 @@ class SurrogateSettings:
 
     Attributes:
         name: the surrogate's name in formula text.
-        inputs, output: channels.
+        inputs: channels.
+        output: the channel to reproduce.
         kind: "static" for points, "dynamic" for recordings over time.
         method: "auto", "exact" or "sparse" (Gaussian processes), or "expansion": few centres by k-means, static only.
         centres: maximum number.
-        seed, starts: of the search for length scales.
+        seed: of the search for length scales.
+        starts: number of starts of that search.
         step: of a dynamic model in s, by default that of the recordings.
-        lags, output_lags: in samples, of each input and of the output; or "auto".
+        lags: by input, in samples; or "auto".
+        output_lags: of the output, in samples; or "auto".
         longest_lag: maximum for automatic lags, in samples.
         limits: lower and upper limit of the output.
         free_run: whether a dynamic model is trained for free run.
@@ -48,6 +51,9 @@ class SurrogateSettings:
 
     Raises:
         ArgumentError: a value cannot be used.
+
+    >>> SurrogateSettings("engine", inputs=("throttle", "load"), output="n", kind="dynamic").longest_lag
+    20
     """
 
     name: str
@@ -116,9 +122,18 @@ def train_surrogate(
         stopped: asked between steps; once it returns true, the training ends at the best so far. A dynamic model is
             then perhaps not trained for free run.
 
+    Returns:
+        The surrogate, with its range of validity and its errors.
+
     Raises:
         InputError: channels are missing (reports all of them), or there are too few samples.
         ArgumentError: the data cannot be used for training, such as a constant input.
+
+    >>> x = np.linspace(0.0, 3.0, 40)
+    >>> data = Dataset.of("bench", {"x": x, "y": np.sin(x)})
+    >>> sine = train_surrogate([data], SurrogateSettings("sine", inputs=("x",), output="y"))
+    >>> bool(abs(sine(np.array([1.5])) - np.sin(1.5)) < 1e-3)
+    True
     """
     findings = Findings(missing_channels(datasets, (*settings.inputs, settings.output)))
     if not any(dataset.use == "training" for dataset in datasets):

@@ -56,6 +56,10 @@ def esdl(
 
     Raises:
         InputError: with all findings, if a file cannot be read or a part of the program is not supported.
+
+    >>> model = esdl("Battery/Cell/Plant.esdl")
+    >>> model.graph.inputs, model.graph.parameters["leak"]
+    (('current', 'ambient'), 2)
     """
     arguments = (class_name, methods, startup, task, parameters, folders, step)
     result = _import(path, *arguments)
@@ -79,8 +83,15 @@ def import_esdl(
 
     The arguments are those of `esdl`.
 
+    Returns:
+        The model, or None, and a report.
+
     Raises:
         InputError: if the file cannot be read, or a class, method or task is unknown.
+
+    >>> result = import_esdl("Battery/Cell/Plant.esdl")
+    >>> result.model is not None, result.report.classes
+    (True, ('Cell.Plant',))
     """
     return _import(path, class_name, methods, startup, task, parameters, folders, step)
 

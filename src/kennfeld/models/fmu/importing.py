@@ -41,13 +41,20 @@ def fmu(
     Args:
         path: the `.fmu` file.
         step: the step in s, by default that of its default experiment.
-        solver: a name in `graph.integration.SOLVERS`, for model exchange.
+        solver: `ode1` to `ode5` or `ode8`, for model exchange.
         interface: `model-exchange` or `co-simulation`; by default model exchange if the FMU can be used so.
         fit_starts: True if a calibration may change start values of states; otherwise they are locked.
+
+    Returns:
+        The model.
 
     Raises:
         InputError: the file is damaged, or the FMU cannot be used here.
         ArgumentError: there is no such interface.
+
+    >>> model = fmu("lag.fmu")
+    >>> model.graph.inputs, model.graph.outputs, list(model.values)
+    (('u',), ('y',), ['tau', 'k', 'table'])
     """
     chosen = interface.replace("_", "-").replace(" ", "-")
     if chosen not in ("", *INTERFACES):

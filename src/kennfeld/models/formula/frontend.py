@@ -58,6 +58,9 @@ def formula(
         functions: functions by the names of their calls: a file such as "plant.fmu", "net.onnx" or "lag.c:step", a
             Python function of numbers, or a model without memory, such as one of `kf.function`.
 
+    Returns:
+        The model; its graph has a node for each name of the text.
+
     Raises:
         InputError: the text is wrong, or a file cannot be read; carries all findings.
 

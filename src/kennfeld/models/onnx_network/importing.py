@@ -30,8 +30,15 @@ def onnx(path: str | Path, *, fit: bool = False) -> Model:
         path: the file.
         fit: True if a calibration may change the weights; otherwise they are locked.
 
+    Returns:
+        The model.
+
     Raises:
         InputError: the package onnx is missing, the file is damaged, or operators are not supported; names all of them.
+
+    >>> model = onnx("knock.onnx")
+    >>> model.graph.inputs, model.graph.outputs, list(model.values)
+    (('x[0]', 'x[1]'), ('y',), ['layer1', 'layer2'])
     """
     model = as_model(read_function(Path(path)))
     if not fit:

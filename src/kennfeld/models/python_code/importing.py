@@ -69,6 +69,9 @@ def function(
             Without it, derivatives are central differences.
         outputs: names of the results; by default a single one has the name of the function.
 
+    Returns:
+        The model, without memory and without parameters.
+
     Raises:
         ArgumentError: the function has a variable number of arguments.
 

@@ -45,8 +45,14 @@ def inspect_simulink(
         bind: blocks to replace as in `simulink`.
         step: time step in s that replaces the one of the model.
 
+    Returns:
+        The report.
+
     Raises:
         InputError: if the file cannot be read or has too many blocks.
+
+    >>> inspect_simulink("engine.slx", parameters=[{"Slope": 2.0}]).whole
+    True
     """
     loaded = LoadedModel.of(path, parameters, folders)
     system, scope, prefix = loaded.system(subsystem)

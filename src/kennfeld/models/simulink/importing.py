@@ -45,6 +45,10 @@ def simulink(
 
     Raises:
         InputError: if an output is not supported, with all findings.
+
+    >>> model = simulink("engine.slx", parameters=[{"Slope": 2.0}])
+    >>> model.graph.inputs, model.graph.outputs, model.values["Slope"].value
+    (('n',), ('y',), 2.0)
     """
     result = import_simulink(path, subsystem, parameters, bind, promote, folders, step)
     if result.model is None:
@@ -66,8 +70,15 @@ def import_simulink(
 
     The arguments are those of `simulink`.
 
+    Returns:
+        The model, or None, and a report.
+
     Raises:
         InputError: if the file cannot be read, or `subsystem`, `bind` or `promote` names something unknown.
+
+    >>> result = import_simulink("engine.slx", parameters=[{"Slope": 2.0}])
+    >>> result.model is not None, result.report.total
+    (True, 4)
     """
     loaded = LoadedModel.of(path, parameters, folders)
     system, scope, prefix = loaded.system(subsystem)

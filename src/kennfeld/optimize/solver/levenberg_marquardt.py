@@ -75,7 +75,15 @@ StageReport = Callable[[str, Iteration, Float], None]  # the same with the stage
 
 
 class Stop(Exception):  # noqa: N818
-    """Raised by a callback to end the descent at the best values so far."""
+    """Raised by a callback to end the descent at the best values so far.
+
+    >>> from kennfeld import calibrate
+    >>> def stop_at_once(line):
+    ...     raise Stop
+    >>> data = {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}
+    >>> calibrate("y = k * x", data, {"k": 0.0}, target="m", progress=stop_at_once).status
+    'stopped'
+    """
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,14 @@ class Trust(NotebookDisplay):
         null_space: number of undetermined combinations of values, and values to fix that determine all of them.
         holdings: active limits of outputs and what they determine; breakpoints at their minimum distance.
         remark: a sentence if the search did not converge, else empty.
+        columns: by name, the first column of its values in `covariance`.
+        estimate: what `covariance` and `leverage` are computed from.
+
+    >>> from kennfeld import calibrate
+    >>> data = {"x": [1.0, 2.0, 3.0], "m": [2.1, 3.9, 6.0]}
+    >>> trust = calibrate("y = a * b * x", data, {"a": 1.0, "b": 1.0}, target="m").trust
+    >>> trust.null_space.dimension, trust.directions[0].sentence
+    (1, 'Scaling a by 1.01 and b by 1/1.01 has no effect on the fit.')
     """
 
     noise: Mapping[str, float] = field(default_factory=dict)

@@ -1,0 +1,53 @@
+"""Files for the examples in docstrings: those that name a file run in a folder that has it."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+NAMES = (
+    *("kennfeld.toml", "torque.kf", "bench.csv", "fresh.csv", "start.dcm"),
+    *("engine.slx", "knock.onnx", "lag.fmu", "Plant.esdl", "engine.json", "missing."),
+)
+
+
+@pytest.fixture(scope="session")
+def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the torque demo, a Simulink model, an ESDL class and an FMU."""
+    from esdl_projects import BATTERY, write_project
+    from lag_fmu import description_2, pack
+    from simulink_files import Model
+
+    from kennfeld.project.demo import write
+
+    folder = tmp_path_factory.mktemp("examples") / "torque"
+    write("torque", folder)
+    model = Model("engine")
+    model.inport("n")
+    model.block("Gain", "Times", Gain="Slope")
+    model.block("Bias", "Plus", Bias="1")
+    model.outport("y")
+    model.chain("n", "Times", "Plus", "y")
+    model.write(folder, "slx parts")
+    write_project(folder, BATTERY)
+    library = folder / "lag.so"
+    library.touch()  # examples read its description and do not run it
+    pack(folder / "lag.fmu", description_2(), library=library)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def example_folder(request: pytest.FixtureRequest) -> None:
+    """Run an example that names a file in a copy of the folder."""
+    examples = request.node.dtest.examples if isinstance(request.node, pytest.DoctestItem) else []
+    source = "".join(example.source for example in examples)
+    if not any(name in source for name in NAMES):
+        return
+    folder = request.getfixturevalue("tmp_path") / "work"
+    shutil.copytree(request.getfixturevalue("example_files"), folder)
+    if "knock.onnx" in source:
+        pytest.importorskip("onnx")
+        from networks import perceptron, random_layers
+
+        perceptron(folder / "knock.onnx", random_layers([2, 4, 1]))
+    request.getfixturevalue("monkeypatch").chdir(folder)

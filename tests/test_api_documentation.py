@@ -1,0 +1,84 @@
+"""Every public name is described: arguments, an example that runs, and a place in `docs/api.md`."""
+
+import importlib.util
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import kennfeld
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+NAMES = sorted(kennfeld.__all__)
+FUNCTIONS = [name for name in NAMES if inspect.isfunction(getattr(kennfeld, name))]
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    spec = importlib.util.spec_from_file_location("api_docs", ROOT / "scripts" / "api_docs.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def docstring(name):
+    return inspect.getdoc(getattr(kennfeld, name)) or ""
+
+
+def described(text):
+    """Return the entries of the sections Args and Attributes of a docstring."""
+    sections = re.findall(r"^(?:Args|Attributes):\n((?:[ ]{4}.*\n?)+)", text, re.MULTILINE)
+    return {entry for section in sections for entry in re.findall(r"^ {4}(\w+): ", section, re.MULTILINE)}
+
+
+def test_the_page_is_up_to_date(script):
+    stale = [path.name for path, text in script.documents(ROOT / "docs").items() if path.read_text("utf-8") != text]
+    assert stale == [], "run: python scripts/api_docs.py docs"
+
+
+def test_every_public_name_has_a_place_of_its_own():
+    placed = [name for names in re.findall(r"<!-- reference of ([^>]*) -->", PAGE) for name in names.split()]
+    assert sorted(placed) == sorted([*NAMES, "Parameter"])  # the base of tables is not a name of its own
+    assert "## More names" not in PAGE
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_has_an_example_that_runs(name):
+    examples = [line for line in docstring(name).splitlines() if line.startswith(">>> ")]
+    assert examples
+    assert not [line for line in examples if "+SKIP" in line]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_argument_of_a_public_function_is_described(name):
+    if re.search(r"The arguments are those of `\w+`\.", docstring(name)):
+        return
+    assert set(inspect.signature(getattr(kennfeld, name)).parameters) == described(docstring(name))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_public_function_states_what_it_returns(name):
+    returned = inspect.signature(getattr(kennfeld, name)).return_annotation
+    assert returned is None or "Returns:\n" in docstring(name)
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - set(FUNCTIONS)))
+def test_every_field_of_a_public_class_is_described(name):
+    value = getattr(kennfeld, name)
+    fields = {field for field in getattr(value, "__dataclass_fields__", {}) if not field.startswith("_")}
+    if hasattr(value, "with_bounds"):  # a parameter
+        fields -= set(kennfeld.Scalar.__dataclass_fields__)
+    assert fields - described(docstring(name)) == set()
+
+
+def test_a_name_that_the_page_does_not_mention_is_added(script, tmp_path):
+    (tmp_path / "api.md").write_text("# Python reference\n", encoding="utf-8")
+    [text] = script.documents(tmp_path).values()
+    assert "### calibrate\n\n```py\ncalibrate(\n    model: Model | str,\n" in text
+    assert "| `lower` | `float` | lower bound, in the unit of the node. |" in text
+    assert "\nRaises `InputError`: the input cannot be used; lists all problems.\n" in text
+    assert "#### Axis.of_quantiles\n" in text
+    assert "# doctest:" not in text
