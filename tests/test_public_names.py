@@ -70,9 +70,17 @@ def test_an_unknown_name_comes_with_the_nearest_one():
         kennfeld.calibrat  # noqa: B018
 
 
-def test_the_version_is_that_of_the_project():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert kennfeld.__version__ == project["version"]
+def test_the_version_is_stated_in_one_place():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert settings["project"]["dynamic"] == ["version"]
+    assert ROOT / settings["tool"]["hatch"]["version"]["path"] == Path(kennfeld.__file__)
+
+
+def test_the_changelog_describes_this_version_first():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions = re.findall(r"^## \[(\d+\.\d+\.\d+)\] - \d{4}-\d\d-\d\d$", text, re.MULTILINE)
+    assert versions[0] == kennfeld.__version__
+    assert versions == sorted(versions, key=lambda text: [int(part) for part in text.split(".")], reverse=True)
 
 
 def loaded_by(code):

@@ -3,9 +3,9 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 
+from kennfeld import __version__
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import confined, free_path, plain_name
 from kennfeld.app.questions import COMMANDS, QUESTIONS
@@ -138,7 +138,7 @@ def _projects(workspace: AppWorkspace, given: Given) -> Answer:
         }
         for each in recent_projects()
     ]
-    return Answer({"recent": recent, "demos": DEMOS, "folder": _short(Path.cwd()), "version": version("kennfeld")})
+    return Answer({"recent": recent, "demos": DEMOS, "folder": _short(Path.cwd()), "version": __version__})
 
 
 def _short(folder: Path) -> str:
