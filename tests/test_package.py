@@ -2,6 +2,7 @@
 
 import email
 import importlib.util
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -23,9 +24,9 @@ pytestmark = [
 ]
 
 
-def build(folder, *options):
-    """Build from this tree without a network."""
-    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), *options, str(ROOT)]
+def build(folder, *options, tree=ROOT):
+    """Build from a tree without a network."""
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), *options, str(tree)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
@@ -79,6 +80,21 @@ def test_the_wheel_states_version_license_and_command(wheel):
 def test_the_sdist_builds_the_wheel_of_the_tree(wheel, tmp_path):
     direct = contents(build(tmp_path, "--wheel"))
     assert [name for name in wheel | direct if wheel.get(name) != direct.get(name)] == []
+
+
+def test_the_files_that_docker_copies_build_the_same_wheel(wheel, tmp_path):
+    first, *others = [
+        line for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines() if line[:1] in ("*", "!")
+    ]
+    assert (first, others[-1]) == ("*", "**/__pycache__")
+    tree = tmp_path / "tree"
+    tree.mkdir()
+    for name in (line.removeprefix("!") for line in others[:-1]):
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, tree / name)
+    assert contents(build(tmp_path, "--wheel", tree=tree)) == wheel
 
 
 def test_the_sdist_contains_the_sources_and_no_caches(built):

@@ -83,6 +83,14 @@ def test_the_changelog_describes_this_version_first():
     assert versions == sorted(versions, key=lambda text: [int(part) for part in text.split(".")], reverse=True)
 
 
+def test_the_citation_states_this_version_and_its_date():
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    date = re.search(rf"^## \[{re.escape(kennfeld.__version__)}\] - (\S+)$", changes, re.MULTILINE)[1]
+    assert f"\nversion: {kennfeld.__version__}\n" in text
+    assert f'\ndate-released: "{date}"\n' in text
+
+
 def loaded_by(code):
     """The modules that a fresh interpreter holds after running some code."""
     script = f"import sys\n{code}\nprint(*sys.modules)"
