@@ -70,6 +70,8 @@ class TestHelp:
             "diff",
             "merge",
             "surrogate",
+            "schema",
+            "completion",
         ]
 
     def test_is_what_a_bare_call_shows(self, capsys):

@@ -59,7 +59,14 @@ def test_the_wheel_contains_the_package_and_nothing_else(wheel):
 @pytest.mark.parametrize(
     "name",
     [
-        *("py.typed", "app/static/index.html", "app/static/app.js", "app/LICENSES.txt", "report/static/report.js"),
+        *(
+            "py.typed",
+            "project/schemas/kennfeld.schema.json",
+            "app/static/index.html",
+            "app/static/app.js",
+            "app/LICENSES.txt",
+            "report/static/report.js",
+        ),
         *("project/demo/torque.toml",),
     ],
 )
