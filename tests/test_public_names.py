@@ -91,6 +91,11 @@ def test_the_citation_states_this_version_and_its_date():
     assert f'\ndate-released: "{date}"\n' in text
 
 
+def test_the_documents_name_the_wheel_of_this_version():
+    text = (ROOT / "docs" / "installation.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"kennfeld-(\d[\d.]*)-py3", text)) == {kennfeld.__version__}
+
+
 def loaded_by(code):
     """The modules that a fresh interpreter holds after running some code."""
     script = f"import sys\n{code}\nprint(*sys.modules)"
