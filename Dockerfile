@@ -10,7 +10,7 @@ FROM python:${PYTHON}-slim AS build
 WORKDIR /source
 COPY . .
 RUN python -m venv /build \
-    && /build/bin/pip install --no-cache-dir "build>=1.2" \
+    && /build/bin/pip install --no-cache-dir "build>=1.2.1" \
     && /build/bin/python -m build --wheel --outdir /dist
 
 FROM python:${PYTHON}-slim
