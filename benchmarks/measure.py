@@ -72,7 +72,7 @@ def repeated(work: Callable[[], object], least: int = 3, lasting: float = 1.0, m
 def reset_peak() -> int:
     """Reset the peak memory of this process, and return its present memory in bytes."""
     with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
+        Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
     return _status("VmRSS")
 
 
@@ -85,7 +85,9 @@ def _status(field: str) -> int:
     # getrusage is the fallback only: after an exec it still knows the size of the process that started this one.
     status = Path("/proc/self/status")
     if status.exists():
-        return 1024 * next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith(field))
+        return 1024 * next(
+            int(line.split()[1]) for line in status.read_text(encoding="utf-8").splitlines() if line.startswith(field)
+        )
     import resource
 
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

@@ -37,7 +37,7 @@ class Regression:
 
 def read(file: Path) -> Regression:
     """Read a data file."""
-    lines = file.read_text().splitlines()
+    lines = file.read_text(encoding="utf-8").splitlines()
     rows = [re.match(r"\s*b\d+\s*=(.*)", line) for line in lines[40:60]]
     numbers = np.array([[float(word) for word in row.group(1).split()] for row in rows if row])
     model, logarithm = _model(lines[25:40])

@@ -24,11 +24,11 @@ def time_commands(table: Table, name: str, commands: Sequence[Sequence[str]]) ->
     table.add(name, seconds(durations[0]), seconds(durations[len(durations) // 2]), str(threads(None)))
 
 
-def run_command(command: Sequence[str]) -> str:
+def run_command(command: Sequence[str], timeout: float = 120.0) -> str:
     """Run a command and return what went wrong; empty if nothing did."""
     environment = environment_of_users()
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=environment)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, env=environment)
     except (OSError, subprocess.TimeoutExpired) as error:
         return type(error).__name__
     return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.installation import fresh_environment
 from benchmarks.machine import load
 from benchmarks.processes import run_command, time_commands
 from benchmarks.table import Table
@@ -19,7 +20,7 @@ CENTRES = 500
 
 
 def run() -> list[Table]:
-    """Python alone, the import, and the commands."""
+    """Python alone, the import, and the commands; then a fresh environment."""
     command = Path(sys.executable).with_name("kennfeld" + Path(sys.executable).suffix)
     table = Table("startup: whole processes", ("process", "best", "median", "threads", "remark"))
     python = [sys.executable, "-c"]
@@ -40,7 +41,7 @@ def run() -> list[Table]:
         "The plant is filled up with bells of weight 0, which cost the same time and change nothing.",
         f"The shortest and the median of {REPEATS} runs from a warm disk. Load at the end {load()}.",
     ]
-    return [table]
+    return [table, fresh_environment()]
 
 
 def _demo(table: Table, command: Path, name: str, folder: Path) -> None:

@@ -124,7 +124,7 @@ def _columns(numbers: np.random.Generator, rows: int = 40) -> dict[str, np.ndarr
 def _csv(path: Path, numbers: np.random.Generator) -> None:
     columns = _columns(numbers)
     lines = ["time [s],Speed [rpm],Load [%]", *(",".join(map(str, row)) for row in zip(*columns.values(), strict=True))]
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _german(path: Path, numbers: np.random.Generator) -> None:
@@ -281,13 +281,18 @@ def _mlg(path: Path, numbers: np.random.Generator) -> None:
 
 def _msl(path: Path, numbers: np.random.Generator) -> None:
     rows = (f"{0.1 * i:.3f}\t{800 + i}\t{numbers.normal():.2f}" for i in range(40))
-    path.write_text("\n".join(['"MS2Extra"', '"Capture Date: 1"', "Time\tRPM\tMAP", "s\trpm\tkPa", *rows, "MARK 000"]))
+    path.write_text(
+        "\n".join(['"MS2Extra"', '"Capture Date: 1"', "Time\tRPM\tMAP", "s\trpm\tkPa", *rows, "MARK 000"]),
+        encoding="utf-8",
+    )
 
 
 def _hptuners(path: Path, numbers: np.random.Generator) -> None:
     head = "HP Tuners CSV Log File\nVersion: 1.0\n\n[Log Information]\nNotes: \n\n[Channel Information]\n0,1,2\n"
     rows = [f"{0.1 * i:.2f},{800 + i},{numbers.normal():.2f}" if i % 2 else f"{0.1 * i:.2f},,1.5" for i in range(40)]
-    path.write_text(head + "\n".join(["Offset,Engine RPM,Air", "s,rpm,g/s", "", "[Channel Data]", *rows, ""]))
+    path.write_text(
+        head + "\n".join(["Offset,Engine RPM,Air", "s,rpm,g/s", "", "[Channel Data]", *rows, ""]), encoding="utf-8"
+    )
 
 
 def _lvm(path: Path, numbers: np.random.Generator) -> None:
@@ -302,7 +307,7 @@ def _lvm(path: Path, numbers: np.random.Generator) -> None:
     ]
     block = ["Channels\t2", "Samples\t40\t40", "X0\t0\t0", "Delta_X\t0.1\t0.1", END, "X_Value\tSpeed\tLoad\tComment"]
     rows = (f"{0.1 * i:.2f}\t{numbers.normal():.3f}\t{i}" for i in range(40))
-    path.write_text("\n".join([*head, *block, *rows]))
+    path.write_text("\n".join([*head, *block, *rows]), encoding="utf-8")
 
 
 def _mat(path: Path, numbers: np.random.Generator) -> None:

@@ -1,6 +1,8 @@
 """Write what the documentation shows of the keys of project files: the tables of keys, and the JSON schemas.
 
 python scripts/project_file_docs.py docs
+
+The schemas go to the documentation and into the package.
 """
 
 import json
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.preprocessing.recipe import DatasetEntry
+from kennfeld.project import schemas
 from kennfeld.project.forms import entry_schema, form_of, keys_of, meaning_of
 from kennfeld.project.key_descriptions import default_text
 from kennfeld.project.schema import (
@@ -50,18 +53,19 @@ _TABLES: dict[str, Iterable[Field[Any]]] = {
     "[surrogate], dynamic": [part for part in _SURROGATE if part.metadata.get("dynamic")],
 }
 _SCHEMAS = {
-    "kennfeld.schema.json": (ProjectFile, "Project file of Kennfeld"),
-    "surrogate.schema.json": (TrainingFile, "Training file of Kennfeld, for surrogates"),
+    schemas.PROJECT_SCHEMA: (ProjectFile, "Project file of Kennfeld"),
+    schemas.TRAINING_SCHEMA: (TrainingFile, "Training file of Kennfeld, for surrogates"),
 }
 
 
 def documents(folder: Path) -> dict[Path, str]:
-    """Return the generated files in the folder of the documentation with their contents."""
+    """Return the generated files in the folder of the documentation and in the package with their contents."""
     pages = {name: (folder / name).read_text(encoding="utf-8") for name in ("project-file.md", "surrogates.md")}
     written = {folder / name: _TABLE.sub(_fill, text) for name, text in pages.items()}
     for name, (entry, title) in _SCHEMAS.items():
         schema = {"$schema": "http://json-schema.org/draft-07/schema#", "title": title, **entry_schema(entry)}
-        written[folder / name] = json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+        text = json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+        written |= dict.fromkeys((folder / name, Path(schemas.__file__).with_name(name)), text)
     return written
 
 

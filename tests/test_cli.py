@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from kennfeld import cli, read_parameters
+from kennfeld import __version__, cli, read_parameters
 from kennfeld.measurement import cache as caching
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
@@ -70,6 +70,8 @@ class TestHelp:
             "diff",
             "merge",
             "surrogate",
+            "schema",
+            "completion",
         ]
 
     def test_is_what_a_bare_call_shows(self, capsys):
@@ -78,7 +80,7 @@ class TestHelp:
 
     def test_the_version(self, capsys):
         assert cli.run(["--version"]) == 0
-        assert capsys.readouterr().out == "kennfeld 0.1.0\n"
+        assert capsys.readouterr().out == f"kennfeld {__version__}\n"
 
     @pytest.mark.parametrize(
         "command",
@@ -811,7 +813,7 @@ class TestSurroundings:
 
     def test_the_module_is_the_command(self):
         done = self.process(["--version"])
-        assert done.stdout.decode().strip() == "kennfeld 0.1.0"
+        assert done.stdout.decode().strip() == f"kennfeld {__version__}"
 
 
 class TestDiffAndMerge:

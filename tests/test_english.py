@@ -25,7 +25,13 @@ DOCSTRINGS = {
     r"\bfrom 0 on\b": ">= 0",
 }
 SOURCES = sorted((ROOT / "src" / "kennfeld").rglob("*.py"))
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS = [
+    *(
+        ROOT / name
+        for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "editors/vscode/README.md")
+    ),
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 
 
 def texts(tree):

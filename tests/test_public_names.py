@@ -70,9 +70,30 @@ def test_an_unknown_name_comes_with_the_nearest_one():
         kennfeld.calibrat  # noqa: B018
 
 
-def test_the_version_is_that_of_the_project():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert kennfeld.__version__ == project["version"]
+def test_the_version_is_stated_in_one_place():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert settings["project"]["dynamic"] == ["version"]
+    assert ROOT / settings["tool"]["hatch"]["version"]["path"] == Path(kennfeld.__file__)
+
+
+def test_the_changelog_describes_this_version_first():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions = re.findall(r"^## \[(\d+\.\d+\.\d+)\] - \d{4}-\d\d-\d\d$", text, re.MULTILINE)
+    assert versions[0] == kennfeld.__version__
+    assert versions == sorted(versions, key=lambda text: [int(part) for part in text.split(".")], reverse=True)
+
+
+def test_the_citation_states_this_version_and_its_date():
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    date = re.search(rf"^## \[{re.escape(kennfeld.__version__)}\] - (\S+)$", changes, re.MULTILINE)[1]
+    assert f"\nversion: {kennfeld.__version__}\n" in text
+    assert f'\ndate-released: "{date}"\n' in text
+
+
+def test_the_documents_name_the_wheel_of_this_version():
+    text = (ROOT / "docs" / "installation.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"kennfeld-(\d[\d.]*)-py3", text)) == {kennfeld.__version__}
 
 
 def loaded_by(code):

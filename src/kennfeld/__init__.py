@@ -117,7 +117,7 @@ __all__ = [
     "write_surrogate",
 ]
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _NAMES = {
     "analysis.cross_validation": "cross_validate",

@@ -10,9 +10,10 @@ import click
 from kennfeld import __version__
 from kennfeld.errors import InputError, KennfeldError
 from kennfeld.task_runner import WorkersDiedError
-from kennfeld.terminal import file_commands, project_commands
+from kennfeld.terminal import editor_commands, file_commands, project_commands
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings
+from kennfeld.terminal.shell_completion import COMPLETE, register_powershell
 from kennfeld.terminal.signals import end_like_ctrl_c
 from kennfeld.terminal.watched_commands import call_limit
 from kennfeld.threads import let_blas_threads_sleep
@@ -52,6 +53,8 @@ for command in (
     app.add_command(command)
 surrogate.add_command(project_commands.train)
 app.add_command(surrogate)
+app.add_command(editor_commands.schema)
+app.add_command(editor_commands.completion)
 
 
 def main() -> None:
@@ -71,6 +74,8 @@ def _run_safely(arguments: Sequence[str]) -> int:
         with watched_process() as statuses:
             statuses.append(run(arguments))
         return statuses[0]
+    if COMPLETE in os.environ:
+        register_powershell()
     end_like_ctrl_c()
     limit = call_limit(arguments)
     if limit is None:

@@ -89,9 +89,10 @@ def test_two_tabs_agree(torque: Path, tmp_path: Path) -> None:
 def test_a_file_that_changes_on_disk_is_noticed(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, _), browser_page(address) as page:
         torque.write_text(
-            torque.read_text()
+            torque.read_text(encoding="utf-8")
             .replace("smoothness = 10 ", "smoothness = 20 ")
-            .replace("[optimizer]", "[optimizer]\nstarts = 3")
+            .replace("[optimizer]", "[optimizer]\nstarts = 3"),
+            encoding="utf-8",
         )
         page.wait_for_selector("#changed-on-disk")
         page.click("text=Show the change")

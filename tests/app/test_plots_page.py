@@ -154,7 +154,7 @@ def test_a_rectangle_in_a_scatter_becomes_a_condition_a_weight_and_a_view(exhaus
         page.wait_for_selector("footer:has-text('weight 2,5')")
         page.click("#save")
         page.wait_for_selector("#unsaved:not(.dirty)")
-    [where] = [line for line in exhaust.read_text().splitlines() if line.startswith("where")]
+    [where] = [line for line in exhaust.read_text(encoding="utf-8").splitlines() if line.startswith("where")]
     assert where.startswith('where = "Speed >= ')
     assert "Injection <= " in where
     view = Session(exhaust).require_view()

@@ -95,7 +95,10 @@ def test_a_stretch_of_points_without_time_cannot_be_a_condition(torque: Path) ->
 
 def test_a_stretch_of_several_recordings_cannot_be_a_condition(exhaust: Path) -> None:
     shutil.copy(exhaust.with_name("drive.csv"), exhaust.with_name("again.csv"))
-    exhaust.write_text(exhaust.read_text().replace('files = ["drive.csv"]', 'files = ["drive.csv", "again.csv"]'))
+    exhaust.write_text(
+        exhaust.read_text(encoding="utf-8").replace('files = ["drive.csv"]', 'files = ["drive.csv", "again.csv"]'),
+        encoding="utf-8",
+    )
     session = Session(exhaust)
     recording = session.require_view().model.recordings[0]
     assert recording.starts.size > 1

@@ -99,7 +99,7 @@ def test_a_worker_that_dies_is_reported_and_the_session_goes_on(torque: Path) ->
 
 
 def test_a_project_that_cannot_be_read_says_why(torque: Path) -> None:
-    torque.write_text(torque.read_text().replace('"torque.kf"', '"missing.kf"'))
+    torque.write_text(torque.read_text(encoding="utf-8").replace('"torque.kf"', '"missing.kf"'), encoding="utf-8")
     session = Session(torque)
     assert session.view is None
     assert any("missing.kf" in str(finding) for finding in session.findings)

@@ -28,11 +28,11 @@ def test_a_key_that_is_set_and_undone_leaves_the_file_byte_for_byte(torque: Path
 
 
 def test_comments_and_order_of_the_rest_stay(torque: Path) -> None:
-    before = torque.read_text().splitlines()
+    before = torque.read_text(encoding="utf-8").splitlines()
     session = Session(torque)
     set_key(session, "dataset", 3, "weight", value=0.5)
     session.save()
-    after = torque.read_text().splitlines()
+    after = torque.read_text(encoding="utf-8").splitlines()
     assert [line for line in after if line not in before] == ["weight = 0.5"]
     assert [line for line in before if line not in after] == []
 
@@ -103,7 +103,7 @@ def test_a_damaged_recovery_file_is_ignored(torque: Path, content: str) -> None:
 def test_a_change_on_disk_is_noticed_and_can_be_undone(torque: Path) -> None:
     session = Session(torque)
     before = session.state.texts[torque.name]
-    torque.write_text(before.replace("smoothness = 10 ", "smoothness = 20 ") + "\n# edited\n")
+    torque.write_text(before.replace("smoothness = 10 ", "smoothness = 20 ") + "\n# edited\n", encoding="utf-8")
     assert session.changed_on_disk
     session.reload()
     assert not session.changed_on_disk
@@ -116,7 +116,7 @@ def test_edits_that_are_replaced_by_those_on_disk_are_not_offered_again(torque: 
     session = Session(torque)
     set_key(session, "parameters", "MapOptTorque", "smoothness", value=50)
     assert session.recovery.exists
-    torque.write_text(torque.read_text() + "\n# edited\n")
+    torque.write_text(torque.read_text(encoding="utf-8") + "\n# edited\n", encoding="utf-8")
     session.reload()
     assert not session.recovery.exists
     session.undo()

@@ -93,7 +93,7 @@ def test_a_message_stands_at_its_field(torque: Path, tmp_path: Path) -> None:
 
 
 def test_a_criterion_is_added_selected_and_removed(torque: Path, tmp_path: Path) -> None:
-    before = torque.read_text()
+    before = torque.read_text(encoding="utf-8")
     with started(torque, tmp_path) as (address, _), browser_page(address) as page:
         first = page.inner_text("#rmse-training")
         page.click("[data-screen=optimization]")
@@ -109,7 +109,7 @@ def test_a_criterion_is_added_selected_and_removed(torque: Path, tmp_path: Path)
         page.wait_for_function("first => document.querySelector('#rmse-training').innerText === first", arg=first)
         page.click("#save")
         page.wait_for_selector("#save[disabled]")
-    assert torque.read_text() == before
+    assert torque.read_text(encoding="utf-8") == before
 
 
 def test_shared_axes_locks_and_pins_of_a_table(torque: Path, tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_shared_axes_locks_and_pins_of_a_table(torque: Path, tmp_path: Path) -> 
         page.wait_for_selector(READY)
         page.click("#save")
         page.wait_for_selector("#save[disabled]")
-    text = torque.read_text()
+    text = torque.read_text(encoding="utf-8")
     assert "lock = [{ x = [700, 1000] }]" in text
     assert "pin = [{ value = 90, at = [2200, 64] }]" in text
     assert "breakpoints = [700, 2000.5, 6000]" in text
@@ -156,8 +156,11 @@ def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path, tmp_path: 
 
 
 def test_steps_are_moved_and_unknown_keys_removed(torque: Path, tmp_path: Path) -> None:
-    text = torque.read_text()
-    torque.write_text(text + '\n[[step]]\nname = "fine"\ncolour = 3\n\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n')
+    text = torque.read_text(encoding="utf-8")
+    torque.write_text(
+        text + '\n[[step]]\nname = "fine"\ncolour = 3\n\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n',
+        encoding="utf-8",
+    )
     with started(torque, tmp_path) as (address, _), browser_page(address) as page:
         page.click("[data-screen=optimization]")
         page.click("[data-section=step] [data-entry='1'] .fold")
@@ -168,4 +171,7 @@ def test_steps_are_moved_and_unknown_keys_removed(torque: Path, tmp_path: Path) 
         page.wait_for_selector("[data-section=step] [data-entry='1']:has-text('coarse')")
         page.click("#save")
         page.wait_for_selector("#save[disabled]")
-    assert torque.read_text() == text + '\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n\n[[step]]\nname = "fine"\n'
+    assert (
+        torque.read_text(encoding="utf-8")
+        == text + '\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n\n[[step]]\nname = "fine"\n'
+    )

@@ -67,7 +67,7 @@ def test_a_summary_has_the_errors_of_the_project(torque: Path) -> None:
 
 
 def test_a_project_with_problems_says_so(torque: Path) -> None:
-    torque.write_text(torque.read_text().replace('"torque.kf"', '"missing.kf"'))
+    torque.write_text(torque.read_text(encoding="utf-8").replace('"torque.kf"', '"missing.kf"'), encoding="utf-8")
     summary = summarise_session(Session(torque))
     assert summary["state"].endswith("problem") or summary["state"].endswith("problems")
     assert "missing.kf" in summary["problem"]

@@ -48,7 +48,7 @@ def test_the_oldest_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("content", ["{", "{}", "[1, null]", "[" * 100_000])
 def test_a_damaged_file_allows_nothing(memory: Path, content: str) -> None:
     memory.parent.mkdir()
-    memory.write_text(content)
+    memory.write_text(content, encoding="utf-8")
     assert not is_allowed("a")
     allow("a")
     forget_process()

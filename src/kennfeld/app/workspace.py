@@ -3,9 +3,9 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.metadata import version
 from pathlib import Path
 
+from kennfeld import __version__
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import confined, free_path, plain_name
 from kennfeld.app.questions import COMMANDS, QUESTIONS
@@ -16,6 +16,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.project.demo import prepare, write
+from kennfeld.project.schemas import PROJECT_SCHEMA, directive, schema_text
 
 UPLOAD_ENDING = ".upload.part"
 ABANDONED = 600.0  # s after which an upload is not in progress any more
@@ -138,7 +139,7 @@ def _projects(workspace: AppWorkspace, given: Given) -> Answer:
         }
         for each in recent_projects()
     ]
-    return Answer({"recent": recent, "demos": DEMOS, "folder": _short(Path.cwd()), "version": version("kennfeld")})
+    return Answer({"recent": recent, "demos": DEMOS, "folder": _short(Path.cwd()), "version": __version__})
 
 
 def _short(folder: Path) -> str:
@@ -180,7 +181,7 @@ def _demo(workspace: AppWorkspace, given: Given) -> Answer:
     return Answer()
 
 
-NEW = '[model]\nfile = "function.kf"\n'
+NEW = f'{directive(PROJECT_SCHEMA)}\n\n[model]\nfile = "function.kf"\n'
 NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 
 
@@ -197,6 +198,7 @@ def _new(workspace: AppWorkspace, given: Given) -> Answer:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "function.kf").write_text(NEW_FUNCTION, encoding="utf-8")
+        (folder / PROJECT_SCHEMA).write_text(schema_text(PROJECT_SCHEMA), encoding="utf-8")
         (folder / "kennfeld.toml").write_text(NEW, encoding="utf-8")
     except OSError as error:
         raise InputError.of(Location(str(folder)), f"cannot be created: {error.strerror or error}") from None

@@ -7,7 +7,7 @@ that has changed is another one.
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
-from pathlib import Path
+from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -43,7 +43,7 @@ class RecordingSource:
     @property
     def name(self) -> str:
         """The last part of the address, for messages."""
-        return self.address.rpartition("/")[2]
+        return self.address.rpartition("/")[2] if is_remote(self.address) else PurePath(self.address).name
 
 
 def is_remote(address: str) -> bool:

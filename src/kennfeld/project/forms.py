@@ -17,7 +17,8 @@ from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.section import Section, as_finite, list_words, show
 
-INFINITE = {"type": ["number", "string"], "pattern": r"^\s*[+-]?[iI][nN][fF]\s*$"}
+# Editors pass infinite numbers of TOML to the schema as null, which JSON has instead.
+INFINITE = {"type": ["number", "string", "null"], "pattern": r"^\s*[+-]?[iI][nN][fF]\s*$"}
 _LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")  # of Markdown
 MOST_INTEGER = 2**53 - 1  # larger ones are not exact as float
 

@@ -162,7 +162,7 @@ def write(
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
             (scratch / name).write_text(text, encoding="utf-8", newline="\n")
-        (scratch / RESULT).write_text(_json_text(content), encoding="utf-8")
+        (scratch / RESULT).write_text(_json_text(content), encoding="utf-8", newline="\n")
         names += [*(documents or {}), RESULT]
         move(names, scratch, target)
     for ending in project.formats:

@@ -183,7 +183,7 @@ class CoordinatesForm(Form):
         return None
 
     def json_schema(self) -> dict[str, Any]:
-        return {"anyOf": [{"type": ["number", "string"]}, {"type": "array"}]}
+        return {"anyOf": [INFINITE if self.may_be_infinite else {"type": "number"}, {"type": "array"}]}
 
 
 AXIS_RANGE = PairForm("must be the first and the last axis value", "Write {key} = [first, last].", may_be_equal=True)

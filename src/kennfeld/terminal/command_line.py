@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import click
 
+from kennfeld.errors import Finding, InputError, Location
 from kennfeld.terminal.output import quiet
 
 DONE, NOT_CONVERGED, DIFFERENT, WRONG_INPUT, INTERRUPTED = 0, 1, 1, 2, 130
@@ -29,6 +30,14 @@ def option(
     """
     is_flag = metavar is None
     return click.option(*names.split(), help=text, metavar=metavar, show_default=shown, is_flag=is_flag, **settings)
+
+
+def require_new(force: bool, *targets: Path) -> None:
+    """Raise `InputError` if a file exists that is not to be replaced."""
+    existing = [target for target in targets if not force and target.exists() and not target.is_dir()]
+    if existing:
+        remedy = "Add --force to replace it, or name another file."
+        raise InputError(Finding(Location(str(target)), "already exists", remedy) for target in existing)
 
 
 def _be_quiet(context: click.Context, parameter: click.Parameter, value: bool) -> None:

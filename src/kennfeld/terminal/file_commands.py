@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from kennfeld.errors import Finding, InputError, Location
+from kennfeld.errors import InputError, Location
 from kennfeld.garbage_collection import no_collection
 from kennfeld.terminal import command_line
-from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option
+from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option, require_new
 from kennfeld.terminal.model_selection import ModelSelection, model_options
 from kennfeld.terminal.output import print_findings, print_lines
 
@@ -90,7 +90,7 @@ def convert(
     is_simulink = source.suffix.lower() in (".slx", ".mdl", ".slxp")
     is_program = source.suffix.lower() == ".app" or (source.suffix.lower() in (".esdl", ".axl", ".amd") and is_formula)
     companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
-    _require_new(force, target, *companion)
+    require_new(force, target, *companion)
     if is_program:
         from kennfeld.models.ascet.formula_export import write_esdl_formula
 
@@ -124,13 +124,6 @@ def _read_fmu_values(source: Path, is_formula: bool) -> "ParameterSet":
         remedy = f'Formula text can call it: write NAME = "{source.name}" under [functions] of a project file.'
         raise InputError.of(Location(source.name), message, remedy)
     return model.carried
-
-
-def _require_new(force: bool, *targets: Path) -> None:
-    existing = [target for target in targets if not force and target.exists() and not target.is_dir()]
-    if existing:
-        remedy = "Add --force to replace it, or name another file."
-        raise InputError(Finding(Location(str(target)), "already exists", remedy) for target in existing)
 
 
 @click.command
@@ -184,7 +177,7 @@ def merge(sources: Sequence[Path], target: Path, a2l: Path | None, force: bool) 
     if len(sources) < 2:
         message = f"needs at least two files, got only {sources[0]}"
         raise InputError.of(Location("merge"), message, "Name another file.")
-    _require_new(force, target)
+    require_new(force, target)
     sets, remarks = calfiles.read_several(sources, a2l)
     print_findings(*remarks)
     merged = calfiles.merge(list(zip(file_labels(sources), sets, strict=True)))

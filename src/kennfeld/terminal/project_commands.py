@@ -35,8 +35,19 @@ FOLDS = ("auto", "files", "blocks", "random")
 by_file = option("--by-file", "Print the errors and the worst stretch of each file, the worst first.")
 
 
+def _demo_names(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+    from kennfeld.project.demo import NAMES
+
+    return [name for name in NAMES if name.startswith(incomplete)]
+
+
 @click.command
-@argument("name", "[NAME]", "torque, exhaust or idle.  [default: torque]", type=str, default="torque")
+@argument(
+    *("name", "[NAME]", "torque, exhaust or idle.  [default: torque]"),
+    type=str,
+    default="torque",
+    shell_complete=_demo_names,
+)
 @option("--dir folder", "Folder to create.", "DIR", "kennfeld-demo-NAME", type=PATH)
 @only_problems
 def demo(name: str, folder: Path | None) -> int:

@@ -27,7 +27,7 @@ def watched_process() -> Iterator[list[int]]:
     obey_forwarded()
     if folder is None:  # it was removed, with the process that watches
         sys.exit(1)
-    (folder / PROCESS).write_text(str(os.getpid()))
+    (folder / PROCESS).write_text(str(os.getpid()), encoding="ascii")
     if FORWARDED is not None:  # on Windows, a process does not know that its parent has gone
         threading.Thread(target=_end_with, args=(watcher, folder), daemon=True).start()
     statuses: list[int] = []
@@ -35,7 +35,7 @@ def watched_process() -> Iterator[list[int]]:
         yield statuses
     finally:  # not reached if foreign code ends the process
         with suppress(OSError):
-            (folder / ENDED).write_text("".join(map(str, statuses)))
+            (folder / ENDED).write_text("".join(map(str, statuses)), encoding="ascii")
 
 
 def _end_with(watcher: int, folder: Path) -> None:

@@ -67,7 +67,7 @@ class _WatchedCommand:
         status = self._process.returncode
         ended = self._folder / ENDED
         if ended.is_file():
-            return self._finish(ended.read_text(), status)
+            return self._finish(ended.read_text("ascii"), status)
         if hanging:
             _report(hang_finding(hanging, limit))
         elif self._requests:
@@ -114,7 +114,7 @@ class _WatchedCommand:
 
     def _number(self) -> str:
         file = self._folder / PROCESS
-        return file.read_text() if file.is_file() else ""
+        return file.read_text("ascii") if file.is_file() else ""
 
 
 class _CallMonitor:

@@ -146,7 +146,12 @@ def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     assert "3.7 degC" in said
     assert "converged" in said
     files = {path.name for path in Path(tmp_path / "demo").iterdir()}
-    assert files - {".kennfeld"} == {"kennfeld.toml", "results", *exhaust.FILES}  # a slow machine caches recordings
+    assert files - {".kennfeld"} == {
+        "kennfeld.toml",
+        "kennfeld.schema.json",
+        "results",
+        *exhaust.FILES,
+    }  # a slow machine caches recordings
 
 
 def test_the_help_names_every_demo(capsys):

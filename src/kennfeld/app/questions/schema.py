@@ -15,6 +15,7 @@ from kennfeld.errors import InputError
 from kennfeld.models.function_files import KINDS
 from kennfeld.project.key_descriptions import describe_sections
 from kennfeld.project.schema import ESDL, SIMULINK
+from kennfeld.project.schemas import ENDING
 
 MAX_FILES = 2000  # of the folder that are listed
 _FILES = {
@@ -72,7 +73,8 @@ def _keys(settings: dict[str, Any], section: str) -> list[str]:
 
 def _files(folder: Path, recordings: Collection[str]) -> dict[str, list[str]]:
     """Return the files of a folder by what they can be; `recordings` of the project are nothing else."""
-    present = sorted(path.name for path in folder.iterdir() if path.is_file())[:MAX_FILES]
+    files = (path.name for path in folder.iterdir() if path.is_file() and not path.name.endswith(ENDING))
+    present = sorted(files)[:MAX_FILES]
     return {
         kind: [
             name for name in present if name.lower().endswith(ends) and (kind == "recording" or name not in recordings)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import field
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PureWindowsPath
 from typing import Final, NamedTuple
 
 from kennfeld.errors import Findings, Location
@@ -186,15 +186,14 @@ class _Preprocessor:
 
     def _include(self, name: str, number: int) -> None:
         """Read a file that is in the folder; others are noted, since their names may be known without them."""
-        path = PurePosixPath(name)
-        file = self.folder / path.name
+        file = self.folder / PureWindowsPath(name).name  # its folders may be separated by / or \
         if file.name in self.once:
             return
         try:
             text = file.read_bytes() if file.is_file() else None
         except (OSError, ValueError):
             text = None
-        if text is None or path.name != name:
+        if text is None or file.name != name:
             self.missing[name] = None
         elif self.depth >= _MAX_INCLUDES or self.size + len(text) > MAX_BYTES:
             self._error(number, f"the file includes too much: {name[:60]}", f"Include at most {MAX_BYTES} bytes.")

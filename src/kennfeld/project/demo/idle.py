@@ -11,6 +11,7 @@ from kennfeld.dataset import Channel, Dataset, Use
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
 from kennfeld.project.demo.petrol_engine import random_steps, simulate_engine
+from kennfeld.project.schemas import TRAINING_SCHEMA, schema_text
 
 STEP = 0.02  # s, the raster of the governor and of the recordings
 NOISE = 2.0  # rpm, of the speed sensor in the recordings
@@ -86,6 +87,7 @@ def _text(file: str) -> Callable[[], str]:
 FILES = {
     "limited.toml": _text("idle_limited.toml"),
     "engine.toml": _text("idle_engine.toml"),
+    TRAINING_SCHEMA: lambda: schema_text(TRAINING_SCHEMA),
     "idle.kf": lambda: FORMULA,
     "start.dcm": start,
     "set_values.csv": set_values,

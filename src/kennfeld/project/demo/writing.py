@@ -12,6 +12,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.project.schemas import DIRECTIVE, PROJECT_SCHEMA, schema_text
 
 NAMES = ("torque", "exhaust", "idle")  # each a module of this package, with its project file
 PROJECT = "kennfeld.toml"
@@ -29,7 +30,7 @@ def write(name: str, folder: str | Path) -> Path:
     target = Path(folder)
     settings = Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8")
     with convert_errors(target, "the demo cannot be written", "Name another folder with --dir."):
-        _claim(target, settings.partition("\n")[0])
+        _claim(target, _title(settings))
         _complete(target, name, settings)
     return target / PROJECT
 
@@ -63,20 +64,25 @@ def _module(name: str) -> Any:
     return import_module(f"kennfeld.project.demo.{name}")
 
 
-def _claim(folder: Path, first_line: str) -> None:
+def _title(settings: str) -> str:
+    """Return the line that identifies the demo: the first one, after that which names the schema."""
+    return next((line for line in settings.splitlines() if not line.startswith(DIRECTIVE)), "")
+
+
+def _claim(folder: Path, title: str) -> None:
     """Create the folder; refuse one with other contents than this demo."""
     folder.mkdir(parents=True, exist_ok=True)
     if not any(folder.iterdir()):
         return
     project = folder / PROJECT
-    if not (project.is_file() and project.read_bytes().startswith(first_line.encode())):
+    if not (project.is_file() and _title(project.read_text("utf-8-sig", errors="replace")) == title):
         message = "the folder is not empty and does not contain this demo"
         raise InputError.of(Location(str(folder)), message, "Name another folder with --dir.")
 
 
 def _complete(folder: Path, name: str, settings: str) -> None:
     """Write missing files, each completely or not at all; the project file, which identifies the demo, comes first."""
-    contents = {PROJECT: lambda: settings} | _module(name).FILES
+    contents = {PROJECT: lambda: settings, PROJECT_SCHEMA: lambda: schema_text(PROJECT_SCHEMA)} | _module(name).FILES
     for file, make in contents.items():
         path = folder / file
         content = None if path.exists() else make()
