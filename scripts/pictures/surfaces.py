@@ -9,7 +9,7 @@ from scripts.pictures.drawing import COLOURS, EDGE, ERROR, GRID, MEASURED, QUIET
 import kennfeld as kf
 from kennfeld.arrays import Float
 
-NEAR = 3.0  # degrees from the best ignition within which less than 0.5 % of the torque is lost
+NEAR = 3.0  # degrees from the best ignition within which less than 0.3 % of the torque is lost
 BEST = "torque = MapOptTorque(Speed, Rel_Airmass) - MapDragTorque(Speed, Rel_Airmass)"
 DISTANCE = "distance = MapOptIgnition(Speed, Rel_Airmass) - Ignition"
 VIEW = {"elev": 20, "azim": -128}
