@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from kennfeld.arrays import Float
 from kennfeld.notebook.pictures import HEIGHTS, css
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
@@ -61,6 +63,14 @@ def panels(count: int, height: float = 2.9, **options: Any) -> tuple[Figure, Seq
     """Return a figure with axes side by side."""
     figure = new_figure(height)
     return figure, figure.subplots(1, count, squeeze=False, **options)[0]
+
+
+def draw_dots(axes: Axes, x: Float, y: Float, size: float, colour: str) -> None:
+    """Draw many dots as one path, which is smaller than an element for each."""
+    gap = np.full(x.size, np.nan)
+    across, up = np.column_stack([x, x, gap]).ravel(), np.column_stack([y, y, gap]).ravel()
+    (line,) = axes.plot(across, up, color=colour, linewidth=size, solid_capstyle="round")
+    line.get_path().should_simplify = False
 
 
 def save(figure: Figure, name: str) -> None:
