@@ -116,5 +116,4 @@ def _with_classes(svg: str) -> str:
 
     svg = re.sub(r'(?:clip-path="([^"]*)" )?style="([^"]*)"', shorten, svg)
     rules = "".join(f".{name}{{{style}}}" for style, name in names.items())
-    head, _, body = svg.partition("<defs>")
-    return f"{head}<style>{rules}</style><defs>{body}"
+    return re.sub(r"<svg [^>]*>", lambda head: f"{head[0]}<style>{rules}</style>", svg, count=1)
