@@ -8,7 +8,7 @@ import re
 import runpy
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
@@ -16,22 +16,23 @@ from typing import Any
 os.environ.setdefault("MPLBACKEND", "agg")
 
 import matplotlib.pyplot as plt
-import numpy as np
+import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 import kennfeld as kf
+from kennfeld import cli
 from kennfeld.project import demo
 
 ROOT = Path(__file__).parents[2]
 IMAGES, PAGES = ROOT / "docs" / "images", ROOT / "docs" / "tutorials"
-STYLE = {"font.size": 9, "figure.facecolor": "white", "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "kennfeld"}
+STYLE: Any = {"font.size": 9, "figure.facecolor": "white", "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "kennfeld"}
 MEASURED, FITTED, OTHER = "#8a8f98", "#0b7285", "#d9480f"
 
 
 def make() -> None:
     """Make the pictures of all tutorials."""
     IMAGES.mkdir(exist_ok=True)
-    for draw in (torque,):
+    for draw in (torque, exhaust):
         with plt.rc_context(STYLE), tempfile.TemporaryDirectory() as folder, chdir(folder):
             draw()
 
@@ -63,6 +64,49 @@ def torque() -> None:
         axes.set_xticks([1000, 3000, 5000])
         axes.view_init(24, -125)
     _save(figure, "tutorial-torque-drag.png")
+
+
+def exhaust() -> None:
+    """Draw the third trip by the map alone and by the lag, and the start of the first trip."""
+    shutil.copytree(ROOT / "examples" / "exhaust-temperature", ".", dirs_exist_ok=True)
+    _write_files("exhaust")
+    runpy.run_path("trips.py")
+    sensor = Path("sensor.toml").read_text(encoding="utf-8").replace("lag.kf", "exhaust.kf")
+    curve = next(added for added in _blocks("exhaust", "toml") if "CurveTimeConstant" in added)
+    sensor = sensor.partition("[parameters.TimeConstant]")[0] + curve
+    Path("sensor.toml").write_text(sensor, encoding="utf-8")
+    Path("static.toml").write_text(sensor.partition("[parameters.CurveT")[0].replace("exhaust.kf", "static.kf"))
+    static, lag = _simulation("static.toml"), _simulation("sensor.toml")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3), sharey=True)
+    part = (lag["file"] == "trip_3.csv") & (lag["time"] > 90) & (lag["time"] < 150)
+    left.plot(lag["time"][part], lag["t_exhaust"][part], color=MEASURED, lw=3, alpha=0.5, label="measured")
+    left.plot(static["time"][part], static["Temperature"][part], color=OTHER, lw=1, label="map alone")
+    left.plot(lag["time"][part], lag["Temperature"][part], color=FITTED, lw=1, label="with lag")
+    part = (lag["file"] == "trip_1.csv") & (lag["time"] < 90)
+    right.plot(lag["time"][part], lag["t_exhaust"][part], color=MEASURED, lw=3, alpha=0.5)
+    right.plot(lag["time"][part], lag["Temperature"][part], color=FITTED, lw=1)
+    right.axvspan(40, 60, color=MEASURED, alpha=0.2, lw=0)
+    right.text(41, 250, "warm-up")
+    left.set(xlabel="time [s]", ylabel="temperature [degC]", title="trip 3")
+    right.set(xlabel="time [s]", title="trip 1")
+    left.legend(loc="upper left", fontsize=8)
+    _save(figure, "tutorial-exhaust-lag.png")
+
+
+def _simulation(project: str) -> Mapping[str, Any]:
+    """Calibrate a project and return the columns of its simulation."""
+    results = Path(project).stem
+    assert cli.run(["calibrate", project, "-q", "-o", results]) == 0
+    table = pq.read_table(Path(results) / "simulation.parquet")
+    return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
+
+
+def _write_files(page: str) -> None:
+    """Write the files that a page shows."""
+    for language in ("kf", "python", "toml"):
+        for text in _blocks(page, language):
+            if name := re.match(r"# ([\w-]+\.(?:toml|kf|py))\b", text):
+                Path(name[1]).write_text(text, encoding="utf-8")
 
 
 def _blocks(page: str, language: str) -> Iterator[str]:
