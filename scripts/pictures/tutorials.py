@@ -25,14 +25,20 @@ from kennfeld.project import demo
 
 ROOT = Path(__file__).parents[2]
 IMAGES, PAGES = ROOT / "docs" / "images", ROOT / "docs" / "tutorials"
-STYLE: Any = {"font.size": 9, "figure.facecolor": "white", "axes.grid": True, "grid.alpha": 0.3, "svg.hashsalt": "kennfeld"}
+STYLE: Any = {
+    "font.size": 9,
+    "figure.facecolor": "white",
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "svg.hashsalt": "kennfeld",
+}
 MEASURED, FITTED, OTHER = "#8a8f98", "#0b7285", "#d9480f"
 
 
 def make() -> None:
     """Make the pictures of all tutorials."""
     IMAGES.mkdir(exist_ok=True)
-    for draw in (torque, exhaust):
+    for draw in (torque, exhaust, idle):
         with plt.rc_context(STYLE), tempfile.TemporaryDirectory() as folder, chdir(folder):
             draw()
 
@@ -93,11 +99,39 @@ def exhaust() -> None:
     _save(figure, "tutorial-exhaust-lag.png")
 
 
+def idle() -> None:
+    """Draw set values and load steps with the fast gains, and with those that limit the overshoot."""
+    demo.write("idle", ".")
+    demo.prepare("idle", Path(), lambda line: None)
+    _write_files("idle")
+    runpy.run_path("load_steps.py")
+    steps = next(added for added in _blocks("idle", "toml") if "load_steps.csv" in added)
+    Path("limited.toml").write_text(Path("limited.toml").read_text(encoding="utf-8") + steps, encoding="utf-8")
+    _simulation("kennfeld.toml")
+    assert cli.run(["simulate", "limited.toml", "-q", "-p", "kennfeld/parameters.dcm", "-o", "fast.parquet"]) == 0
+    runs = {"fast": (_columns("fast.parquet"), OTHER), "limited": (_simulation("limited.toml"), FITTED)}
+    figure, panels = plt.subplots(1, 2, figsize=(8, 3))
+    for panel, name in zip(panels, ("set values", "load steps"), strict=True):
+        for label, (run, color) in runs.items():
+            part = (run["dataset"] == name) & (run["time"] >= 5)
+            if label == "fast":
+                panel.plot(run["time"][part], run["n_set"][part], color=MEASURED, lw=1, label="set value")
+            panel.plot(run["time"][part], run["n"][part], color=color, lw=1.2, label=label)
+        panel.set(xlabel="time [s]", title=name)
+    panels[0].set_ylabel("speed [rpm]")
+    panels[0].legend(fontsize=8)
+    _save(figure, "tutorial-idle-loop.png")
+
+
 def _simulation(project: str) -> Mapping[str, Any]:
     """Calibrate a project and return the columns of its simulation."""
     results = Path(project).stem
     assert cli.run(["calibrate", project, "-q", "-o", results]) == 0
-    table = pq.read_table(Path(results) / "simulation.parquet")
+    return _columns(Path(results) / "simulation.parquet")
+
+
+def _columns(file: str | Path) -> Mapping[str, Any]:
+    table = pq.read_table(file)
     return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
 
 
