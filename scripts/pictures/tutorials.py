@@ -16,6 +16,7 @@ from typing import Any
 os.environ.setdefault("MPLBACKEND", "agg")
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
@@ -38,7 +39,7 @@ MEASURED, FITTED, OTHER = "#8a8f98", "#0b7285", "#d9480f"
 def make() -> None:
     """Make the pictures of all tutorials."""
     IMAGES.mkdir(exist_ok=True)
-    for draw in (torque, exhaust, idle):
+    for draw in (torque, exhaust, idle, two_days):
         with plt.rc_context(STYLE), tempfile.TemporaryDirectory() as folder, chdir(folder):
             draw()
 
@@ -121,6 +122,39 @@ def idle() -> None:
     panels[0].set_ylabel("speed [rpm]")
     panels[0].legend(fontsize=8)
     _save(figure, "tutorial-idle-loop.png")
+
+
+def two_days() -> None:
+    """Draw the changes of the map in standard deviations, and in degC after the fit of the block."""
+    demo.write("exhaust", ".")
+    _write_files("two-days")
+    kf.Project.read("kennfeld.toml").calibrate().parameters.save("released.dcm")
+    runpy.run_path("days.py")
+    text = Path("days.toml").read_text(encoding="utf-8").replace('["CurveTimeConstant"]', '["MapSettled"]')
+    changes: list[Any] = []
+    for lock in [line for page in _blocks("two-days", "toml") for line in page.splitlines() if line.startswith("lock")]:
+        Path("days.toml").write_text(text.replace("smoothness = 1", f"smoothness = 1\n{lock}", 1), encoding="utf-8")
+        result = kf.Project.read("days.toml").calibrate()
+        fitted, start = (values["MapSettled"] for values in (result.parameters, kf.read_parameters("released.dcm")))
+        changes.append(np.where(fitted.values == start.values, np.nan, fitted.values - start.values))
+        if len(changes) == 1:
+            assert result.trust is not None
+            with np.errstate(invalid="ignore"):
+                changes[0] /= result.trust.deviation["MapSettled"]
+    figure, panels = plt.subplots(1, 2, figsize=(8.5, 3.4), sharey=True)
+    titles = ("points with data: change in standard deviations", "block: change in degC")
+    for panel, change, title, limit in zip(panels, changes, titles, (10, 35), strict=True):
+        speed, injection = (np.arange(n) for n in change.shape)
+        mesh = panel.pcolormesh(injection, speed, change, cmap="RdBu_r", vmin=-limit, vmax=limit)
+        panel.set_facecolor("#d5d8dc")
+        panel.set_xticks(injection[::2], [f"{y:.0f}" for y in fitted.axes[1].breakpoints[::2]])
+        panel.set_yticks(speed[::2], [f"{x:.0f}" for x in fitted.axes[0].breakpoints[::2]])
+        panel.set_xlabel("Injection [mg/stk]")
+        panel.set_title(title, fontsize=9)
+        panel.grid(False)
+        figure.colorbar(mesh, ax=panel)
+    panels[0].set_ylabel("Speed [rpm]")
+    _save(figure, "tutorial-two-days-change.png")
 
 
 def _simulation(project: str) -> Mapping[str, Any]:
