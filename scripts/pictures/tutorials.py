@@ -39,7 +39,7 @@ MEASURED, FITTED, OTHER = "#8a8f98", "#0b7285", "#d9480f"
 def make() -> None:
     """Make the pictures of all tutorials."""
     IMAGES.mkdir(exist_ok=True)
-    for draw in (torque, exhaust, idle, two_days):
+    for draw in (torque, exhaust, idle, simulink, two_days):
         with plt.rc_context(STYLE), tempfile.TemporaryDirectory() as folder, chdir(folder):
             draw()
 
@@ -122,6 +122,27 @@ def idle() -> None:
     panels[0].set_ylabel("speed [rpm]")
     panels[0].legend(fontsize=8)
     _save(figure, "tutorial-idle-loop.png")
+
+
+def simulink() -> None:
+    """Draw the error over the vehicle speed, with the gain of the cooling held and fitted."""
+    shutil.copytree(ROOT / "examples" / "simulink", ".", dirs_exist_ok=True)
+    text = Path("kennfeld.toml").read_text(encoding="utf-8")
+    held = text.replace("[calibration]", '[calibration]\nfree = ["MapGas", "KRetard", "TauSensor"]')
+    Path("held.toml").write_text(held, encoding="utf-8")
+    vehicle = np.concatenate([kf.read(f"drive_{number}.csv")["v_fzg"].values for number in (1, 2, 3)])
+    figure, panels = plt.subplots(1, 2, figsize=(8, 2.8), sharey=True)
+    titles = {"held.toml": "gain held at -1", "kennfeld.toml": "gain fitted"}
+    for panel, (project, title) in zip(panels, titles.items(), strict=True):
+        run = _simulation(project)
+        error = run["T_sensor"] - run["t_abg"]
+        for dataset, color in (("drives", FITTED), ("another drive", OTHER)):
+            part = run["dataset"] == dataset
+            panel.plot(vehicle[part][::4], error[part][::4], ".", color=color, ms=2, label=dataset)
+        panel.set(xlabel="vehicle speed [m/s]", title=title)
+    panels[0].set_ylabel("error [degC]")
+    panels[0].legend(fontsize=8, markerscale=4)
+    _save(figure, "tutorial-simulink-cooling.png")
 
 
 def two_days() -> None:
