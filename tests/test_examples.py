@@ -3,9 +3,10 @@
 In a document the language of a block says what is done with it: `sh` lines that begin with `kennfeld` are run,
 `python` is run from top to bottom, `kf` is read as formula text, `toml` with a `[model]` as a project file and with a
 `[surrogate]` as a training file. A block that begins with `# NAME.toml`, `# NAME.kf` or `# NAME.py` is there as a file
-when the `sh` lines run; one that begins with `# in NAME.toml` has been put into that file. `cd` and `python NAME.py`
-are run as well. Documents run in the folder of the torque demo, README and `simulink-example.md` in that of the example
-they show.
+when the `sh` lines run; one that begins with `# in NAME.toml` has been put into that file, and one that begins with
+`# at the end of NAME.toml` appended to it. `cd` and `python NAME.py` are run as well; a script of a tutorial runs only
+there, because it may read what the lines before it have written. Documents run in the folder of the torque demo, README
+and `simulink-example.md` in that of the example they show, tutorials in one of an example or in an empty one.
 """
 
 import ast
@@ -40,6 +41,9 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 NOISE = {"air-flow": 1.0, "exhaust-temperature": 2.0, "simulink": 2.0, "idle-speed": 76.0, "nox": 8.0}
 NEEDS = {"nox": ("onnx", "pycparser")}  # packages
 
+# of tutorials: the example that they start from; the others start from a demo
+STARTS = {"exhaust.md": "exhaust-temperature", "simulink.md": "simulink"}
+
 by_name = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
 
 
@@ -54,6 +58,10 @@ def workplace(tmp_path, monkeypatch):
             add_model(folder)
         elif document.name == "simulink-example.md":
             shutil.copytree(ROOT / "examples" / "simulink", folder)
+        elif is_tutorial(document) and document.name in STARTS:
+            shutil.copytree(ROOT / "examples" / STARTS[document.name], folder)
+        elif is_tutorial(document):
+            folder.mkdir()
         else:
             write("torque", folder)
             add_image(folder)
@@ -65,6 +73,10 @@ def workplace(tmp_path, monkeypatch):
         return folder
 
     return enter
+
+
+def is_tutorial(document):
+    return document.parent.name == "tutorials"
 
 
 def add_image(folder):
@@ -183,6 +195,9 @@ def lay_out(text):
         Path(named[1]).write_text(text, encoding="utf-8")
     elif named := re.match(r"# in ([\w-]+\.toml)\n", text):
         Path(named[1]).write_text(edited(Path(named[1]).read_text(encoding="utf-8"), text), encoding="utf-8")
+    elif named := re.match(r"# at the end of ([\w-]+\.toml)\n", text):
+        with Path(named[1]).open("a", encoding="utf-8") as file:
+            file.write("\n" + text.partition("\n")[2])
 
 
 def prepare_files(document):
@@ -226,7 +241,8 @@ def test_commands_shown_work(document, workplace, monkeypatch):
 
 @by_name
 def test_python_shown_works(document, workplace):
-    code = "\n".join(blocks(document, "python"))
+    texts = blocks(document, "python")
+    code = "\n".join(text for text in texts if not (is_tutorial(document) and text.startswith("# ")))
     if not code:
         return
     workplace(document)
@@ -243,6 +259,8 @@ def test_formulas_shown_can_be_read(document):
 @by_name
 def test_project_files_shown_are_right(document, workplace, tmp_path):
     texts = blocks(document, "toml")
+    if is_tutorial(document):  # its project files are read, and run, by the commands that follow them
+        texts = [text for text in texts if not text.startswith("# ")]
     if any("[model]" in text for text in texts):
         workplace(document)
         prepare_files(document)

@@ -115,3 +115,8 @@ def test_values_that_cannot_be_written_are_printed_even_if_quiet(project, capsys
     monkeypatch.setattr("kennfeld.project.fallback.write_somewhere", lambda *_: ())
     assert cli.run(["calibrate", str(project), "-q"]) == 0
     assert capsys.readouterr().out.startswith("The values, as parameters.json:\n{")
+
+
+def test_check_counts_the_values_to_fit(project, capsys):
+    assert cli.run(["check", str(project)]) == 0
+    assert "1 value of 1 parameter to fit; 600 training samples in drives" in capsys.readouterr().out

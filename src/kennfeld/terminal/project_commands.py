@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from kennfeld.errors import Finding, Findings, InputError, Location
+from kennfeld.formatting import count_noun
 from kennfeld.terminal.command_line import (
     DONE,
     INTERRUPTED,
@@ -102,7 +103,8 @@ def check(path: Path, no_run: bool) -> int:
     if problem.partitions is not None:
         samples = [f"{problem.partitions.samples} training samples in {len(problem.partitions.training)} partitions"]
     print_lines(f"{path}: {verdict}")
-    print_lines(f"{movable(problem)} values of {len(problem.free_names)} parameters to fit; {', '.join(samples)}")
+    values = f"{count_noun(movable(problem), 'value')} of {count_noun(len(problem.free_names), 'parameter')}"
+    print_lines(f"{values} to fit; {', '.join(samples)}")
     return DONE
 
 
