@@ -14,10 +14,11 @@ from typing import Any
 
 from packaging.requirements import Requirement
 
-__all__ = ["Package", "bundled", "installed"]
+__all__ = ["TOOLS", "Package", "bundled", "installed"]
 
 ROOT = Path(__file__).parents[1]
 WEB = ROOT / "web"
+TOOLS = "dev", "docs"  # extras for work on Kennfeld itself
 _SPDX = {
     "Apache 2.0": "Apache-2.0",
     "Apache Software License": "Apache-2.0",
@@ -46,13 +47,13 @@ class Package:
 
 
 def installed() -> list[Package]:
-    """Return what Kennfeld and its extras except `dev` need, sorted by name. Raises if one is not installed."""
+    """Return what Kennfeld and its extras except `TOOLS` need, sorted by name. Raises if one is not installed."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     always = _closure(project["dependencies"])
     extras: dict[str, list[str]] = {}
     for extra, requirements in project["optional-dependencies"].items():
         own = [text for text in requirements if not text.startswith(f"{project['name']}[")]
-        for name in _closure(own) if extra != "dev" else ():
+        for name in _closure(own) if extra not in TOOLS else ():
             extras.setdefault(name, []).append(extra)
     names = sorted({*always, *extras})
     return [_package(name, () if name in always else tuple(extras[name])) for name in names]
