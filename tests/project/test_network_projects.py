@@ -1,6 +1,9 @@
 """Projects whose formula text calls an ONNX network."""
 
+import json
+
 import numpy as np
+import pyarrow.parquet
 import pytest
 
 pytest.importorskip("onnx", reason="the package onnx is not installed")
@@ -8,6 +11,7 @@ pytest.importorskip("onnx", reason="the package onnx is not installed")
 from networks import perceptron, random_layers
 
 from kennfeld.calfiles import write
+from kennfeld.cli import run
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project import Project
@@ -38,7 +42,8 @@ def project_of(tmp_path):
     perceptron(tmp_path / "net.onnx", random_layers([2, 8, 1]))
     (tmp_path / "f.kf").write_text("y = net(C(u), v)\n")
     u, v = np.random.default_rng(0).uniform(-1, 1, (2, 200))
-    rows = "\n".join(f"{a},{b},{np.sin(a) + b}" for a, b in zip(u, v, strict=True))
+    noise = 0.02 * np.random.default_rng(1).standard_normal(200)
+    rows = "\n".join(f"{a},{b},{np.sin(a) + b + e}" for a, b, e in zip(u, v, noise, strict=True))
     (tmp_path / "data.csv").write_text(f"u,v,target\n{rows}\n")
 
     def write_project(parameters="", model=""):
@@ -93,3 +98,69 @@ def test_a_damaged_network_is_a_finding_of_the_project(project_of, tmp_path):
     (tmp_path / "net.onnx").write_bytes(b"\x01\x02\x03")
     with pytest.raises(InputError, match="not an ONNX file"):
         project.problem()
+
+
+FITTED = '[parameters."net.layer1"]\nfree = true\n[parameters."net.layer2"]\nfree = true'
+
+
+def run_kennfeld(capsys, *arguments):
+    """Run a command, which must succeed; return what it prints."""
+    status = run(list(map(str, arguments)))
+    printed = capsys.readouterr()
+    assert status == 0, printed.err
+    return printed.out
+
+
+@pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json"])
+def test_fitted_weights_simulate_to_the_same_errors_from_each_file(project_of, tmp_path, capsys, ending):
+    project_of(FITTED)
+    path = tmp_path / "kennfeld.toml"
+    text = path.read_text() + "\n[optimizer]\ntolerance = 1e-3\n[calibration]\n"
+    path.write_text(f'{text}output = ["dcm", "cdfx", "csv"]\n')
+    assert "no problem found" in run_kennfeld(capsys, "check", path)
+    run_kennfeld(capsys, "calibrate", path)
+    result = json.loads((tmp_path / "results" / "result.json").read_text())
+    fitted = result["quality"][0]["rmse_after"]
+    assert fitted < 0.5 * result["quality"][0]["rmse_before"]
+    assert (tmp_path / "results" / "report.html").stat().st_size
+    path.write_text(f'{text.replace("initial = 0.1", "")}initial = "results/parameters.{ending}"\n')
+    run_kennfeld(capsys, "simulate", path)
+    simulated = pyarrow.parquet.read_table(tmp_path / "simulation.parquet")
+    error = simulated["y"].to_numpy() - simulated["target"].to_numpy()
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(fitted, rel=1e-9)
+
+
+def test_poorly_determined_weights_are_summarised_in_one_sentence_without_advice_for_tables(project_of):
+    trust = project_of(FITTED).calibrate().trust
+    of_weights = [d for d in trust.directions if "weights of net.layer" in d.sentence]
+    only_weights = [d for d in of_weights if not d.parts.keys() - {"net.layer1", "net.layer2"}]
+    assert len(only_weights) <= 1
+    text = "\n".join(map(str, of_weights))
+    assert "The data hardly determine" in text
+    for word in ("smoothness", "row", "Scaling net", "pin net", "Pin a known value of net"):
+        assert word not in text
+
+
+def test_positions_of_a_value_block_are_locked_by_ranges(project_of):
+    block = (
+        project_of('[parameters."net.layer2"]\nlock = [{ x = [8, 8], y = [0, 0] }]').problem().parameters["net.layer2"]
+    )
+    assert block.locked.ravel().tolist() == [False] * 8 + [True]
+
+
+def test_a_network_that_starts_at_zero_is_warned_of_and_fitted_from_other_weights(project_of, tmp_path):
+    project = project_of(FITTED)
+    perceptron(tmp_path / "net.onnx", [(np.zeros((2, 8)), np.zeros(8)), (np.zeros((8, 1)), np.zeros(1))])
+    warnings = [str(finding) for finding in project.check() if finding.severity == "warning"]
+    assert any("[parameters.net.layer1] initial: all weights are 0" in text for text in warnings)
+    result = project.calibrate()
+    assert "It started with different weights." in result.message
+    assert result.quality[0].r2_after > 0.9
+
+
+def test_neurons_that_start_with_equal_weights_are_warned_of(project_of, tmp_path):
+    project = project_of(FITTED)
+    perceptron(tmp_path / "net.onnx", [(np.ones((2, 8)), np.zeros(8)), (np.ones((8, 1)), np.zeros(1))])
+    (warning,) = [str(finding) for finding in project.check() if finding.severity == "warning"]
+    assert "8 of 8 neurons of net.layer1 start with equal weights" in warning
+    assert any("8 of 8 neurons" in str(warning) for warning in project.calibrate().warnings)

@@ -80,15 +80,22 @@ def merge_start_values(own: ParameterSet, other: ParameterSet, *, continued: boo
     Args:
         own: parameters of the model.
         other: replacements and additional parameters. Their limits apply; a parameter without limits takes the model's.
-            Values that the model locks stay locked.
+            Values that the model locks stay locked. Value blocks take the model's shape if only dimensions of size 1
+            differ, since some formats leave them out.
         continued: take the extrapolation of tables from the model, since most calibration formats do not store it.
     """
-    replaced = [
-        parameter.changed(**_from_model(own[name], parameter, continued))
-        for name, parameter in other.items()
-        if name in own
-    ]
+    shaped = [_in_shape_of(own[name], parameter) for name, parameter in other.items() if name in own]
+    replaced = [parameter.changed(**_from_model(own[parameter.name], parameter, continued)) for parameter in shaped]
     return own.merged(other.with_parameters(*replaced))
+
+
+def _in_shape_of(own: Parameter, other: Parameter) -> Parameter:
+    shapes = own.values.shape, other.values.shape
+    long = [tuple(count for count in shape if count > 1) for shape in shapes]
+    if not own.kind == other.kind == "block" or shapes[0] == shapes[1] or long[0] != long[1]:
+        return other
+    arrays = {name: getattr(other, name) for name in ("values", "lower", "upper", "locked")}
+    return other.changed(**{name: array.reshape(shapes[0]) for name, array in arrays.items()})
 
 
 def _from_model(own: Parameter, other: Parameter, continued: bool) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 With `y = A(u) * B(v)` and both tables at 0, all derivatives are zero. Such values are found by evaluation, so models of
 any kind are covered: a value at 0 is stuck if its derivatives are zero, remain zero however the values with derivatives
 move, and are not zero once the stuck values move together. The departure sets as few parameters as possible to a level
-other than 0.
+other than 0. Of a neural network, the weights of all layers are set to different numbers: neurons with equal weights
+would stay equal, and those with a constant output may lose all slopes in the first step.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.equal_neurons import equal_neurons
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
@@ -29,11 +31,17 @@ class Departure:
 
     values: Float  # the free values
     changed: Mapping[str, Bool]  # by parameter, the values that were changed
-    levels: Mapping[str, float]  # by parameter, the value in place of 0
+    levels: Mapping[str, float]  # by parameter, the value in place of 0; the mean size of the weights of a layer
     stuck: tuple[str, ...]  # all parameters with values that could not move
+    layers: frozenset[str] = frozenset()  # those with the weights of a neural network
 
     def __str__(self) -> str:
-        levels = [f"{name} = {self.levels[name]:g} instead of 0" for name in self.changed]
+        if self.layers.issuperset(self.stuck):
+            neurons = f"neurons of {_join(self.stuck)} whose weights are 0"
+            return f"The search cannot tell {neurons} from each other. It started with different weights."
+        levels = [f"{name} = {self.levels[name]:g} instead of 0" for name in self.changed if name not in self.layers]
+        if layers := [name for name in self.changed if name in self.layers]:
+            levels.append(f"different weights of {_join(layers)} instead of 0")
         return (
             f"The search could not move from the start: all derivatives of {_join(self.stuck)} vanish at 0. "
             f"It started with {_join(levels)}."
@@ -49,7 +57,7 @@ def departure(compiled: CompiledProblem, start: Float, limits: LinearLimits) -> 
         limits: bounds and linear limits, including locks and pins.
     """
     search = _StartSearch(compiled, start, limits)
-    stuck = search.stuck(start)
+    stuck = search.stuck(start) | search.equal(start)
     return search.departure(stuck) if stuck.any() else None
 
 
@@ -60,6 +68,7 @@ class _StartSearch:
         self.compiled, self.start, self.limits = compiled, start, limits
         self.objective = LeastSquaresObjective(compiled)
         problem, offsets = compiled.problem, compiled.values.offsets
+        self.layers = problem.model.graph.layers
         self.columns = {
             name: slice(offsets[name], offsets[name] + problem.parameters[name].size) for name in problem.free_names
         }
@@ -67,6 +76,17 @@ class _StartSearch:
         for columns in self.columns.values():
             self.movable[columns] = limits.movable[columns]
         self.pattern = 1 + np.modf(np.arange(1, start.size + 1) * 0.618034)[0]  # from 1 to 2, no two alike
+
+    def equal(self, values: Float) -> Bool:
+        """Mark all weights of layers that are 0 throughout, with neurons that stay equal although they may move."""
+        equal = np.zeros(values.size, dtype=bool)
+        if not any(name in self.columns and not values[self.columns[name]].any() for name in self.layers):
+            return equal
+        if not equal_neurons(self.compiled.problem.model.graph, self.compiled.parameters(values)):
+            return equal
+        for name in self.layers & set(self.columns):
+            equal[self.columns[name]] = not values[self.columns[name]].any()
+        return equal & self.movable
 
     def stuck(self, values: Float) -> Bool:
         """Mark the values at 0 that affect the outputs, but that no descent from here would ever move."""
@@ -113,7 +133,7 @@ class _StartSearch:
         def rank(name: str) -> tuple[bool, int]:  # factors, which are small and have no unit, are changed first
             return self._parameter(name).unit not in ("", "-"), int(stuck[self.columns[name]].sum())
 
-        for name in sorted(names, key=rank, reverse=True):
+        for name in sorted((name for name in names if name not in self.layers), key=rank, reverse=True):
             fewer = [other for other in kept if other != name]
             values = self._at_level(fewer, stuck, 1.0) if fewer else None
             if values is not None and not self.stuck(values).any():
@@ -126,6 +146,8 @@ class _StartSearch:
                 continue
             if not self.stuck(values).any():
                 best = cost, values
+                if self.layers.issuperset(kept):
+                    break  # nearly equal weights would cost less, but part slowly
         return None if best is None else self._describe(best[1], names)
 
     def _at_level(self, names: Sequence[str], stuck: Bool, level: float) -> Float | None:
@@ -134,17 +156,29 @@ class _StartSearch:
         for name in names:
             columns = self.columns[name]
             others = np.abs(values[columns][values[columns] != 0])
-            values[columns][stuck[columns]] = others.mean() if others.size else level
+            size = others.mean() if others.size else level
+            values[columns][stuck[columns]] = size * self._shape(name)[stuck[columns]]
         away = np.where(stuck, self.limits.clip(values), values)
         values = np.where((away == 0) & (values != 0), self.limits.clip(-values), away)
         return project(values, self.limits)[0]
+
+    def _shape(self, name: str) -> Float:
+        """Return the values of a parameter at level 1; those of a layer suit inputs of the size of its outputs."""
+        columns, shape = self.columns[name], self._parameter(name).values.shape
+        if name not in self.layers:
+            return np.ones(self._parameter(name).size)
+        spread: Float = (2 * self.pattern[columns] - 3) / max(shape[0] - 1, 1) ** 0.5
+        return spread
 
     def _describe(self, values: Float, names: Sequence[str]) -> Departure | None:
         differing = values != self.start
         changed = {name: differing[columns] for name, columns in self.columns.items() if differing[columns].any()}
         levels = {name: float(values[self.columns[name]][which].mean()) for name, which in changed.items()}
+        levels |= {
+            name: float(np.abs(values[self.columns[name]][changed[name]]).mean()) for name in self.layers & set(changed)
+        }
         shaped = {name: which.reshape(self._parameter(name).values.shape) for name, which in changed.items()}
-        return Departure(values, shaped, levels, tuple(names))
+        return Departure(values, shaped, levels, tuple(names), frozenset(self.layers))
 
     def _parameter(self, name: str) -> Parameter:
         return self.compiled.problem.parameters[name]

@@ -25,6 +25,7 @@ from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.equal_neurons import REMEDY, describe, equal_neurons
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.lookup_coverage import Coverage
 from kennfeld.optimize.problem import Problem, difference
@@ -111,11 +112,15 @@ def check_settling(graph: Graph, loaded: LoadedData) -> list[Finding]:
 
 
 def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
-    """Warn of parameters whose initial value 0 makes the gradient of other parameters vanish.
+    """Warn of parameters whose initial value 0 makes the gradient of other parameters vanish, and of equal neurons.
 
-    Nothing is compiled unless factors of products are 0 at the start.
+    Nothing is compiled unless factors of products, or weights of a layer, are all 0 at the start.
     """
-    candidates = factors(problem.graph) & {
+    equal = equal_neurons(problem.graph, problem.parameters)
+    for name in equal if file.optimizer.method != "global" else ():
+        if problem.parameters[name].values.any():  # the search leaves weights that are 0 by itself
+            yield Finding(file.location("parameters", name), describe(name, equal), REMEDY, severity="warning")
+    candidates = (factors(problem.graph) | problem.graph.layers) & {
         name for name in problem.free_names if not problem.parameters[name].values.any()
     }
     if not candidates or file.optimizer.method == "global" or not any(bound.count for bound in problem.training):
@@ -135,6 +140,9 @@ def check_start(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
         others = " and ".join(other for other in off.stuck if other != name) or name
         message = f"the initial value is 0, so the gradient of {others} is zero and no step can change it"
         remedy = f"Write initial = {off.levels[name]:g}, or all values. By default, a calibration starts at this value."
+        if name in off.layers:
+            message = "all weights are 0, so that the gradient is zero and no step can change them"
+            remedy = f"{REMEDY} By default, a calibration starts with different ones."
         yield Finding(file.location("parameters", name, "initial"), message, remedy, severity="warning")
 
 

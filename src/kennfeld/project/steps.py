@@ -20,8 +20,8 @@ from kennfeld.project.value_forms import DIRECTIONS, Lock, Range
 
 
 def missing_directions(table: Parameter, part: Range) -> list[str]:
-    """Return the directions of a range that the table does not have."""
-    return [direction for direction in part if DIRECTIONS.index(direction) >= len(table.axes)]
+    """Return the directions of a range that the table does not have; those of a value block count positions."""
+    return [direction for direction in part if DIRECTIONS.index(direction) >= len(table.index_axes)]
 
 
 def grid_points_within(table: Parameter, part: Range) -> Bool:
@@ -29,7 +29,7 @@ def grid_points_within(table: Parameter, part: Range) -> Bool:
     inside = np.ones(table.values.shape, dtype=bool)
     for direction, (first, last) in part.items():
         which = DIRECTIONS.index(direction)
-        points = table.axes[which].breakpoints
+        points = table.index_axes[which].breakpoints
         shape = [-1 if i == which else 1 for i in range(table.values.ndim)]
         inside &= ((points >= first) & (points <= last)).reshape(shape)
     return inside

@@ -28,9 +28,10 @@ from kennfeld.optimize.trust.noise import (
     sum_groups,
 )
 from kennfeld.optimize.trust.null_space import null_space
-from kennfeld.optimize.trust.table_changes import table_changes
+from kennfeld.optimize.trust.table_changes import WeakDirection, table_changes
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.weak_directions import weak_directions
+from kennfeld.optimize.trust.weight_text import describe_weights
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.task_runner import RunnerLostError
@@ -146,7 +147,8 @@ class TrustAssessment:
         idle = {name: ~known & ~fixed[name] for name, known in informed.items()}
         flat = {name: split(searched)[name] & ~where for name, where in tables.items()}
         directions = [words.uninformed(name, where) for name, where in idle.items() if where.any()]
-        directions += [words.searched(name, where) for name, where in flat.items() if where.any()]
+        # weights are summarised below
+        directions += [words.searched(n, where) for n, where in flat.items() if where.any() and n not in words.layers]
         if not local.seen.any():
             return tuple(directions)
         coupled = _coupled_tables(local, split.columns, list(tables))
@@ -154,10 +156,20 @@ class TrustAssessment:
         changes = np.zeros((len(candidates), self.values.size))
         for row, shape in zip(changes, candidates, strict=True):
             row[split.columns[shape.table]] = shape.change.ravel()
+        of_layers: list[tuple[WeakDirection, bool]] = []
         for weak in weak_directions(local, candidates, changes, MAX_DIRECTIONS):
-            parts = split(weak.change)
-            simple = bool(weak.amounts)
-            directions.append(words.named(weak, parts) if simple else words.by_points(weak, parts, split(weak.weight)))
+            parts, weights = split(weak.change), split(weak.weight)
+            names = [] if weak.amounts else words.strongest(weights)
+            if weak.amounts:
+                directions.append(words.named(weak, parts))
+            elif not words.layers.issuperset(names):
+                directions.append(words.by_points(weak, parts, weights))
+            if words.layers.intersection(names):
+                of_layers.append((weak, words.layers.issuperset(names)))
+        if of_layers:
+            weak, alone = max(of_layers, key=lambda pair: pair[1])
+            parts = {name: part for name, part in split(weak.change).items() if name in words.layers}
+            directions += describe_weights(weak, parts, split(local.deviation(error=True)), parameters, alone=alone)
         return tuple(directions)
 
     def _remark(self, local: Estimate) -> str:

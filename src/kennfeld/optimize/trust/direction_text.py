@@ -72,6 +72,7 @@ class Describer:
     ) -> None:
         self._parameters, self._start, self._samples = parameters, start, samples
         self._free_axes = {name: parameters[table].axes[number] for name, (table, number) in free_axes.items()}
+        self.layers = graph.layers
         self._axes = {name: _axes(graph, parameters[name]) for name in samples if name not in free_axes}
 
     def uninformed(self, name: str, where: Bool) -> Direction:
@@ -80,8 +81,9 @@ class Describer:
             return self._describe_idle_breakpoints(name, where)
         single = np.count_nonzero(where) == 1
         start, lock = ("its start value", "lock it") if single else ("their start values", "lock them")
-        smooth = self._samples[name].any() and max(where.shape, default=0) > 2
-        remedies = ["Record samples there", *([f"set a smoothness for {name}"] if smooth else []), lock]
+        smooth = self._samples[name].any() and _has_smoothness(self._parameters[name])
+        record = "Start from other weights" if name in self.layers else "Record samples there"
+        remedies = [record, *([f"set a smoothness for {name}"] if smooth else []), lock]
         sentence = f"Not determined by data or smoothness, kept at {start}: {self._some_values(name, where)}."
         choices = (*([Remedy(smoother=(name,))] if smooth else []), Remedy(locks={name: where}))
         return _undetermined(sentence, f"{join_items(remedies, 'or')}.", name, where, choices)
@@ -97,6 +99,8 @@ class Describer:
 
     def _some_values(self, name: str, where: Bool) -> str:
         count = int(np.count_nonzero(where))
+        if name in self.layers:
+            return name_weights(name, count, where.size)
         if count == where.size:
             return name if count == 1 else f"all values of {name}"
         places = [self.place(name, at) for at in np.argwhere(where)[:MAX_NAMED].tolist()]
@@ -107,10 +111,13 @@ class Describer:
         """Name the marked values of a parameter by their coordinates, or count them if the list would be long."""
         count = int(np.count_nonzero(where))
         if count == where.size:
-            return name if count == 1 else f"all {count} values of {name}"
-        if count > MAX_LISTED:
-            return f"{count} of the {where.size} values of {name}"
+            return name if count == 1 else f"all {count} {self._noun(name)} of {name}"
+        if count > (MAX_NAMED if name in self.layers else MAX_LISTED):
+            return f"{count} of the {where.size} {self._noun(name)} of {name}"
         return f"{name} at {join_items([self.place(name, at) for at in np.argwhere(where).tolist()])}"
+
+    def _noun(self, name: str) -> str:
+        return "weights" if name in self.layers else "values"
 
     def _describe_idle_breakpoints(self, name: str, where: Bool) -> Direction:
         numbers = np.flatnonzero(where).tolist()
@@ -139,12 +146,8 @@ class Describer:
 
     def by_points(self, weak: WeakDirection, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
         """Describe a direction by its strongest grid points; `weights` are the effect of each value on the data."""
-        strongest = max(float(weight.max()) for weight in weights.values())
-        # rounded, so that rounding errors decide no order
-        shares = {name: np.round(weight / strongest, 6) for name, weight in weights.items()}
-        strength = {name: float(share.max()) for name, share in shares.items()}
-        ranked = sorted(strength, key=lambda name: (-strength[name], name not in self._free_axes))
-        names = [name for name in ranked if strength[name] >= MIN_TABLE_SHARE]
+        shares = _shares(weights)
+        names = self.strongest(weights)
         first = int(shares[names[0]].argmax())
         unit = PERCENT * self._typical_size(names[0]) / float(parts[names[0]].ravel()[first])
         verbs = [v for name in names for v in self._points(name, parts[name] * unit, shares[name])]
@@ -153,6 +156,12 @@ class Describer:
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
         sentence = f"{_clauses(verbs)}{' together' if len(verbs) > 1 else ''} {_effect(weak, size)}."
         return _direction(weak, unit, sentence, self._separation_remedy(names), changed, self._separations(names))
+
+    def strongest(self, weights: Mapping[str, Float]) -> list[str]:
+        """Return the tables with a large part in a direction, largest first; `weights` as in `by_points`."""
+        strength = {name: float(share.max()) for name, share in _shares(weights).items()}
+        ranked = sorted(strength, key=lambda name: (-strength[name], name not in self._free_axes))
+        return [name for name in ranked if strength[name] >= MIN_TABLE_SHARE]
 
     def _typical_size(self, name: str) -> float:
         if name in self._free_axes:
@@ -191,6 +200,8 @@ class Describer:
 
     def _points(self, name: str, part: Float, weight: Float) -> list[tuple[str, str]]:
         """Return verb and object for the strongest grid points of a table: those raised, those lowered."""
+        if name in self.layers:
+            return [("changing", f"weights of {name}")]
         order = np.argsort(-weight, axis=None, kind="stable")
         some = int(np.count_nonzero(part)) > MAX_NAMED
         chosen = [int(i) for i in order[:MAX_NAMED] if weight.flat[i] >= MIN_POINT_SHARE * weight.flat[order[0]]]
@@ -255,6 +266,8 @@ class Describer:
         if len(axes) == len(names):
             return "Use fewer breakpoints on this axis, or fix them."
         parameters = [name for name in names if name not in self._free_axes]
+        if self.layers.intersection(names):
+            return f"Lock {join_items(parameters, 'or')}."
         if all(self._parameters[name].kind == "rbf" for name in parameters):
             return f"Record more samples, or use fewer centres for {join_items(parameters)}."
         tables = self._smoothable(parameters)
@@ -263,7 +276,7 @@ class Describer:
         return f"{', '.join(remedies)}, or {last}."
 
     def _smoothable(self, names: Sequence[str]) -> list[str]:
-        return [name for name in names if max(self._parameters[name].values.shape, default=0) > 2]
+        return [name for name in names if _has_smoothness(self._parameters[name])]
 
     def _separations(self, names: Sequence[str]) -> tuple[Remedy, ...]:
         """Return `_separation_remedy` as data."""
@@ -271,11 +284,32 @@ class Describer:
         parameters = [name for name in names if name not in self._free_axes]
         if parameters and all(self._parameters[name].kind == "rbf" for name in parameters):
             return ()
-        smoother = [Remedy(smoother=(name,)) for name in self._smoothable(parameters)]
+        smoothable = [] if self.layers.intersection(names) else self._smoothable(parameters)
+        smoother = [Remedy(smoother=(name,)) for name in smoothable]
         sizes = {name: self._parameters[name].values.shape for name in ([] if smoother else parameters)}
         locks = [Remedy(locks={name: np.ones(shape, dtype=bool)}) for name, shape in sizes.items()]
         fixed = [Remedy(axes=(name,)) for name in ([] if parameters else axes)]
         return (*(Remedy(coarser=(name,)) for name in axes), *smoother, *locks, *fixed)
+
+
+def _has_smoothness(table: Parameter) -> bool:
+    """Return if a smoothness can act on a table: it has breakpoints, not only positions, and three of them."""
+    return any(len(axis) > 2 for axis in table.axes)
+
+
+def _shares(weights: Mapping[str, Float]) -> dict[str, Float]:
+    strongest = max(float(weight.max()) for weight in weights.values())
+    # rounded, so that rounding errors decide no order
+    return {name: np.round(weight / strongest, 6) for name, weight in weights.items()}
+
+
+def name_weights(layer: str, count: int, size: int) -> str:
+    """Return how many weights of a layer are meant.
+
+    >>> name_weights("net.layer1", 3, 48), name_weights("net.layer1", 48, 48)
+    ('3 of 48 weights of net.layer1', 'all 48 weights of net.layer1')
+    """
+    return f"all {size} weights of {layer}" if count == size else f"{count} of {size} weights of {layer}"
 
 
 def _undetermined(sentence: str, remedy: str, name: str, where: Bool, remedies: tuple[Remedy, ...] = ()) -> Direction:

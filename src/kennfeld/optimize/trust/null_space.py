@@ -68,7 +68,7 @@ def null_space(
         words: describes places of values.
     """
     idle, chosen = estimate.open_values(_preference(columns, parameters, estimate.reduction.size))
-    pinned, locked, axes = _values_to_fix(columns, parameters, moving, (idle, chosen))
+    pinned, locked, axes = _values_to_fix(columns, parameters, {*moving, *words.layers}, (idle, chosen))
     dimension, by_smoothness = idle.size + chosen.size, estimate.by_smoothness
     changed = [name for name, at in columns.items() if estimate.undetermined[at].any()]
     pins = []
@@ -81,7 +81,7 @@ def null_space(
         dimension=dimension,
         by_smoothness=by_smoothness,
         remedy=Remedy(tuple(pins), locked, axes),
-        sentence=_sentence(dimension, idle.size, by_smoothness, changed),
+        sentence=_sentence(dimension, idle.size, by_smoothness, changed, words),
         advice=_advice(dimension, pinned, locked, axes, words),
     )
 
@@ -97,12 +97,12 @@ def _preference(columns: Mapping[str, Int], parameters: ParameterSet, size: int)
 
 
 def _values_to_fix(
-    columns: Mapping[str, Int], parameters: ParameterSet, moving: Collection[str], numbers: tuple[Int, Int]
+    columns: Mapping[str, Int], parameters: ParameterSet, unpinned: Collection[str], numbers: tuple[Int, Int]
 ) -> tuple[Marks, Marks, tuple[str, ...]]:
     """Return values to pin, values to lock, and axes to fix.
 
     `numbers` are those of values that nothing informs, which are locked, and of chosen other values, which are pinned,
-    or locked if they have no fixed coordinates.
+    or locked if they belong to a table in `unpinned` or have no coordinates.
     """
     pinned: dict[str, Bool] = {}
     locked: dict[str, Bool] = {}
@@ -112,7 +112,7 @@ def _values_to_fix(
         if name not in parameters:
             axes += [name] if (idle | chosen).any() else []
             continue
-        if name in moving or parameters[name].kind == "rbf":
+        if name in unpinned or parameters[name].kind == "rbf":
             idle, chosen = idle | chosen, np.zeros(at.size, dtype=bool)
         for marks, where in ((pinned, chosen), (locked, idle)):
             if where.any():
@@ -120,10 +120,11 @@ def _values_to_fix(
     return pinned, locked, tuple(axes)
 
 
-def _sentence(dimension: int, idle: int, by_smoothness: int, changed: Sequence[str]) -> str:
+def _sentence(dimension: int, idle: int, by_smoothness: int, changed: Sequence[str], words: Describer) -> str:
     parts = []
     if dimension:
-        some = f", {idle} of them single values without data" if 0 < idle < dimension else ""
+        single = "weights without effect" if words.layers.issuperset(changed) else "values without data"
+        some = f", {idle} of them single {single}" if 0 < idle < dimension else ""
         count = combinations_of_values(dimension).capitalize()
         parts.append(f"{count} of {join_items(changed)} {'is' if dimension == 1 else 'are'} undetermined{some}.")
     if by_smoothness:
@@ -140,4 +141,7 @@ def _advice(dimension: int, pinned: Marks, locked: Marks, axes: Sequence[str], w
     parts += [f"pin {words.places(name, where)}" for name, where in pinned.items()]
     several = sum(int(np.count_nonzero(where)) for where in pinned.values()) > 1
     known = " to known values, or else to the fitted ones" if several else " to a known value"
-    return f"To determine {'it' if dimension == 1 else 'all of them'}, {'; '.join(parts)}{known if pinned else ''}."
+    fewer = ", or fit fewer layers" if words.layers.intersection(locked) else ""
+    return (
+        f"To determine {'it' if dimension == 1 else 'all of them'}, {'; '.join(parts)}{known if pinned else ''}{fewer}."
+    )

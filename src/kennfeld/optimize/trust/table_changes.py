@@ -43,7 +43,7 @@ class TableChange:
 def table_changes(
     graph: Graph, parameters: ParameterSet, held: Mapping[str, Bool], coupled: Mapping[str, Sequence[str]]
 ) -> list[TableChange]:
-    """Return the distinct simple changes of some tables.
+    """Return the distinct simple changes of some tables; none of expansions and of layers of neural networks.
 
     Args:
         graph: the model.
@@ -53,7 +53,8 @@ def table_changes(
     """
     places, fed = _lookups(graph)
     changes = []
-    tables = [name for name in held if parameters[name].kind != "rbf"]
+    layers = graph.layers
+    tables = [name for name in held if parameters[name].kind != "rbf" and name not in layers]
     for name in tables:
         changes += _own_changes(parameters[name], held[name], fed.get(name, []))
         others = [other for other in coupled[name] if other in tables and places.get(name) == places.get(other)]
@@ -94,7 +95,7 @@ def _own_changes(table: Parameter, held: Bool, fed: Sequence[frozenset[str]]) ->
     about = values[held]
     if about.size and about[0] != 0 and float(np.ptp(about)) <= FLAT * largest:
         changes.append(TableChange("stretch", table.name, values - about[0], about=float(about[0])))
-    for i, axis in enumerate(table.index_axes if fed else ()):  # a layer has no lookup
+    for i, axis in enumerate(table.index_axes):
         if len(axis) > 1:
             slope = np.gradient(values, axis.breakpoints, axis=i)
             if float(np.ptp(slope)) > FLAT * max(float(np.abs(slope).max()), 1e-300):
