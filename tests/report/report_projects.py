@@ -57,6 +57,15 @@ def a_cube(shop):
     return shop.project("y = C(x, z, w)\n", toml, scattered() | {"w": scattered(300, 2)["x"]})
 
 
+def a_network(shop):
+    """A network with one free layer of two inputs and three neurons; needs the package onnx."""
+    from networks import perceptron, random_layers
+
+    perceptron(shop.folder / "net.onnx", random_layers([2, 3, 1]))
+    toml = '[functions]\nnet = "net.onnx"\n[parameters."net.layer1"]\nfree = true\n'
+    return shop.project("y = net(x / 10, z / 5)\n", toml, scattered())
+
+
 def missing_targets(shop):
     data = scattered()
     data["m"][::3] = np.nan

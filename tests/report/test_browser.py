@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import browser
-from report_projects import a_cube, a_map, scattered
+from report_projects import a_cube, a_map, a_network, scattered
 
 from kennfeld.project import Project
 from kennfeld.report import document
@@ -202,6 +202,20 @@ def test_the_table_of_a_parameter_shows_the_values_of_the_result(shop, show):
     assert cells() == np.reshape(figure["samples"], (5, 4)).T.ravel().tolist()
     page.locator(".choice button", has_text="before").click()
     assert set(cells()) == {1.0}
+
+
+def test_weights_are_drawn_as_cells_and_listed_by_rows(shop, show):
+    pytest.importorskip("onnx", reason="the package onnx is not installed")
+    page = show(a_network(shop))
+    cells = canvas_of(page, "parameter")
+    assert page.locator("figure.parameter canvas").count() == 2  # before and after
+    box = cells.bounding_box()
+    page.mouse.move(box["x"] + 40, box["y"] + 10)
+    assert [line.strip() for line in lines_of_tooltip(page)[:2]] == ["row 0", "column 0"]
+    figure = page.evaluate("JSON.parse(document.getElementById('report-data').textContent).figures.at(-2)")
+    page.locator("figure.parameter details summary").click()
+    texts = page.locator("table.grid td").all_text_contents()
+    np.testing.assert_allclose([float(t.replace("\u2212", "-")) for t in texts], figure["after"], atol=0.006, rtol=1e-2)
 
 
 def test_a_slider_chooses_the_slice_of_a_cube(shop, show):

@@ -18,6 +18,8 @@ from kennfeld.report.strip_details import coded_details
 
 MOST_PIECES = 500  # beginnings of recordings that a strip marks
 
+POSITIONS = ("row", "column", *AXIS_LETTERS[2:])  # in a value block
+
 Figure = Mapping[str, Any]
 
 
@@ -128,7 +130,7 @@ def _cells_of_plane(part: CellErrors) -> Figure:
     return {"samples": count.tolist(), "mean": round_digits(mean, 4), "rmse": round_digits(np.sqrt(square), 4)}
 
 
-def _axes(axes: Sequence[Axis], inputs: Sequence[str]) -> list[Figure]:
+def _axes(axes: Sequence[Axis], inputs: Sequence[str], letters: Sequence[str] = AXIS_LETTERS) -> list[Figure]:
     """Return axes with the name of their input, or of the coordinate with which the function looks them up."""
     return [
         {
@@ -136,7 +138,7 @@ def _axes(axes: Sequence[Axis], inputs: Sequence[str]) -> list[Figure]:
             "unit": axis.unit,
             "points": round_digits(axis.breakpoints, 8),
         }
-        for axis, coordinate, letter in zip(axes, [*inputs, *repeat("", len(axes))], AXIS_LETTERS, strict=False)
+        for axis, coordinate, letter in zip(axes, [*inputs, *repeat("", len(axes))], letters, strict=False)
     ]
 
 
@@ -151,7 +153,7 @@ def parameter(change: ParameterChange, inputs: Sequence[str]) -> Figure:
         "name": after.name,
         "unit": after.unit,
         "type": after.kind,
-        "axes": _axes(after.index_axes, inputs),
+        "axes": _axes(after.index_axes, inputs, POSITIONS if after.kind == "block" else AXIS_LETTERS),
         "before": round_digits(change.before.values.ravel(), 8),
         "after": round_digits(after.values.ravel(), 8),
         "bound": change.bound.ravel().tolist(),

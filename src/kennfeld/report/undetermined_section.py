@@ -32,7 +32,8 @@ def render_undetermined(report: ReportData) -> Html:
         "div",
         note(trust.remark) if trust.remark else None,
         element("ul", lines, class_="directions") if lines else None,
-        table(head, rows, class_="wide") if rows else note("Every value is determined by training data."),
+        table(head, rows, class_="wide") if rows else None,
+        None if rows or lines else note("Every value is determined by training data."),
         _extrapolation_table(report.extrapolation) if report.extrapolation else None,
     )
 

@@ -56,6 +56,7 @@ export interface ParameterFigure {
   kind: "parameter";
   name: string;
   unit: string;
+  type: string;
   axes: AxisData[];
   before: Values;
   after: Values;

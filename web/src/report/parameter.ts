@@ -4,20 +4,26 @@ import { plain, withUnit } from "../drawing/numbers";
 import { drawCurve, drawFamily } from "./curves";
 import { make, type TipLine } from "./elements";
 import { equal, numbers, type AxisData, type ParameterFigure } from "./figures";
+import { drawHeatMaps } from "./heat-map";
 import { SurfaceView } from "./surface-view";
 import { addTable } from "./value-table";
 
-/** The plane of a table that is shown: its first two axes, at chosen points of further ones. */
+/**
+ * The plane of a table that is shown: its first two axes, at chosen points of further ones. Of a value block, columns
+ * run across, as its rows are written.
+ */
 export class Plane {
   readonly x: AxisData;
   readonly y: AxisData | null;
   readonly further: AxisData[];
   readonly chosen: number[]; // point of each further axis
   readonly changed: boolean;
+  readonly block: boolean;
 
   constructor(readonly f: ParameterFigure) {
-    this.x = f.axes[0]!;
-    this.y = f.axes[1] ?? null;
+    this.block = f.type === "block" && f.axes.length > 1;
+    this.x = f.axes[this.block ? 1 : 0]!;
+    this.y = f.axes[this.block ? 0 : 1] ?? null;
     this.further = f.axes.slice(2);
     this.chosen = this.further.map((axis) => Math.floor(axis.points.length / 2));
     this.changed = !equal(f.before, f.after);
@@ -33,8 +39,11 @@ export class Plane {
 
   /** The number of a value in C order. */
   cell(i: number, j: number): number {
-    const places = this.y === null ? [i] : [i, j, ...this.chosen];
-    return places.reduce((sum, k, axis) => sum * this.f.axes[axis]!.points.length + k, 0);
+    return this.places(i, j).reduce((sum, k, axis) => sum * this.f.axes[axis]!.points.length + k, 0);
+  }
+
+  private places(i: number, j: number): number[] {
+    return this.y === null ? [i] : [...(this.block ? [j, i] : [i, j]), ...this.chosen];
   }
 
   /** The values of the plane, in C order. */
@@ -48,7 +57,7 @@ export class Plane {
     const { f } = this;
     const at = this.cell(i, j);
     const [before, after] = [f.before[at] ?? NaN, f.after[at] ?? NaN];
-    const places = [i, ...(this.y === null ? [] : [j]), ...this.chosen];
+    const places = this.places(i, j);
     const lines: (TipLine | false | null | undefined | 0)[] = [
       ...f.axes.map<TipLine>((axis, k) => [`${axis.title} ${plain(axis.points[places[k]!]!, 6)} ${axis.unit}`]),
       [`${this.changed ? "after" : "value"} ${plain(after, 6)} ${f.unit}`, "model"],
@@ -75,6 +84,10 @@ export function drawParameter(host: HTMLElement, f: ParameterFigure): void {
   const redraws: (() => void)[] = [];
   if (plane.further.length) host.append(sliders(plane, () => { for (const redraw of redraws) redraw(); }));
   const map = plane.nx > 1 && plane.ny > 1;
+  if (plane.block) {
+    drawBlock(host, plane, redraws);
+    return;
+  }
   const row = make("div", { class: map ? "row two pictures" : "row single pictures" });
   host.append(row);
   if (map) {
@@ -89,6 +102,14 @@ export function drawParameter(host: HTMLElement, f: ParameterFigure): void {
   };
   drawCurves();
   redraws.push(drawCurves, addTable(host, plane));
+}
+
+/** Heat maps; the numbers are folded. */
+function drawBlock(host: HTMLElement, plane: Plane, redraws: (() => void)[]): void {
+  const row = make("div", { class: plane.changed ? "row two pictures" : "row single pictures" });
+  const folded = make("details", {}, make("summary", {}, "Numbers"));
+  host.append(row, folded);
+  redraws.push(drawHeatMaps(row, plane), addTable(folded, plane));
 }
 
 function part(row: HTMLElement): HTMLElement {
