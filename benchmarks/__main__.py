@@ -27,6 +27,7 @@ TOPICS = {
     "nist": "benchmarks.nist",
     "sets": "benchmarks.sets",
     "fmu": "benchmarks.fmu",
+    "onnx": "benchmarks.onnx_networks",
 }
 
 
