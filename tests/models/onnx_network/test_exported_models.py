@@ -23,7 +23,7 @@ from sklearn.linear_model import LinearRegression, LogisticRegression, Ridge
 from sklearn.neural_network import MLPClassifier, MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler, PolynomialFeatures, StandardScaler
-from sklearn.svm import SVR, NuSVR
+from sklearn.svm import SVC, SVR, NuSVR
 
 import kennfeld as kf
 
@@ -135,6 +135,22 @@ def test_classifiers_give_their_labels_and_probabilities(tmp_path, name, classes
         assert_near(outputs, expected, tolerance if name in EXACT_CLASSIFIERS else 1e-6)
         if kind is np.float32:
             assert_near(outputs, runtime(path, INPUTS.astype(kind)), 1e-6)
+
+
+KERNELS = {"radial": {}, "linear": {"kernel": "linear"}, "quadratic": {"kernel": "poly", "degree": 2, "coef0": 0.5}}
+
+
+@pytest.mark.parametrize("classes", CLASSES)
+@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.filterwarnings("ignore:.* was deprecated in:FutureWarning")
+def test_support_vector_classifiers_give_their_labels_decisions_and_probabilities(tmp_path, name, classes):
+    for probability in (False, True):
+        model = SVC(probability=probability, random_state=0, **KERNELS[name]).fit(INPUTS, CLASSES[classes])
+        path = export(tmp_path / "net.onnx", model, np.float32, {id(model): {"zipmap": False}})
+        outputs = simulated(path, INPUTS)
+        scores = (model.predict_proba if probability else model.decision_function)(INPUTS).reshape(len(INPUTS), -1)
+        assert_near(outputs[:, : 1 + scores.shape[1]], np.column_stack([model.predict(INPUTS), scores]), 1e-6)
+        assert_near(outputs, runtime(path, INPUTS.astype(np.float32)), 5e-6)  # it sums in single precision
 
 
 def test_probabilities_by_label_are_those_of_an_array(tmp_path):
