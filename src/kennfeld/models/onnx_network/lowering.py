@@ -22,6 +22,7 @@ from kennfeld.models.onnx_network import (  # noqa: F401
     scores,
     selection,
     shapes,
+    support_vectors,
     tree_operators,
 )
 from kennfeld.models.onnx_network.network import Network, Operator
