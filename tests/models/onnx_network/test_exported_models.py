@@ -19,7 +19,10 @@ from sklearn.ensemble import (
     RandomForestClassifier,
     RandomForestRegressor,
 )
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, RationalQuadratic, WhiteKernel
 from sklearn.linear_model import LinearRegression, LogisticRegression, Ridge
+from sklearn.neighbors import KNeighborsClassifier, KNeighborsRegressor
 from sklearn.neural_network import MLPClassifier, MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler, PolynomialFeatures, StandardScaler
@@ -41,6 +44,11 @@ EXACT = {  # in double precision
     "range scaler": make_pipeline(MinMaxScaler(clip=True), Ridge()),
     "polynomials": make_pipeline(PolynomialFeatures(3), LinearRegression()),
     "linear regression": LinearRegression(),
+    "gaussian process": GaussianProcessRegressor(RBF(1.3), alpha=0.01, optimizer=None),
+    "gaussian process of several kernels": GaussianProcessRegressor(
+        ConstantKernel(2.0) * RationalQuadratic() + WhiteKernel(0.1), alpha=0.01, optimizer=None
+    ),
+    "neighbours": KNeighborsRegressor(3),
 }
 SINGLE = {  # the operators hold single precision
     "random forest": RandomForestRegressor(**FEW),
@@ -56,7 +64,11 @@ SUPPORT_VECTORS = {
     "sigmoid": SVR(kernel="sigmoid"),
     "nu": NuSVR(),
 }
-EXACT_CLASSIFIERS = {"perceptron": MLPClassifier(**LAYERS), "logistic regression": LogisticRegression()}
+EXACT_CLASSIFIERS = {
+    "perceptron": MLPClassifier(**LAYERS),
+    "logistic regression": LogisticRegression(),
+    "neighbours": KNeighborsClassifier(5),
+}
 SINGLE_CLASSIFIERS = {
     "random forest": RandomForestClassifier(**FEW),
     "extra trees": ExtraTreesClassifier(**FEW),
