@@ -169,3 +169,29 @@ def test_probabilities_by_label_are_those_of_an_array(tmp_path):
     model = LogisticRegression().fit(INPUTS, CLASSES[3])
     outputs = simulated(export(tmp_path / "net.onnx", model, np.float32), INPUTS)
     assert_near(outputs[:, 1:], model.predict_proba(INPUTS), 1e-6)
+
+
+BOOSTED = {  # package, classes; 0 for a regression
+    f"{package}, {classes} classes" if classes else package: (package, classes)
+    for package in ("xgboost", "lightgbm")
+    for classes in (0, 2, 3)
+}
+
+
+@pytest.mark.parametrize("name", BOOSTED)
+def test_boosted_trees_of_other_packages(name, tmp_path):
+    package, classes = BOOSTED[name]
+    boosted = pytest.importorskip(package, reason=f"{package} is not installed")
+    onnxmltools = pytest.importorskip("onnxmltools", reason="onnxmltools is not installed")
+    prefix, options = {"xgboost": ("XGB", {}), "lightgbm": ("LGBM", {"verbose": -1})}[package]
+    kind = getattr(boosted, f"{prefix}{'Classifier' if classes else 'Regressor'}")
+    x = INPUTS.astype(np.float32)
+    target = CLASSES[classes] - CLASSES[classes].min() if classes else TARGET
+    model = kind(n_estimators=10, **options).fit(x, target)
+    convert = getattr(onnxmltools, f"convert_{package}")
+    types = [("x", onnxmltools.convert.common.data_types.FloatTensorType([None, 3]))]
+    converted = convert(model, initial_types=types, target_opset=15)
+    path = tmp_path / "boosted.onnx"
+    path.write_bytes(converted.SerializeToString())
+    expected = model.predict_proba(x) if classes else model.predict(x)[:, None]
+    assert_near(simulated(path, x)[:, -max(classes, 1) :], expected, 1e-6)

@@ -194,7 +194,7 @@ def test_a_loop_over_rows_carries_its_state_and_stacks_its_results(tmp_path):
     x = np.array([[1.0, 2.0], [-0.5, 0.1], [0.3, 0.4]])
     data = {f"x[{i},{j}]": [x[i, j]] for i in range(3) for j in range(2)}
     result = kf.simulate(kf.onnx(scan(tmp_path)), data, {})
-    sums = np.cumsum(x, axis=0) + [0.5, 0.0]
+    sums = np.cumsum(x, axis=0) + np.array([0.5, 0.0])
     actual = [result[f"all[{i},{j}]"].values[0] for i in range(3) for j in range(2)]
     np.testing.assert_allclose(actual, np.tanh(sums).ravel(), rtol=1e-14)
     assert [result[f"end[{j}]"].values[0] for j in range(2)] == pytest.approx(sums[-1], rel=1e-14)

@@ -249,8 +249,13 @@ def _attribute(attribute: Any, versions: Mapping[str, int], location: Location) 
 def _body(graph: Any, versions: Mapping[str, int], location: Location) -> Network:
     """Return a graph within an operator, whose inputs and outputs have the shapes of what it is applied to."""
     constants = {tensor.name: _array(tensor, location) for tensor in graph.initializer}
-    inputs, outputs = (
-        tuple(NetworkPort(value.name, None, "") for value in each) for each in (graph.input, graph.output)
+    return Network(
+        graph.name,
+        location.file,
+        "",
+        inputs=tuple(NetworkPort(value.name, None, "") for value in graph.input),
+        outputs=tuple(NetworkPort(value.name, None, "") for value in graph.output),
+        constants=MappingProxyType(constants),
+        operators=tuple(_operator(node, versions, location) for node in graph.node),
+        opsets=versions,
     )
-    operators = tuple(_operator(node, versions, location) for node in graph.node)
-    return Network(graph.name, location.file, "", *ports, MappingProxyType(constants), operators, versions)
