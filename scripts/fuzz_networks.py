@@ -434,11 +434,15 @@ def _nest_functions(model: Any, folder: Path, draw: random.Random) -> Any:
 
 def _nest_graphs(model: Any, folder: Path, draw: random.Random) -> None:
     """Put graphs into graphs, as conditions within conditions."""
+    from google.protobuf.message import DecodeError
     from onnx import helper
 
     inner = model.graph
     for _ in range(draw.choice((3, 10, NESTED))):
-        node = helper.make_node("If", ["truth"], ["y"], then_branch=inner)
+        try:
+            node = helper.make_node("If", ["truth"], ["y"], then_branch=inner)
+        except DecodeError:  # protobuf allows no further level
+            break
         inner = helper.make_graph([node], "outer", [], list(model.graph.output))
     outer = helper.make_graph(list(inner.node), "outer", list(model.graph.input), list(model.graph.output))
     model.graph.CopyFrom(outer)

@@ -114,6 +114,12 @@ def add_model(folder):
     (folder / "data.sldd").write_bytes(sldd({"Offset": entry(1.0)}))
 
 
+def require_packages(document):
+    """Skip a test of a document whose scripts need a package that is not installed."""
+    for package in set(re.findall(r"^from (skl2onnx) import", document.read_text(encoding="utf-8"), re.MULTILINE)):
+        pytest.importorskip(package, reason=f"the package {package} is not installed")
+
+
 def blocks(document, language):
     return re.findall(rf"^```{language}\n(.*?)^```", document.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 
@@ -202,7 +208,8 @@ def lay_out(text):
 
 def prepare_files(document):
     """Write the formulas of a document that name their file, and run its scripts that write data."""
-    for text in [*blocks(document, "kf"), *blocks(document, "python")]:
+    require_packages(document)
+    for text in [*blocks(document, "kf"), *blocks(document, "text"), *blocks(document, "python")]:
         lay_out(text)
     for text in blocks(document, "python"):
         if named := re.match(r"# ([\w-]+\.py)\b", text):
@@ -245,6 +252,7 @@ def test_python_shown_works(document, workplace):
     code = "\n".join(text for text in texts if not (is_tutorial(document) and text.startswith("# ")))
     if not code:
         return
+    require_packages(document)
     workplace(document)
     with contextlib.redirect_stdout(None):
         exec(compile(code, str(document), "exec"), {})

@@ -203,7 +203,7 @@ class ParameterEntry:
     )
     lock: Lock = key(
         '`true`; or `"no-data"`: grid points that no training sample uses; or ranges of axis values, including their '
-        "ends, `[{ x = [700, 1000], y = [0, 50] }]`",
+        "ends, `[{ x = [700, 1000], y = [0, 50] }]`; of a value block, ranges of its positions, which count from 0",
         False,
         form=LockForm(),
     )

@@ -208,6 +208,16 @@ def test_an_included_file_of_the_folder_is_read(tmp_path):
         ("double step(double x) { double a[3] = {x}; return a[3]; }", "index 3 of a, which has 3 elements"),
         ("static double a[2]; double step(double x) { int i; for (i = 0; i < 3; i++) a[i] = x; return x; }", "range"),
         ("#define F(a, b) a\ndouble step(double x) { return F(x); }", "takes 2 arguments, got 1"),
+        (
+            "typedef struct { double v; } In; typedef struct { In *in; } S;"
+            "double step(S *s, double u) { S t = *s; t.in->v = u; return s->in->v; }",
+            "s has pointers, so that it cannot be copied",
+        ),
+        (
+            "typedef struct { double v; } In; typedef struct { In *in; } S; static void f(S t) { t.in->v = 1; }"
+            "double step(S *s) { f(*s); return s->in->v; }",
+            "f sets t.in.v through a pointer of a struct that it gets by value",
+        ),
         ("double *p; double step(double x) { return *p + x; }", "the pointer p must be set where it is declared"),
         ("double step(struct s *x) { return x->y; }", "members are not known"),
     ],

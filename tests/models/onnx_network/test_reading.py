@@ -13,7 +13,7 @@ from onnx import TensorProto, external_data_helper, helper, numpy_helper
 
 import kennfeld as kf
 from kennfeld.errors import InputError
-from kennfeld.models.onnx_network import reading
+from kennfeld.models.onnx_network import loops, reading
 from kennfeld.models.onnx_network.reading import read_network
 
 
@@ -174,6 +174,46 @@ def test_constants_of_functions_are_not_read_from_other_folders(tmp_path, monkey
     assert "secret.bin with its data does not exist" in message_of(path)
     (tmp_path / "inside" / "secret.bin").write_bytes(np.array([1.0]).tobytes())
     assert kf.simulate(kf.onnx(path), {"x": [0.5]}, {})["y"].values.tolist() == [1.5]
+
+
+def scan(tmp_path, kinds=("Add", "Tanh"), rows=3, second="row", **attributes):
+    """A network that adds the rows of `x` to a state, one after the other."""
+    real = TensorProto.DOUBLE
+    inputs, outputs = (
+        [helper.make_tensor_value_info(name, real, [2]) for name in names] for names in (("state", "row"), ("z", "y"))
+    )
+    nodes = [helper.make_node(kinds[0], ["state", second], ["z"]), helper.make_node(kinds[1], ["z"], ["y"])]
+    body = helper.make_graph(nodes, "body", inputs, outputs)
+    node = helper.make_node("Scan", ["start", "x"], ["end", "all"], body=body, num_scan_inputs=1, **attributes)
+    return save(
+        tmp_path / "net.onnx", [node], {"x": [rows, 2]}, {"end": [2], "all": [rows, 2]}, {"start": np.array([0.5, 0.0])}
+    )
+
+
+def test_a_loop_over_rows_carries_its_state_and_stacks_its_results(tmp_path):
+    x = np.array([[1.0, 2.0], [-0.5, 0.1], [0.3, 0.4]])
+    data = {f"x[{i},{j}]": [x[i, j]] for i in range(3) for j in range(2)}
+    result = kf.simulate(kf.onnx(scan(tmp_path)), data, {})
+    sums = np.cumsum(x, axis=0) + np.array([0.5, 0.0])
+    actual = [result[f"all[{i},{j}]"].values[0] for i in range(3) for j in range(2)]
+    np.testing.assert_allclose(actual, np.tanh(sums).ravel(), rtol=1e-14)
+    assert [result[f"end[{j}]"].values[0] for j in range(2)] == pytest.approx(sums[-1], rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kinds": ("Add", "Det")}, "operator Det within it is not supported"),
+        ({"scan_input_directions": [1]}, "reversed directions are not supported"),
+    ],
+)
+def test_loops_that_are_not_supported_are_refused_by_name(tmp_path, options, message):
+    assert message in message_of(scan(tmp_path, **options))
+
+
+def test_loops_of_many_passes_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(loops, "MAX_COMPUTATIONS", 5)
+    assert "its 3 passes take more than 5 operators" in message_of(scan(tmp_path))
 
 
 def test_all_missing_operators_are_named_at_once(tmp_path):

@@ -283,6 +283,8 @@ def assigned_leaves(target: CPlace, source: CPlace) -> list[tuple[CPlace, CPlace
     """Return the places of the numbers that an assignment of a struct or an array copies."""
     if target.type != source.type or target.sizes != source.sizes:
         raise UnsupportedCError(f"{target.label} and {source.label} have different types", wrong=True)
+    if any(leaf.owner[0] for leaf in source.leaves):  # the copy leads to the same numbers
+        raise UnsupportedCError(f"{source.label} has pointers, so that it cannot be copied")
     parts = [_whole_parts(place) for place in (target, source)]
     if any(each is None for each in parts):
         parts = [single_numbers(place) for place in (target, source)]

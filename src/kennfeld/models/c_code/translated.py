@@ -204,6 +204,9 @@ def translate(file: CFile, function: CFunctionDeclaration, prefix: str = "") -> 
     arguments = list(argument_numbers(function))
     usage = usage_of(f"{function.name}()", functions)
     problems += _wrong_arguments(arguments, usage)
+    problems += [
+        each for name in _called(function.name, translations) for each in _lost(file.functions[name], functions)
+    ]
     problems += _overlaps([*(each for each in arguments if each.mode != "value"), *statics], usage)
     if not problems:
         problems += [problem for translation in called for problem in _aliases(translation.passed, functions)]
@@ -271,6 +274,17 @@ def _overlaps(numbers: Sequence[CNumbers], usage: Usage) -> Iterator[Unsupported
             if tag in usage.writes and number.name in usage.reads - usage.writes and others:
                 message = f"{number.label} is read, but {join_names(others, 2)} is written, which overlaps with it"
                 yield UnsupportedCError(message, number.line)
+
+
+def _lost(function: CFunctionDeclaration, functions: Mapping[str, m.FunctionDefinition]) -> Iterator[UnsupportedCError]:
+    """Yield problems of numbers that a function sets through pointers of a struct which it gets by value."""
+    writes = usage_of(f"{function.name}()", functions).writes
+    for argument in function.arguments:
+        for leaf in argument.variable.leaves if argument.mode == "value" else ():
+            label = f"{argument.variable.name}{leaf.path}"
+            if leaf.owner[0] and label in writes:
+                message = f"{function.name} sets {label} through a pointer of a struct that it gets by value"
+                yield UnsupportedCError(f"{message}, which is not supported", function.line)
 
 
 def _aliases(

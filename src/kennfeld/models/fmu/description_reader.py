@@ -123,9 +123,12 @@ class _Reader:
     def _variables_2(self, elements: Sequence[XmlElement]) -> tuple[FmuVariable, ...]:
         variables = []
         for element in elements:
-            typed = next((child for child in element.children if child.tag in _TYPES_2), None)
-            tag, attributes = ("", {}) if typed is None else (typed.tag, typed.attributes)
-            variables.append(self._variable(element, tag, {**attributes, **element.attributes}, {}))
+            tag, attributes = "", element.attributes
+            for child in element.children:
+                if child.tag in _TYPES_2:
+                    tag, attributes = child.tag, {**child.attributes, **attributes}
+                    break
+            variables.append(self._variable(element, tag, attributes, {}))
         references = [variable.reference for variable in variables]
         return tuple(
             v if v.derivative is None else v._replace(derivative=self._referenced(v, references)) for v in variables
@@ -144,26 +147,24 @@ class _Reader:
     ) -> FmuVariable:
         declared, get = self.types.get(attributes.get("declaredType", "")), attributes.get
         whole = attributes if declared is None else {**declared, **attributes}
-        line, name = element.line, get("name", "")
+        line, name, number = element.line, get("name", ""), self._attribute
         real, numeric = tag in REAL_TYPES, number_type(self.version, tag) is not None
         if not name:
             self._error(element, "a variable has no name")
         shape = self._shape(element, sizes) if self.version == "3.0" and element.children else ()
         return FmuVariable(
             name=name,
-            reference=int(self._attribute(whole, line, "valueReference", -1.0)),
+            reference=int(number(whole, line, "valueReference", -1.0)),
             type=tag,
             causality=get("causality", "local"),
             variability=get("variability", "continuous" if real else "discrete"),
             start=self._start(whole, line, math.prod(shape)) if numeric else (),
             shape=shape,
             unit=whole.get("unit", ""),
-            minimum=self._attribute(whole, line, "min", -math.inf) if numeric else -math.inf,
-            maximum=self._attribute(whole, line, "max", math.inf) if numeric else math.inf,
-            nominal=abs(self._attribute(whole, line, "nominal", 0.0)) if real else 0.0,
-            derivative=int(self._attribute(whole, line, "derivative", 0.0))
-            if real and "derivative" in attributes
-            else None,
+            minimum=number(whole, line, "min", -math.inf) if numeric and "min" in whole else -math.inf,
+            maximum=number(whole, line, "max", math.inf) if numeric and "max" in whole else math.inf,
+            nominal=abs(number(whole, line, "nominal", 0.0)) if real and "nominal" in whole else 0.0,
+            derivative=int(number(whole, line, "derivative", 0.0)) if real and "derivative" in attributes else None,
             initial=get("initial", ""),
             line=line,
         )
@@ -182,6 +183,8 @@ class _Reader:
 
     def _start(self, attributes: Mapping[str, str], line: int, size: int) -> tuple[float, ...]:
         texts = attributes.get("start", "").split()
+        if not texts:
+            return ()
         try:
             values = tuple([_BOOLEANS[text] if text in _BOOLEANS else float(text) for text in texts])
         except ValueError:

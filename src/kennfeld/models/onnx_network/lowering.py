@@ -15,6 +15,7 @@ from kennfeld.models.onnx_network import (  # noqa: F401
     elementwise,
     layers,
     linear_models,
+    loops,
     normalization,
     quantization,
     recurrent,
@@ -22,6 +23,7 @@ from kennfeld.models.onnx_network import (  # noqa: F401
     scores,
     selection,
     shapes,
+    support_vectors,
     tree_operators,
 )
 from kennfeld.models.onnx_network.network import Network, Operator
@@ -82,15 +84,11 @@ def _apply(context: Context, op: Operator) -> list[Finding]:
         arguments.append(context.tensors[name] if name else None)
     location = Location(context.network.file, path=f"{op.label} {op.name}".strip())
     try:
-        outputs = RULES[op.domain, op.kind](context, op, arguments)
+        context.compute(op, arguments)
     except (UnsupportedOperatorError, EvaluationError) as error:
         return [Finding(location, str(error), _REMEDY)]
     except (ValueError, IndexError, TypeError, KeyError, AttributeError, AssertionError, OverflowError, MemoryError):
         return [Finding(location, "its arguments or attributes do not fit together", "Export the network again.")]
-    if outputs is not None:
-        results = [outputs] if isinstance(outputs, NodeTensor | np.ndarray | np.generic) else outputs
-        tensors = [result if isinstance(result, NodeTensor) else np.asarray(result) for result in results]
-        context.tensors.update(zip(op.outputs, tensors, strict=False))
     return []
 
 

@@ -209,7 +209,7 @@ def _output(value: Any, location: Location) -> NetworkPort:
 
 def _operator(node: Any, versions: Mapping[str, int], location: Location) -> Operator:
     domain = plain_domain(node.domain)
-    attributes = {attribute.name: _attribute(attribute, location) for attribute in node.attribute}
+    attributes = {attribute.name: _attribute(attribute, versions, location) for attribute in node.attribute}
     return Operator(
         node.name,
         node.op_type,
@@ -221,8 +221,8 @@ def _operator(node: Any, versions: Mapping[str, int], location: Location) -> Ope
     )
 
 
-def _attribute(attribute: Any, location: Location) -> Any:
-    """Return the value of an attribute: a number, a text, a list of them, or an array; None for a graph."""
+def _attribute(attribute: Any, versions: Mapping[str, int], location: Location) -> Any:
+    """Return the value of an attribute: a number, a text, a list of them, an array or a graph; None for others."""
     from onnx import AttributeProto
 
     match attribute.type:
@@ -240,5 +240,22 @@ def _attribute(attribute: Any, location: Location) -> Any:
             return [int(number) for number in attribute.ints]
         case AttributeProto.STRINGS:
             return [text.decode("utf-8", errors="replace") for text in attribute.strings]
+        case AttributeProto.GRAPH:
+            return _body(attribute.g, versions, location)
         case _:
             return None
+
+
+def _body(graph: Any, versions: Mapping[str, int], location: Location) -> Network:
+    """Return a graph within an operator, whose inputs and outputs have the shapes of what it is applied to."""
+    constants = {tensor.name: _array(tensor, location) for tensor in graph.initializer}
+    return Network(
+        graph.name,
+        location.file,
+        "",
+        inputs=tuple(NetworkPort(value.name, None, "") for value in graph.input),
+        outputs=tuple(NetworkPort(value.name, None, "") for value in graph.output),
+        constants=MappingProxyType(constants),
+        operators=tuple(_operator(node, versions, location) for node in graph.node),
+        opsets=versions,
+    )

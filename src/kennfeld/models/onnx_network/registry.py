@@ -59,6 +59,34 @@ class Context:
         if text not in self.remarks:
             self.remarks.append(text)
 
+    def compute(self, op: Operator, arguments: Arguments) -> None:
+        """Set the outputs of an operator."""
+        outputs = RULES[op.domain, op.kind](self, op, arguments)
+        if outputs is not None:
+            results = [outputs] if isinstance(outputs, NodeTensor | np.ndarray | np.generic) else outputs
+            tensors = [result if isinstance(result, NodeTensor) else np.asarray(result) for result in results]
+            self.tensors.update(zip(op.outputs, tensors, strict=False))
+
+    def run(self, body: Network, arguments: Sequence[Tensor]) -> list[Tensor]:
+        """Return the outputs of a graph within an operator."""
+        inner = Context(body, self.builder, self._prefix)
+        inner.layers, inner.remarks, inner._names = self.layers, self.remarks, self._names
+        inner._products = self._products
+        inner.tensors.update(zip((port.name for port in body.inputs), arguments, strict=True))
+        for op in body.used_operators:
+            if (op.domain, op.kind) not in RULES:
+                raise UnsupportedOperatorError(f"operator {op.label} within it is not supported")
+            if op.outputs[0] not in inner.absorbed:
+                inner.compute(op, [inner.within(name) if name else None for name in op.inputs])
+        self._products = inner._products
+        return [inner.within(port.name) for port in body.outputs]
+
+    def within(self, name: str) -> Tensor:
+        """Return a tensor that a graph within an operator must compute itself."""
+        if name not in self.tensors:
+            raise UnsupportedOperatorError(f"the graph within it uses {name!r}, which it does not compute")
+        return self.tensors[name]
+
     def sole_consumer(self, name: str) -> Operator | None:
         """Return the operator that alone uses a tensor; None if there are several, or if it is an output."""
         return self._consumers.get(name)

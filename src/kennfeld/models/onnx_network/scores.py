@@ -13,6 +13,11 @@ from kennfeld.models.onnx_network.shapes import first, join
 from kennfeld.models.onnx_network.tensors import NodeTensor, Tensor, UnsupportedOperatorError, rearrange, shape_of
 
 
+def rows_of(c: Context, arguments: Arguments) -> Tensor:
+    """Return the first argument as rows of features, [rows, features]."""
+    return NodeTensor(np.atleast_2d(c.nodes(first(arguments))))
+
+
 def transformed(c: Context, scores: Tensor, kind: str) -> Tensor:
     """Apply the `post_transform` of an operator to scores, [rows, classes]."""
     match kind:

@@ -10,7 +10,7 @@ from kennfeld.models.imperative.node_arrays import Nodes, elementwise
 from kennfeld.models.onnx_network.network import Array
 
 MAX_ELEMENTS = 1_000_000  # of a tensor
-MAX_NODES = 500_000  # of the graph
+MAX_NODES = 250_000  # of the graph
 
 
 class UnsupportedOperatorError(Exception):

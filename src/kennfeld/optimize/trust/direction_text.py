@@ -84,7 +84,8 @@ class Describer:
         smooth = self._samples[name].any() and _has_smoothness(self._parameters[name])
         record = "Start from other weights" if name in self.layers else "Record samples there"
         remedies = [record, *([f"set a smoothness for {name}"] if smooth else []), lock]
-        sentence = f"Not determined by data or smoothness, kept at {start}: {self._some_values(name, where)}."
+        sources = "the data" if name in self.layers else "data or smoothness"
+        sentence = f"Not determined by {sources}, kept at {start}: {self._some_values(name, where)}."
         choices = (*([Remedy(smoother=(name,))] if smooth else []), Remedy(locks={name: where}))
         return _undetermined(sentence, f"{join_items(remedies, 'or')}.", name, where, choices)
 

@@ -25,14 +25,14 @@ def describe_weights(
     *,
     alone: bool,
 ) -> list[Direction]:
-    """Describe the poorly determined directions that change weights, in one sentence.
+    """Describe the poorly determined directions that change weights, in one sentence; none if all are certain.
 
     Args:
         weak: the worst of them.
         parts: its changes, by layer.
         deviation: standard deviations of the weights, by layer; inf if undetermined, NaN if unknown.
         parameters: the fitted parameters.
-        alone: True if the direction changes weights only. Otherwise, there is no sentence if all weights are certain.
+        alone: True if the direction changes weights only.
     """
     unsure = {name: _is_unsure(deviation[name], parameters[name].values) for name in parts}
     counts = {name: int(np.count_nonzero(where)) for name, where in unsure.items()}
@@ -46,11 +46,10 @@ def describe_weights(
             f"The data hardly determine {join_items(listed)}: "
             f"their standard deviation exceeds the root mean square of {layer}."
         )
-    elif not alone:
-        return []
+    elif alone and weak.exact:
+        sentence = f"Combinations of weights of {join_items(list(parts))} have no effect on the fit."
     else:
-        some = "no" if weak.exact else "almost no"
-        sentence = f"Combinations of weights of {join_items(list(parts))} have {some} effect on the fit."
+        return []
     strongest = max(parts, key=lambda name: float(np.abs(parts[name]).max()))
     lock = Remedy(locks={strongest: np.ones(parts[strongest].shape, dtype=bool)})
     return [Direction(sentence, ADVICE, dict(parts), weak.exact, weak.ratio, weak.deviation, (lock,))]
