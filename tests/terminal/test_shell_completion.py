@@ -60,7 +60,9 @@ def run_shell(tmp_path, monkeypatch):
         )
         options = ["-NoProfile", "-Command"] if shell == "powershell" else ["-c"]
         command = [PROGRAMS.get(shell, shell), *options, script]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=True)
+        # without the terminal of the tests, whose foreground a shell may take
+        own = {"stdin": subprocess.DEVNULL, "start_new_session": True}
+        done = subprocess.run(command, capture_output=True, text=True, cwd=folder, check=True, **own)
         assert done.stderr == ""
         return {text.split("\t")[0].removeprefix("./") for text in done.stdout.splitlines()}
 
