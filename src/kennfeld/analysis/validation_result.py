@@ -77,7 +77,7 @@ class CrossValidation(NotebookDisplay):
             return f"{ratio}, because of fold {worst.fold} ({worst.held}) alone: the other folds do not represent it."
         return (
             f"{ratio}: the fit follows its training data more than they can support. "
-            "Use more smoothness, fewer values, or more data."
+            "Use more smoothness, fewer values, or more data, or look for an effect that the function lacks."
         )
 
     @classmethod
