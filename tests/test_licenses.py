@@ -44,7 +44,13 @@ def test_the_page_lists_every_package_that_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
     asked = dict.fromkeys(names(project["dependencies"]), "always")
-    asked |= {name: extra for extra in extras if extra not in distributions.TOOLS for name in names(extras[extra]) if name not in asked}
+    asked |= {
+        name: extra
+        for extra in extras
+        if extra not in distributions.TOOLS
+        for name in names(extras[extra])
+        if name not in asked
+    }
     listed = {name: installed.split(", ") for name, _, installed in rows("Python packages")}
     assert [name for name, extra in asked.items() if extra not in listed.get(name, ())] == []
 

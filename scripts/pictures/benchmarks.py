@@ -76,7 +76,7 @@ def draw_fmus(tables: Mapping[str, Sequence[Row]]) -> None:
             if row["samples"] == samples and row["solver"] == solver:
                 label = f"{row['FMU']}, {title}, {int(samples):,} samples: {row['tool']}".replace(",000", " 000")
                 bars.append((label, seconds(row["time"]), ""))
-    _draw(bars, "benchmark-fmus", "Time of the calibration of an FMU; the costs are equal")
+    _draw(bars, "benchmark-fmus", "Time of the calibration; equal costs")
 
 
 def draw_files(tables: Mapping[str, Sequence[Row]]) -> None:

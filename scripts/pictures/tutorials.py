@@ -82,7 +82,8 @@ def exhaust() -> None:
     curve = next(added for added in _blocks("exhaust", "toml") if "CurveTimeConstant" in added)
     sensor = sensor.partition("[parameters.TimeConstant]")[0] + curve
     Path("sensor.toml").write_text(sensor, encoding="utf-8")
-    Path("static.toml").write_text(sensor.partition("[parameters.CurveT")[0].replace("exhaust.kf", "static.kf"))
+    shortened = sensor.partition("[parameters.CurveT")[0].replace("exhaust.kf", "static.kf")
+    Path("static.toml").write_text(shortened, encoding="utf-8")
     static, lag = _simulation("static.toml"), _simulation("sensor.toml")
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3), sharey=True)
     part = (lag["file"] == "trip_3.csv") & (lag["time"] > 90) & (lag["time"] < 150)
