@@ -2,11 +2,12 @@
 
 In a document the language of a block says what is done with it: `sh` lines that begin with `kennfeld` are run,
 `python` is run from top to bottom, `kf` is read as formula text, `toml` with a `[model]` as a project file and with a
-`[surrogate]` as a training file. A block that begins with `# NAME.toml`, `# NAME.kf` or `# NAME.py` is there as a file
-when the `sh` lines run; one that begins with `# in NAME.toml` has been put into that file, and one that begins with
-`# at the end of NAME.toml` appended to it. `cd` and `python NAME.py` are run as well; a script of a tutorial runs only
-there, because it may read what the lines before it have written. Documents run in the folder of the torque demo, README
-and `simulink-example.md` in that of the example they show, tutorials in one of an example or in an empty one.
+`[surrogate]` as a training file. A block that begins with `# NAME.toml`, `# NAME.kf`, `# NAME.py` or `# NAME.csv` (in
+a `text` block) is there as a file when the `sh` lines run; one that begins with `# in NAME.toml` has been put into that
+file, and one that begins with `# at the end of NAME.toml` appended to it. `cd` and `python NAME.py` are run as well; a
+script of a tutorial runs only there, because it may read what the lines before it have written. Documents run in the
+folder of the torque demo, README and `simulink-example.md` in that of the example they show, tutorials in one of an
+example or in an empty one.
 """
 
 import ast
@@ -197,7 +198,7 @@ def edited(text, change):
 
 def lay_out(text):
     """Write a block that names its file, or put it into the file that it changes."""
-    if named := re.match(r"# ([\w-]+\.(?:toml|kf|py))\b", text):
+    if named := re.match(r"# ([\w-]+\.(?:toml|kf|py|csv))\b", text):
         Path(named[1]).write_text(text, encoding="utf-8")
     elif named := re.match(r"# in ([\w-]+\.toml)\n", text):
         Path(named[1]).write_text(edited(Path(named[1]).read_text(encoding="utf-8"), text), encoding="utf-8")
@@ -207,7 +208,7 @@ def lay_out(text):
 
 
 def prepare_files(document):
-    """Write the formulas of a document that name their file, and run its scripts that write data."""
+    """Write the formulas and measurements of a document that name their file, and run its scripts that write data."""
     require_packages(document)
     for text in [*blocks(document, "kf"), *blocks(document, "text"), *blocks(document, "python")]:
         lay_out(text)
@@ -237,7 +238,7 @@ def test_commands_shown_work(document, workplace, monkeypatch):
     (folder / "results").mkdir()
     if (folder / "start.dcm").exists():
         shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
-    in_order = re.compile(r"^```(sh|toml|kf|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+    in_order = re.compile(r"^```(sh|toml|kf|python|text)\n(.*?)^```", re.MULTILINE | re.DOTALL)
     for language, text in in_order.findall(document.read_text(encoding="utf-8")):
         if language != "sh":
             lay_out(text)

@@ -46,3 +46,16 @@ def test_a_project_with_a_function_in_python_is_calibrated(tmp_path, capsys):
     parted = in_partitions(path, 500).calibrate()
     for name in ("K", "T"):
         assert parted.parameters[name].values == pytest.approx(whole.parameters[name].values, rel=1e-6)
+
+
+def test_an_input_of_a_function_in_a_file_is_set_to_a_number_and_not_made_a_parameter(tmp_path):
+    (tmp_path / "twice.py").write_text("def twice(u, k):\n    return k * u\n")
+    (tmp_path / "bench.csv").write_text("u,y\n1,2\n2,4\n")
+    text = '[model]\nfile = "twice.py:twice"\n[[dataset]]\nfiles = "bench.csv"\n'
+    text += '[[criterion]]\nnode = "twice"\ntarget = 1\n'
+    path = tmp_path / "kennfeld.toml"
+    path.write_text(text)
+    (error,) = (str(finding) for finding in Project.read(path).check() if finding.severity == "error")
+    assert error.endswith('[channels]: k = "..."; or set it to a number: [calculated] k = "1.0".')
+    path.write_text(text + '[calculated]\nk = "1.0"\n')
+    assert [finding for finding in Project.read(path).check() if finding.severity == "error"] == []

@@ -41,6 +41,7 @@ class ChannelRequest:
         in_formulas: channels that the regions of criteria read.
         step: the function's own step in s.
         complete: false if the function could not be read, so that channels may be unknown.
+        names_are_open: an input becomes a parameter by a section of that name, as in formula text.
     """
 
     required: Mapping[str, str] = field(default_factory=dict)
@@ -50,13 +51,15 @@ class ChannelRequest:
     in_formulas: frozenset[str] = frozenset()
     step: float | None = None
     complete: bool = True
+    names_are_open: bool = True
 
 
 @dataclass(frozen=True)
 class DatasetChannels:
     """The channels that one dataset must have or may have, each with its purpose, and its condition `where`.
 
-    `calculated` are the calculated channels of the project, `findings` the errors in the condition.
+    `calculated` are the calculated channels of the project, `findings` the errors in the condition. With
+    `names_are_open`, an input becomes a parameter by a section of that name.
     """
 
     required: Mapping[str, str]
@@ -65,6 +68,7 @@ class DatasetChannels:
     where: Graph | None = None
     in_formulas: frozenset[str] = frozenset()
     findings: tuple[Finding, ...] = ()
+    names_are_open: bool = True
 
     @classmethod
     def of(cls, entry: DatasetEntry, request: ChannelRequest, calculated: Calculated) -> "DatasetChannels":
@@ -76,7 +80,9 @@ class DatasetChannels:
         steady = dict.fromkeys((condition.channel for condition in entry.steady), "the channel of `steady`")
         required = {**request.required, **conditions, **weights, **steady}
         optional = {name: purpose for name, purpose in request.optional.items() if name not in required}
-        return cls(required, optional, calculated, where, frozenset((*conditions, *steady)), findings)
+        return cls(
+            required, optional, calculated, where, frozenset((*conditions, *steady)), findings, request.names_are_open
+        )
 
     @property
     def names(self) -> list[str]:
@@ -209,7 +215,9 @@ class RecordingReader:
             if purpose.startswith("the input ") and channel not in self.settings.channels.values():
                 key = quoted(channel)
                 scalar = f"or define a scalar: [parameters.{key}] initial = 1.0."
-                remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {scalar}'
+                constant = f'or set it to a number: [calculated] {key} = "1.0".'
+                alternative = scalar if self.channels.names_are_open else constant
+                remedy = f'{remedy} Name its channel in [channels]: {key} = "..."; {alternative}'
             location = Location(join_names(files, 1))
             self.findings.append(Finding(location, f"has no channel {channel}, {purpose}", remedy))
 

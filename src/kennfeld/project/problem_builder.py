@@ -262,7 +262,14 @@ class ProblemBuilder:
             optional, needed = {**needed, **optional}, {}
         complete = function is not None
         return ChannelRequest(
-            needed, optional, frozenset(needed), self._units(), frozenset(regions), self._step(), complete
+            needed,
+            optional,
+            frozenset(needed),
+            self._units(),
+            frozenset(regions),
+            self._step(),
+            complete,
+            names_are_open=not defines_values(file),
         )
 
     def _units(self) -> dict[str, tuple[str, str]]:
