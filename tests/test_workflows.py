@@ -42,7 +42,8 @@ def test_only_jobs_that_need_it_may_write(workflows):
     more = {
         name: job["permissions"] for w in workflows.values() for name, job in w["jobs"].items() if "permissions" in job
     }
-    assert more == {"publish": {"id-token": "write"}, "attach": {"contents": "write"}}
+    pages = {"pages": "write", "id-token": "write"}
+    assert more == {"publish": {"id-token": "write"}, "attach": {"contents": "write"}, "deploy": pages}
 
 
 def test_scripts_and_tests_that_workflows_name_exist(workflows):
