@@ -7,7 +7,7 @@ import { Chart, type Pane } from "./chart";
 import { make, swatch } from "./elements";
 import { numbers } from "./figures";
 import { bandLayer, familyLayer, lineLayer, stemsLayer, uprightLayer, type Layer, type Points } from "./layers";
-import type { Plane } from "./parameter";
+import type { Plane } from "./plane";
 
 /** Lines over the longer axis, one for each breakpoint of the other, at most about ten. */
 export function drawFamily(host: HTMLElement, plane: Plane, before: number[], after: number[]): void {

@@ -6,7 +6,7 @@ import { drawCells, drawScale } from "../drawing/grid";
 import { withUnit } from "../drawing/numbers";
 import { hideTip, make, showTip } from "./elements";
 import { numbers, type Values } from "./figures";
-import type { Plane } from "./parameter";
+import type { Plane } from "./plane";
 
 const TALL = 12; // pixels of a row, if there is room
 const MOST_WIDE = 48; // pixels of a column

@@ -7,7 +7,7 @@ import { Surface, type SurfaceMap } from "../drawing/surface";
 import { token } from "../drawing/colours";
 import { hideTip, make, showTip, toggle } from "./elements";
 import { numbers } from "./figures";
-import type { Plane } from "./parameter";
+import type { Plane } from "./plane";
 
 export class SurfaceView {
   readonly redraw: () => void;

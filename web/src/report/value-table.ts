@@ -4,7 +4,7 @@ import { amount, cellColours } from "../drawing/colours";
 import { plain, tableFormat, withUnit } from "../drawing/numbers";
 import { choice, hideTip, make, showTip } from "./elements";
 import type { ParameterFigure } from "./figures";
-import type { Plane } from "./parameter";
+import type { Plane } from "./plane";
 
 type Mode = "after" | "before" | "change" | "relative" | "deviation" | "samples";
 
