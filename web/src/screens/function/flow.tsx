@@ -115,7 +115,7 @@ export function SignalFlow() {
           <g key={box.name} class={`blk ${box.input ? "in" : box.node!.tables.length ? "par" : ""} ${flow.value!.outputs.includes(box.name) ? "out" : ""} ${box.name === chosen.value ? "now" : ""}`} role="button" tabIndex={0} data-node={box.name} aria-label={`${box.name}, ${box.sign || "input"}`} onClick={() => { chosen.value = box.name; }} onKeyDown={(event) => { if (event.key === "Enter" || event.key === " ") { chosen.value = box.name; event.preventDefault(); } }}>
             <title>{box.name}{box.node?.tables.length ? `: ${box.node.tables.join(", ")}` : ""}</title>
             <rect x={box.x} y={box.y} width={WIDTH} height={HEIGHT} rx="3" />
-            <text class="t1" x={box.x + 7} y={box.y + 13}>{box.name.length > 16 ? `${box.name.slice(0, 15)}…` : box.name}</text>
+            <text class="t1" x={box.x + 7} y={box.y + 13}>{box.name.length > 13 ? `${box.name.slice(0, 12)}…` : box.name}</text>
             <text x={box.x + 7} y={box.y + 26}>{box.sign.slice(0, 8)}</text>
             <text class="t3" x={box.x + WIDTH - 7} y={box.y + 26}>{values.has(box.name) ? shown(values.get(box.name)) : ""}</text>
           </g>
