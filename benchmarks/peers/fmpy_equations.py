@@ -1,4 +1,4 @@
-"""FMUs for model exchange, simulated by FMPy."""
+"""FMUs for model exchange, simulated by a loop over the C functions of FMPy's instance."""
 
 import ctypes
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.fmu_problem import PROBLEMS
+from benchmarks.peers.fmpy_instance import FmpyInstance
 
 __all__ = ["loop"]
 
@@ -19,46 +20,31 @@ TABLEAUS = {
 
 
 def loop(path: Path, name: str, data: dict[str, Float], solver: str) -> Callable[[Float], Float]:
-    """Simulate by the C functions of FMPy's instance, with all memory allocated once."""
-    from fmpy import extract, instantiate_fmu, read_model_description
-
-    problem = PROBLEMS[name]
-    description = read_model_description(path)
-    instance = instantiate_fmu(extract(str(path)), description, "ModelExchange")
-    references = {variable.name: variable.valueReference for variable in description.modelVariables}
-    parameters = [references[parameter] for parameter in problem.parameters]
-    channels = (ctypes.c_uint * len(problem.inputs))(*(references[channel] for channel in problem.inputs))
-    columns = [data[channel].tolist() for channel in problem.inputs]
-    rows = list(zip(*columns, strict=True)) if columns else [()] * len(data["time"])
-    times = data["time"].tolist()
-    size, step = len(problem.states), times[1] - times[0]
+    """Return a function that simulates with a solver of `TABLEAUS`."""
+    own = FmpyInstance(path, name, data, "ModelExchange")
+    instance, component, step = own.instance, own.component, own.step
+    size = len(PROBLEMS[name].states)
     states, slopes = ((ctypes.c_double * size)() for _ in range(2))
-    values_of_inputs = (ctypes.c_double * len(channels))()
-    component = instance.component
     set_time, set_states = instance.fmi2SetTime, instance.fmi2SetContinuousStates
-    get_derivatives, set_real = instance.fmi2GetDerivatives, instance.fmi2SetReal
+    get_derivatives = instance.fmi2GetDerivatives
     nodes, coefficients, weights = TABLEAUS[solver]
 
     def initialize(values: Float) -> list[float]:
-        instance.reset()
-        instance.setupExperiment(startTime=0.0)
-        instance.setReal(parameters, values.tolist())
-        instance.enterInitializationMode()
-        if rows[0]:
-            instance.setReal(list(channels), list(rows[0]))
-        instance.exitInitializationMode()
+        own.initialize(values)
         instance.newDiscreteStates()
         instance.enterContinuousTimeMode()
         instance.fmi2GetContinuousStates(component, states, size)
         return list(states)
 
+    channels, inputs, set_real = own.channels, own.inputs, own.instance.fmi2SetReal
+
     def simulate(values: Float) -> Float:
-        x, output = initialize(values), np.empty(len(times))
-        for number, (t, row) in enumerate(zip(times, rows, strict=True)):
+        x, output = initialize(values), np.empty(len(own.samples))
+        for number, (t, row) in enumerate(own.samples):
             output[number] = x[0]
             if row:
-                values_of_inputs[:] = row
-                set_real(component, channels, len(row), values_of_inputs)
+                inputs[:] = row
+                set_real(component, channels, len(row), inputs)
             stages: list[list[float]] = []
             for node, shares in zip(nodes, coefficients, strict=True):
                 set_time(component, t + node * step)
