@@ -18,6 +18,7 @@ from kennfeld.machine_code.call_record import write_begin, write_end, write_plac
 from kennfeld.machine_code.external import c_pointer
 from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
 from kennfeld.models.fmu.number_access import NumberGroup, get_numbers, real_count, set_numbers
+from kennfeld.models.fmu.spin_lock import write_acquire, write_release
 
 NONE, TUNED, RESET = 0, 1, 2  # what a change of parameters requires
 SKIPPED, DIRECTIONAL, DIFFERENCES = 0, 1, 2  # how the slopes of an argument are computed
@@ -28,7 +29,6 @@ _MOST_KEPT = 8_000_000  # values of parameters that the instances have
 _MOST_UPDATES = 100  # of discrete states until they must be stable
 _MOVED, _ENDED = 1, 2  # what an event did: changed states, ended the simulation
 _WARNING, _DISCARD = 1, 2  # the last status of success, the last one that leaves the instance usable
-YIELD = "yield_processor"
 _NAN = literal(float("nan"))
 
 
@@ -328,7 +328,7 @@ def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
     f.store("0", worst, kind="i32")
     calls = _InstanceCalls(f, layout, worst, "0")
     lock = calls.memory("control")
-    _acquire(f, lock)
+    write_acquire(f, lock, "i32")
     f.call("point", [("ptr", "%x"), ("ptr", "%y"), ("i64", "0")])
     with f.when(f.new("icmp ne ptr %slopes, null")):
         if shape.name == "equations" and layout.directional:
@@ -341,16 +341,8 @@ def _evaluate(layout: CallLayout, shape: _FunctionShape) -> FunctionWriter:
             with f.loop(layout.real_results * shape.arguments, shape.results * shape.arguments) as i:
                 f.store(ZERO, "%slopes", i)
     write_end(f, calls.record)
-    f.do(f"store atomic i32 0, ptr {lock} release, align 4")
+    write_release(f, lock, "i32")
     return f
-
-
-def _acquire(f: FunctionWriter, lock: str) -> None:
-    with f.walk(1) as (_, position):
-        busy = f.new(f"icmp ne i32 {f.new(f'atomicrmw xchg ptr {lock}, i32 1 acquire')}, 0")
-        with f.when(busy):
-            f.new(f"call i32 {c_pointer(f, YIELD)}()")
-        position.set(f.new(f"select i1 {busy}, i64 0, i64 1"))
 
 
 def _directional_slopes(calls: _InstanceCalls, shape: _FunctionShape) -> None:

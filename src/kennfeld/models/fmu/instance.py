@@ -26,7 +26,6 @@ from kennfeld.models.fmu.evaluation_code import (
     TIMED,
     TUNED,
     USED,
-    YIELD,
     CallLayout,
     equation_functions,
     recorded_functions,
@@ -38,6 +37,7 @@ from kennfeld.models.fmu.fmu_archive import read_unchanged
 from kennfeld.models.fmu.library import LOADING, FmuLibrary, yield_address
 from kennfeld.models.fmu.number_access import group_numbers
 from kennfeld.models.fmu.slope_selection import agreeing_columns, noise_near
+from kennfeld.models.fmu.spin_lock import YIELD
 from kennfeld.threads import computed_once
 
 _TIME_EVENTS = 4  # to be checked

@@ -19,6 +19,7 @@ from kennfeld.models.fmu.description import FmuDescription, FmuVariable
 from kennfeld.models.fmu.fmu_archive import read_unchanged
 from kennfeld.models.fmu.library import LOADING, FmuLibrary, thread_address, yield_address
 from kennfeld.models.fmu.number_access import NumberGroup, group_numbers
+from kennfeld.models.fmu.spin_lock import YIELD
 from kennfeld.models.fmu.stop_reports import StopReports
 from kennfeld.models.fmu.trajectory_code import (
     NO_INSTANCE,
@@ -26,7 +27,6 @@ from kennfeld.models.fmu.trajectory_code import (
     REUSED,
     SLOTS,
     THREAD,
-    YIELD,
     TrajectoryLayout,
     trajectory_functions,
     write_start,

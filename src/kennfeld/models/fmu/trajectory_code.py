@@ -18,12 +18,13 @@ from kennfeld.machine_code.call_record import write_begin, write_end, write_plac
 from kennfeld.machine_code.external import c_pointer
 from kennfeld.machine_code.ir import ZERO, FunctionWriter, literal
 from kennfeld.models.fmu.number_access import NumberGroup, get_numbers, set_numbers
+from kennfeld.models.fmu.spin_lock import write_acquire, write_release
 
 SLOTS = 64  # a power of 2; a ticket is a multiple of it plus the number of the slot
 LOCK, SERIAL, USED, DEAD, REUSED = range(5)  # words of the memory `control`
 DISCARD, ERROR, FATAL, PENDING = 2, 3, 4, 5  # status of a call
 ORDER, UNEVEN, NOT_A_NUMBER, EARLY, TERMINATED, LOST, NO_INSTANCE = range(10, 17)  # other reasons to stop
-THREAD, YIELD = "current_thread", "yield_processor"
+THREAD = "current_thread"
 UNEVEN_SHARE = 1e-3  # of the step, by which the steps of an FMU that needs equal ones may differ
 
 RECORD = 11  # word of a slot that holds the address of its record of calls
@@ -175,18 +176,6 @@ def _record(f: FunctionWriter, slot: str) -> str:
     return f.load(slot, RECORD, "ptr")
 
 
-def _acquire(f: FunctionWriter, lock: str) -> None:
-    with f.walk(1) as (_, position):
-        busy = f.new(f"icmp ne i64 {f.new(f'atomicrmw xchg ptr {lock}, i64 1 acquire')}, 0")
-        with f.when(busy):
-            f.new(f"call i32 {c_pointer(f, YIELD)}()")
-        position.set(f.new(f"select i1 {busy}, i64 0, i64 1"))
-
-
-def _release(f: FunctionWriter, lock: str) -> None:
-    f.do(f"store atomic i64 0, ptr {lock} release, align 8")
-
-
 def _read_outputs(layout: TrajectoryLayout) -> FunctionWriter:
     """Write `read(slot, worst)`: the outputs of the FMU are stored in the slot."""
     f = FunctionWriter("read", [("ptr", "slot"), ("ptr", "worst")], "noinline")
@@ -217,17 +206,17 @@ def _start(layout: TrajectoryLayout) -> FunctionWriter:
     f.store(_NAN, "%y")
     number = f.variable("i64", "-1")
     control = c_pointer(f, f"{layout.prefix}_control")
-    _acquire(f, control)
+    write_acquire(f, control, "i64")
     with f.when(f.new(f"icmp eq i64 {f.load(control, DEAD, 'i64')}, 0")):
         f.call("choose", [("ptr", "%x"), ("ptr", number.pointer)])
-    _release(f, control)
+    write_release(f, control, "i64")
     with f.when(f.new(f"icmp sge i64 {number.get()}, 0")):
         slot = _slot(f, layout, number.get())
         f.call("begin", [("ptr", slot), ("ptr", "%x")])
         failed = f.new(f"icmp eq i64 {f.load(slot, _STATE, 'i64')}, {_FAILED}")
         f.store(f.select(failed, _NAN, f.load(slot, _TICKET)), "%y")
         write_end(f, _record(f, slot))
-        _release(f, slot)
+        write_release(f, slot, "i64")
     _no_slopes(f, 1, 2 + layout.arguments + layout.set_at_start)
     return f
 
@@ -257,7 +246,7 @@ def _choose(layout: TrajectoryLayout) -> FunctionWriter:
         f.store(oldest.get(), "%number", kind="i64")
     number = f.load("%number", kind="i64")
     slot = _slot(f, layout, number)
-    _acquire(f, slot)
+    write_acquire(f, slot, "i64")
     serial = f.add(f.load(control, SERIAL, "i64"), 1)
     ticket = f.new(f"sitofp i64 {f.add(f.mul(serial, SLOTS), number)} to double")
     f.store(serial, control, SERIAL, "i64")
@@ -337,7 +326,7 @@ def _step(layout: TrajectoryLayout) -> FunctionWriter:
         f.store(_NAN, "%y", i)
     with f.when(f.new(f"fcmp oge double {ticket}, {ZERO}")):
         slot = _slot(f, layout, f.new(f"and i64 {f.new(f'fptosi double {ticket} to i64')}, {SLOTS - 1}"))
-        _acquire(f, slot)
+        write_acquire(f, slot, "i64")
         own = f.new(f"fcmp oeq double {f.load(slot, _TICKET)}, {ticket}")
         with f.when(own):
             with f.when(f.new(f"fcmp une double {f.load('%x', 1)}, {f.load(slot, _TIME)}")):
@@ -345,7 +334,7 @@ def _step(layout: TrajectoryLayout) -> FunctionWriter:
                 write_end(f, _record(f, slot))
             with f.loop(0, layout.results) as i:
                 f.store(f.load(slot, f.add(i, _OUTPUTS)), "%y", i)
-        _release(f, slot)
+        write_release(f, slot, "i64")
         with f.unless(own):
             _SlotCalls(f, layout, slot, "null").report(LOST, f.load("%x", 1))
     _no_slopes(f, layout.results, 2 + layout.arguments)
