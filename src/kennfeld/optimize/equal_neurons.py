@@ -26,6 +26,8 @@ def equal_neurons(graph: Graph, parameters: ParameterSet) -> dict[str, tuple[int
 
     Outputs of the network, and neurons that other nodes than layers use, do not count.
     """
+    if not graph.layers:
+        return {}
     counts = {}
     for layer, following in _following_layers(graph).items():
         block = parameters[layer.name]
@@ -47,7 +49,8 @@ def find_equal_neurons(graph: Graph, start: ParameterSet, end: ParameterSet) -> 
 
     A search leaves a start at which all weights are 0 by itself, so that it must still have equal neurons at the end.
     """
-    before, after = (equal_neurons(graph, parameters) for parameters in (start, end))
+    before = equal_neurons(graph, start)
+    after = equal_neurons(graph, end) if before else {}
     for name in before:
         if start[name].values.any() or name in after:
             yield Finding(Location(), describe(name, before), REMEDY, severity="warning")
