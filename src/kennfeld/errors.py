@@ -30,6 +30,11 @@ _UNSEEN = re.compile(
 )
 
 
+def is_plain(text: str) -> bool:
+    """Return True if a text certainly has nothing that `visible` escapes, found faster than by a search."""
+    return text.isascii() and text.isprintable()
+
+
 def visible(text: str) -> str:
     r"""Return the text with escapes for invisible characters and those that control a terminal.
 
@@ -39,7 +44,7 @@ def visible(text: str) -> str:
     >>> print(visible("Speed\x1b[31m"))
     Speed\u001b[31m
     """
-    if text.isascii() and text.isprintable():
+    if is_plain(text):
         return text
     return _UNSEEN.sub(lambda match: _escape(match[0]), text)
 

@@ -8,7 +8,7 @@ from errno import EIO, EPIPE
 from shutil import get_terminal_size
 from typing import TextIO
 
-from kennfeld.errors import Finding, Location, visible
+from kennfeld.errors import Finding, Location, is_plain, visible
 
 COLUMN_GAP = "  "
 UNLIMITED_WIDTH = 10_000  # characters, without a terminal
@@ -99,17 +99,13 @@ def align(rows: Sequence[Sequence[str]], width: int | None = None) -> list[str]:
     >>> align([("dataset", "RMSE"), ("bench", "1.75")], width=10)
     ['dataset  bench', 'RMSE     1.75']
     """
-    rows = [row if _is_plain("".join(row)) else _escaped(row) for row in rows]
+    rows = [row if is_plain("".join(row)) else _escaped(row) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     if sum(widths) + len(COLUMN_GAP) * (len(widths) - 1) > (width or get_terminal_size((UNLIMITED_WIDTH, 24)).columns):
         return _blocks(rows)
     numeric = [all(map(_is_number, column)) for column in zip(*rows[1:], strict=True)] or [False] * len(widths)
     padded = COLUMN_GAP.join(f"{{:{'>' if right else '<'}{wide}}}" for wide, right in zip(widths, numeric, strict=True))
     return [padded.format(*row).rstrip() for row in rows]
-
-
-def _is_plain(text: str) -> bool:
-    return text.isascii() and text.isprintable()
 
 
 def _escaped(row: Sequence[str]) -> list[str]:

@@ -39,7 +39,7 @@ def parse_source(source: CSource) -> CFile:
     findings = Findings()
     lines = [line.text for line in source.lines]
     types = _AssumedTypes()
-    left = _MAX_PARSED
+    remaining = _MAX_PARSED
     for run in range(_MAX_RUNS):
         parser, text = CParser(), _text(lines, types.names)
         try:
@@ -50,11 +50,11 @@ def parse_source(source: CSource) -> CFile:
             line, column, message = _place(error, parser)
         except RecursionError:
             raise InputError.of(source.location(0), "it is nested too deeply", "Split its expressions.") from None
-        left -= len(text)
-        if left > 0 and run + 1 < _MAX_RUNS and types.assume(lines, line):
+        remaining -= len(text)
+        if remaining > 0 and run + 1 < _MAX_RUNS and types.assume(lines, line):
             continue
         findings.error(source.location(line, column), f"not valid C: {message[:120]}", _REMEDY)
-        if left <= 0 or not _remove(lines, line):
+        if remaining <= 0 or not _remove(lines, line):
             break
     findings.finish()
     raise AssertionError

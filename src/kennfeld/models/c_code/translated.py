@@ -332,8 +332,8 @@ def _settled(whole: TranslatedFunction, usage: Usage) -> CInterface:
     call = _FunctionCall(trial, builder)
     last = call.run([builder.input(name) for name in whole.inputs])
     seen = _ancestors(builder, (int(node) for nodes in last.values() for node in nodes.ravel()))
-    held = {name for name, nodes in call.reads.items() if not seen.isdisjoint(nodes.ravel().tolist())}
-    return settle(whole.interface, usage, held, returns=whole.function.result is not None)
+    needed = {name for name, nodes in call.reads.items() if not seen.isdisjoint(nodes.ravel().tolist())}
+    return settle(whole.interface, usage, needed, returns=whole.function.result is not None)
 
 
 def _ancestors(builder: GraphBuilder, nodes: Iterable[int]) -> set[int]:
