@@ -30,6 +30,8 @@ os.environ.setdefault(
     "KENNFELD_CACHE", str(Path(tempfile.gettempdir()) / f"kennfeld-tests-{os.getuid() if hasattr(os, 'getuid') else 0}")
 )
 
+pytest_plugins = ["tests.costs"]
+
 PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
 settings.register_profile("same", derandomize=True, **PATIENT)

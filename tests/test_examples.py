@@ -21,16 +21,16 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from amd_files import Component, Drawing, Method, message, parameter, write_archive
-from esdl_projects import BATTERY, write_project
-from flash_files import A2L, hex_of
-from networks import perceptron, random_layers
-from simulink_data import entry, sldd
-from simulink_files import Model
 
 from kennfeld import Project, cli, formula
 from kennfeld.project.demo import write
 from kennfeld.project.surrogate_training import read_training
+from tests.models.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
+from tests.models.ascet.esdl_projects import BATTERY, write_project
+from tests.models.onnx_network.networks import perceptron, random_layers
+from tests.models.simulink.simulink_data import entry, sldd
+from tests.models.simulink.simulink_files import Model
+from tests.project.flash_files import A2L, hex_of
 
 ROOT = Path(__file__).parents[1]
 PROJECTS = sorted((ROOT / "examples").glob("*/kennfeld.toml"))

@@ -2,10 +2,10 @@
 
 import ast
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[1] / "src" / "kennfeld"
-MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(SOURCE.rglob("*.py"))}
 TREES = {
     "ascet/syntax.py",
     "matlab/syntax.py",
@@ -14,9 +14,15 @@ TREES = {
 METAPHORS = {"Loom", "Weaver", "Desk", "Climb", "Site", "Inspection", "Knot", "loom", "weaver", "desk", "mend", "climb"}
 
 
+@cache
+def modules() -> dict[Path, ast.Module]:
+    """Return the tree of each file of the package."""
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(SOURCE.rglob("*.py"))}
+
+
 def test_a_class_name_is_unique():
     places = defaultdict(list)
-    for path, tree in MODULES.items():
+    for path, tree in modules().items():
         name = path.relative_to(SOURCE).as_posix()
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and name not in TREES:
@@ -26,7 +32,7 @@ def test_a_class_name_is_unique():
 
 def test_files_of_a_package_differ_by_more_than_an_ending():
     stems = defaultdict(set)
-    for path in MODULES:
+    for path in modules():
         stems[path.parent].add(path.stem)
     endings = ("s", "ing", "er", "ed")
     close = [
@@ -41,7 +47,7 @@ def test_files_of_a_package_differ_by_more_than_an_ending():
 
 def test_nothing_is_named_by_a_metaphor():
     used = set()
-    for tree in MODULES.values():
+    for tree in modules().values():
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 used.add(node.name)

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import browser_page, started
 
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.session.session import Session
+from tests.app.browser import browser_page, started
 
 PROJECT = """
 [model]

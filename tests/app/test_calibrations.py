@@ -159,7 +159,7 @@ def test_the_contents_of_a_file_are_listed(session: Session, bench: str) -> None
 @pytest.fixture
 def flash(torque: Path) -> Path:
     """Return a project that starts from an image: a curve of bytes in steps of 0.01."""
-    from a2l_files import axis, hex_file, label, layout, method, module
+    from tests.calfiles.a2l_files import axis, hex_file, label, layout, method, module
 
     folder = torque.parent
     points = axis("FIX_AXIS", 12, "FIX_AXIS_PAR_DIST -15 5 12")

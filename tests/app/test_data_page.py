@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from browser import browser_page, started
-from bus_files import drive, write_mf4
+from tests.app.browser import browser_page, started
+from tests.measurement.bus_files import drive, write_mf4
 
 PROJECT = """
 [model]

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from browser import READY, browser_page, started
 
 import kennfeld as kf
 from kennfeld.project import Project
+from tests.app.browser import READY, browser_page, started
 
 
 @pytest.fixture

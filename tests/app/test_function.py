@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulink_files import Model
 
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import SetKeys, SetText
 from kennfeld.errors import ArgumentError, InputError
+from tests.models.simulink.simulink_files import Model
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
 

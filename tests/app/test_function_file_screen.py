@@ -3,9 +3,10 @@
 from pathlib import Path
 
 import pytest
-from browser import READY, browser_page, function_screen, started
-from function_samples import C_FILE, write_functions
-from lag_fmu import build
+
+from tests.app.browser import READY, browser_page, function_screen, started
+from tests.app.function_samples import C_FILE, write_functions
+from tests.models.fmu.lag_fmu import build
 
 ALLOW = ".consent button.primary"
 
@@ -71,7 +72,7 @@ def test_an_fmu_is_dropped_and_allowed(tmp_path: Path) -> None:
 
 def test_a_network_is_chosen_and_its_layers_are_listed(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
-    from networks import perceptron, random_layers
+    from tests.models.onnx_network.networks import perceptron, random_layers
 
     project = write_functions(tmp_path)
     perceptron(tmp_path / "net.onnx", random_layers([2, 3, 1]))

@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from browser import READY, browser_page, function_screen, started
-from esdl_projects import BATTERY, LIBRARY, write_project
+from tests.app.browser import READY, browser_page, function_screen, started
+from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, write_project
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
 

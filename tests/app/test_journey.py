@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from browser import READY, browser_page, started
 
 import kennfeld as kf
 from kennfeld.project.demo import write
+from tests.app.browser import READY, browser_page, started
 
 
 def rows_of_bench() -> str:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import READY, browser_page, started
 
 from kennfeld.project import Project
+from tests.app.browser import READY, browser_page, started
 
 # the middle of the dot: the pixels of its colour that lie in the midst of such
 DOT = """

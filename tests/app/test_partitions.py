@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from partitioned_projects import STEADY, in_partitions, write_steady
-from report_projects import Page
 
 from kennfeld.app.questions import exports, overview, recordings, runs
 from kennfeld.app.session import partitioned_data
@@ -21,6 +19,8 @@ from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
+from tests.project.partitioned_projects import STEADY, in_partitions, write_steady
+from tests.report.report_projects import Page
 
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 6\n'
 SAMPLES = 5 * 800 + 90 * (1 + 2 + 3 + 4)  # of five files

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import READY, browser_page, started
 
 from kennfeld.app.session.session import Session
+from tests.app.browser import READY, browser_page, started
 
 STRIPS = ".stack > .canvas"
 

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from amd_files import write_archive
-from component_samples import LOW_PASS, plant_component
-from esdl_projects import BATTERY, LIBRARY, write_project
 
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
 from kennfeld.calfiles import read
 from kennfeld.errors import ArgumentError, InputError
+from tests.models.ascet.amd_files import write_archive
+from tests.models.ascet.component_samples import LOW_PASS, plant_component
+from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, write_project
 
 TOML = """[model]
 file = "Battery/Cell/Accu.esdl"

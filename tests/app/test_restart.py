@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from serving import Served, served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from kennfeld.app.server import restart
 from kennfeld.app.server.restart import Handshake, KnownServer, known_server, remember_server
+from tests.app.serving import Served, served
 
 KEY = "k" * 43
 NONCE = "0123456789abcdef" * 2

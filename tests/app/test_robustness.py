@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import READY, browser_page, started
-from serving import Served, served
+
+from tests.app.browser import READY, browser_page, started
+from tests.app.serving import Served, served
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from serving import Served, served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from kennfeld.project.demo import write
+from tests.app.serving import Served, served
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from browser import READY, browser_page, started
-
 from kennfeld.project.key_descriptions import describe_sections
+from tests.app.browser import READY, browser_page, started
 
 
 def jump(page: Any, key: str) -> None:

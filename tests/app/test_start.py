@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-from bus_files import DBC, drive, write_mf4
 
 import kennfeld as kf
 from kennfeld.app.questions import recordings
@@ -14,6 +13,7 @@ from kennfeld.app.session.summary import summarise_session
 from kennfeld.app.workspace import DEMOS, AppWorkspace
 from kennfeld.errors import ArgumentError
 from kennfeld.project import Project
+from tests.measurement.bus_files import DBC, drive, write_mf4
 
 
 @pytest.fixture(autouse=True)

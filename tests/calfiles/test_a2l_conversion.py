@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from a2l_files import label, layout, method, module, parsed, read, write
 from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.a2l.conversion import conversion_of, parse_formula
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.parameters import Text
+from tests.calfiles.a2l_files import label, layout, method, module, parsed, read, write
 
 TABLE = '/begin COMPU_TAB T "" TAB_INTP 3 0 10 2 30 4 35 {} /end COMPU_TAB'
 WORDS = '/begin COMPU_VTAB W "" TAB_VERB 2 1 "on" 2 "off" {} /end COMPU_VTAB'

@@ -4,7 +4,8 @@ import struct
 
 import numpy as np
 import pytest
-from a2l_files import ADDRESS, axis, label, layout, method, module, read, shared_axis
+
+from tests.calfiles.a2l_files import ADDRESS, axis, label, layout, method, module, read, shared_axis
 
 MAP_AXES = axis("STD_AXIS", 3) + axis("STD_AXIS", 2)
 

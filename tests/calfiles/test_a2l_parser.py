@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from a2l_files import COMMON, label, layout, method, module, parsed, shared_axis
 
 from kennfeld.calfiles.a2l.objects import summarise_labels
 from kennfeld.errors import InputError
+from tests.calfiles.a2l_files import COMMON, label, layout, method, module, parsed, shared_axis
 
 SCALAR = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
 

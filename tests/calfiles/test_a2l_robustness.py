@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file, shared_axis
 
 from kennfeld.calfiles.a2l.objects import summarise_labels
 from kennfeld.calfiles.a2l.parser import parse_a2l
@@ -17,6 +16,7 @@ from kennfeld.calfiles.a2l.writer import write_values
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import InputError
+from tests.calfiles.a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file, shared_axis
 
 TABLE = ["NO_AXIS_PTS_X 1 UBYTE", "NO_AXIS_PTS_Y 2 UBYTE", "AXIS_PTS_X 3 UWORD INDEX_INCR DIRECT"]
 TABLE += ["AXIS_PTS_Y 4 UWORD INDEX_DECR DIRECT", "FNC_VALUES 5 SWORD COLUMN_DIR DIRECT", "ALIGNMENT_WORD 2"]

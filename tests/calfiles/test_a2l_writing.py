@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from a2l_files import ADDRESS, axis, hex_file, image_of, label, layout, method, module, parsed, read, shared_axis, write
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,6 +13,20 @@ from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Map, Scalar, Text
+from tests.calfiles.a2l_files import (
+    ADDRESS,
+    axis,
+    hex_file,
+    image_of,
+    label,
+    layout,
+    method,
+    module,
+    parsed,
+    read,
+    shared_axis,
+    write,
+)
 
 BYTE = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
 TENTH = method("CM", "LINEAR", "COEFFS_LINEAR 0.1 0", "bar")

@@ -6,7 +6,6 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from amd_files import Component, Item, instance, message, parameter, write_archive, write_folder
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,6 +17,7 @@ from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar, Text
+from tests.models.ascet.amd_files import Component, Item, instance, message, parameter, write_archive, write_folder
 
 X, Y = [0.0, 10.0, 30.5], [0.0, 1.0]
 PLANT = Component(

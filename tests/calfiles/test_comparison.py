@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from calibration_sets import parameter_sets
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -8,6 +7,7 @@ from kennfeld.calfiles import Comparison, Difference, Tolerance, compare
 from kennfeld.errors import ArgumentError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
+from tests.calfiles.calibration_sets import parameter_sets
 
 few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 SPEED = Axis([1000, 2000], unit="rpm", name="Speed")

@@ -4,13 +4,13 @@ import difflib
 
 import numpy as np
 import pytest
-from calibration_sets import parameter_sets
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import merge, read, write
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map, Scalar
+from tests.calfiles.calibration_sets import parameter_sets
 
 TEXT = """* encoding="UTF-8"
 ! a remark

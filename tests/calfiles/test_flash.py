@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file
 
 import kennfeld as kf
 from kennfeld.calfiles import describe, describe_a2l, endings, read, write
@@ -12,6 +11,7 @@ from kennfeld.cli import run
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
+from tests.calfiles.a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file
 
 TEXT = module(
     layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT"),

@@ -1,13 +1,13 @@
 """Intel HEX and S-records: memory without gaps, findings by line, and files that change in their numbers alone."""
 
 import pytest
-from a2l_files import hex_file, hex_record, s_file, s_record
 from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.flash.records import read_image, recognises_image
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError, InputError
+from tests.calfiles.a2l_files import hex_file, hex_record, s_file, s_record
 
 END = hex_record(1, 0)
 

@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
-from simulink_data import Thing, matfile
 
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.format import CalibrationSource
@@ -16,6 +15,7 @@ from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
+from tests.models.simulink.simulink_data import Thing, matfile
 
 SET = ParameterSet(
     [

@@ -1,11 +1,11 @@
 import pytest
-from calibration_sets import parameter_sets
 from hypothesis import HealthCheck, given, settings
 
 from kennfeld.calfiles import merge
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Scalar, Text
+from tests.calfiles.calibration_sets import parameter_sets
 
 few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 SLOW, FAST = (Axis(points, name="Speed") for points in ([1, 2], [1, 3]))

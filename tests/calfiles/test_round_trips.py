@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 
 import pytest
-from calibration_sets import line_texts, parameter_sets, plain_units
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
@@ -12,6 +11,7 @@ from kennfeld.calfiles import read, write
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text
+from tests.calfiles.calibration_sets import line_texts, parameter_sets, plain_units
 
 few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
-from noise import assert_close, spread, steady
-from random_graphs import cases, sizes_of
 
 from kennfeld.errors import ArgumentError
 from kennfeld.free_axes import free_axes, with_breakpoints
@@ -12,6 +10,8 @@ from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Cube, Curve, Map, Scalar
+from tests.graph.noise import assert_close, spread, steady
+from tests.graph.random_graphs import cases, sizes_of
 
 
 def offsets_of(names, parameters):

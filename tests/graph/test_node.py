@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_graphs import cases
 
 from kennfeld.graph import CLOCK, Graph, GraphBuilder, Node, State
 from kennfeld.graph.traversal import rewrite
+from tests.graph.random_graphs import cases
 
 
 def built(order=("u", "v")):

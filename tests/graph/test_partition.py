@@ -1,7 +1,5 @@
 import numpy as np
 from hypothesis import given, settings
-from noise import assert_close, spread, steady
-from random_graphs import cases
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import Interpreter
@@ -9,6 +7,8 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
+from tests.graph.noise import assert_close, spread, steady
+from tests.graph.random_graphs import cases
 
 
 def lowered(names, b, *parameters):

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from random_graphs import cases
 
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
@@ -10,6 +9,7 @@ from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
+from tests.graph.random_graphs import cases
 
 
 def pulled(graph, outputs, free):

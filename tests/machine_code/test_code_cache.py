@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference import compiled
 
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.machine_code import code_cache, engine
@@ -19,7 +18,8 @@ from kennfeld.machine_code.code_cache import cache_folder, keep_code, key_of, re
 from kennfeld.native import kernel, simulator
 from kennfeld.native.simulator import Simulator
 from kennfeld.native.sweeps import sweeps
-from models import MODELS, case
+from tests.native.models import MODELS, case
+from tests.native.reference import compiled
 
 KEY = key_of("a module")
 

@@ -3,11 +3,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from reference import compiled
 
 from kennfeld.machine_code.engine import compile_functions
 from kennfeld.machine_code.ir import FunctionWriter, literal
-from models import MODELS, case
+from tests.native.models import MODELS, case
+from tests.native.reference import compiled
 
 
 def adder(value):

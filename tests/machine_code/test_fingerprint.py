@@ -23,7 +23,7 @@ from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.tape_layout import TapeLayout
-from models import MODELS, case
+from tests.native.models import MODELS, case
 
 ROOT = Path(module.__file__).parents[1]
 WRITE = kernels._kernel_code

@@ -9,14 +9,14 @@ from io import BytesIO
 import h5py
 import numpy as np
 import pytest
-from matlab_files import save73
 from scipy.io import savemat
 from scipy.sparse import csc_array
-from simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
 
 from kennfeld.matlab.mat_nodes import MatFileError, MatNumbers, MatStruct, MatText, MatUnreadable
 from kennfeld.matlab.mat_reader import load_nodes, read_nodes
 from kennfeld.matlab.mcos import read_array, read_workspace
+from tests.measurement.matlab_files import save73
+from tests.models.simulink.simulink_data import CELL, CHAR, DOUBLE, STRUCT, array, element, numbers, struct_of, text
 
 SPARSE, COMPRESSED, LOGICAL = 5, 15, 0x200
 

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matlab_files import save73
 from scipy.io import savemat
-from simulink_data import Thing, mxarray, pairs
 
 from kennfeld.matlab.mat_nodes import MatFileError, MatStruct, MatUnreadable
 from kennfeld.matlab.mat_reader import load_variables, read_nodes, to_value
@@ -18,6 +16,8 @@ from kennfeld.matlab.mcos import read_workspace
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import to_calibration_parameter
 from kennfeld.matlab.values import MatlabCell, OpaqueValue, class_name, text
+from tests.measurement.matlab_files import save73
+from tests.models.simulink.simulink_data import Thing, mxarray, pairs
 
 PLAIN = {
     "K": 2.5,

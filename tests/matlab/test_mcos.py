@@ -8,13 +8,23 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from matlab_files import save73
-from simulink_data import OPAQUE, UINT8, Store, Thing, element, matfile, mxarray, numbers, struct_of
 
 from kennfeld.matlab.mat_nodes import MatCells, MatFileError, MatStruct, MatStructArray, MatText, MatUnreadable, Node
 from kennfeld.matlab.mat_reader import load_nodes
 from kennfeld.matlab.mat_v5 import read_elements
 from kennfeld.matlab.mcos import read_workspace
+from tests.measurement.matlab_files import save73
+from tests.models.simulink.simulink_data import (
+    OPAQUE,
+    UINT8,
+    Store,
+    Thing,
+    element,
+    matfile,
+    mxarray,
+    numbers,
+    struct_of,
+)
 
 TAG = np.array([0xDD000000], "<u4").tobytes()
 SIMULINK = "Simulink.Parameter"

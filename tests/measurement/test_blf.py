@@ -5,12 +5,12 @@ import zlib
 from contextlib import suppress
 
 import pytest
-from bus_files import DBC, drive, engine, write_log
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.blf import read_frames
 from kennfeld.measurement.file_kind import locate
+from tests.measurement.bus_files import DBC, drive, engine, write_log
 
 
 def frame(time=0, identifier=500, data=None, flags=0):

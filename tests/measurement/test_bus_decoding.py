@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from bus_files import DBC, Frame, drive, eec1, engine, write_mf4
 
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.bus_databases import to_databases
+from tests.measurement.bus_files import DBC, Frame, drive, eec1, engine, write_mf4
 
 
 @pytest.fixture

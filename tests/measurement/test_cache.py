@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bus_files import DBC, drive, write_mf4
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import cache as caching
 from kennfeld.measurement.bus_databases import to_databases
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import read_leniently
+from tests.measurement.bus_files import DBC, drive, write_mf4
 
 TEXT = "time [s],Speed [rpm],Torque [Nm]\n0,1000,10\n0.1,1100,\n0.2,1200,12\n"
 

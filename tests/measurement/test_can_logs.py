@@ -7,10 +7,10 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from bus_files import DBC, Frame, drive, eec1, write_log, write_mf4
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.bus_files import DBC, Frame, drive, eec1, write_log, write_mf4
 
 ENDINGS = (".asc", ".blf", ".log", ".trc")
 FRAMES = sorted([*drive(), *(Frame(0.013 * k, 0x0CF00400, eec1(800 + k, 10), True, 2) for k in range(9))])

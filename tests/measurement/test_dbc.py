@@ -3,11 +3,11 @@
 from contextlib import suppress
 
 import pytest
-from bus_files import DBC
 
 from kennfeld.errors import InputError
 from kennfeld.measurement.bus_messages import Switch
 from kennfeld.measurement.dbc import parse_database, read_database
+from tests.measurement.bus_files import DBC
 
 
 def message(name, text=DBC):

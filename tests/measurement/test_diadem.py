@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from mutants import refusals
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import refusals
 
 GLOBAL = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n  1,WINDOWS 32Bit\n111,9.900000e+034\n112,High -> Low\n"
 

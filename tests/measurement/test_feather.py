@@ -3,11 +3,11 @@
 import numpy as np
 import pyarrow as pa
 import pytest
-from mutants import refusals
 from pyarrow import feather, ipc
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import refusals
 
 TABLE = pa.table(
     [

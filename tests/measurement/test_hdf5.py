@@ -5,10 +5,10 @@ import pickle
 import h5py
 import numpy as np
 import pytest
-from mutants import refusals
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import refusals
 
 
 @pytest.fixture

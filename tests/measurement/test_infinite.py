@@ -4,14 +4,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from mlg_files import mlg, number, record
 from scipy.io import savemat
-from xls_files import xls
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.cache import from_parquet, to_parquet
+from tests.measurement.mlg_files import mlg, number, record
+from tests.measurement.xls_files import xls
 
 TIME = [0.0, 1.0, 2.0, 3.0]
 SPEED = [1.0, np.inf, -np.inf, 4.0]

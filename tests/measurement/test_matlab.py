@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from matlab_files import array5, element, file5, opaque5, save73
 from scipy.io import savemat
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.matlab import holds_samples
+from tests.measurement.matlab_files import array5, element, file5, opaque5, save73
 
 TIME = np.array([0.0, 0.1, 0.2])
 SPEED = np.array([1000.0, 1500.0, 2000.0])

@@ -9,11 +9,11 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from matlab_files import HEAD, array5, element, file5, save73
 from scipy.io import savemat
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.matlab_files import HEAD, array5, element, file5, save73
 
 TIME = np.arange(20) * 0.1
 VARIABLES = {"time": TIME, "Speed": TIME * 1000, "log": {"a": TIME, "b": {"c": TIME > 1}}, "note": "a test"}

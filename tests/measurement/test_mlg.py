@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mlg_files import SIZES, bits, mark, mlg, number, record
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mlg_files import SIZES, bits, mark, mlg, number, record
 
 TIME = number("Time", unit="s", digits=3)
 RPM = number("RPM", 2, "rpm")

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from mutants import refusals
 from scipy.io import netcdf_file
 
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import refusals
 
 
 @pytest.fixture

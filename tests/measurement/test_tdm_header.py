@@ -4,10 +4,10 @@ import zipfile
 
 import numpy as np
 import pytest
-from mutants import refusals
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import refusals
 
 HEAD = """<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
 <usi:tdm xmlns:usi="http://www.ni.com/Schemas/USI/1_0" version="1.0">

@@ -4,10 +4,10 @@ import sys
 
 import numpy as np
 import pytest
-from mutants import refusals
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import refusals
 
 nptdms = pytest.importorskip("nptdms", reason="nptdms is not installed: pip install kennfeld[tdms]")
 START = np.datetime64("2026-11-27T10:00:00")

@@ -3,10 +3,10 @@
 import struct
 
 import pytest
-from xls_files import SECTOR, compound, records, xls
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.xls_files import SECTOR, compound, records, xls
 
 ROWS = [["time", "Speed", "on"], ["s", "rpm", "-"], *([0.1 * i, 1000.5 + i, i % 2] for i in range(60))]
 LARGE = [*ROWS, *([0.1 * i, 1000.5 + i, i % 2] for i in range(60, 9000))]  # more tables than one sector holds

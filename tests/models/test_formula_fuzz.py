@@ -3,7 +3,6 @@
 import string
 from collections.abc import Callable
 
-from formula_graphs import graphs, one_nan
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +12,7 @@ from kennfeld.models import Model
 from kennfeld.models.formula import expression, extend, formula, to_text
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import DECLARATIONS, RESERVED
+from tests.models.formula_graphs import graphs, one_nan
 
 SIGNS = "a b c y f M K _x 0 1 2 3.5 1e3 %q% %r[1]% [Nm] [ ] ( ) , = == < <= + - * / ^ # % $ ** & \\ . ;"
 LINES = ["\n"] * 12 + ["\ny = ", "\ndef f(a) = ", "(", ")"]

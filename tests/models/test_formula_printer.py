@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from formula_graphs import graphs, one_nan
 from hypothesis import given, settings
 
 from kennfeld.errors import ArgumentError
@@ -11,6 +10,7 @@ from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula, to_text
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.parameter_set import ParameterSet
+from tests.models.formula_graphs import graphs, one_nan
 
 
 def lines(graph: Graph) -> list[str]:

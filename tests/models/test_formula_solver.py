@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from formula_graphs import one_nan
 
 from kennfeld.errors import InputError
 from kennfeld.graph.derivative import differentiate
@@ -14,6 +13,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import formula, to_text
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
+from tests.models.formula_graphs import one_nan
 
 T = 0.1
 U = np.array([1.5, -2.0, 0.25, 4.0, 4.0, -1.0, 0.0, 7.5, 3.0, -3.5])

@@ -1,13 +1,13 @@
 """Small models with data, written out: what the other tests of this folder calibrate."""
 
 import numpy as np
-from external_functions import PRODUCT_AND_SQUARE
-from random_graphs import Case, Criterion
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Block, Curve, Map, Scalar
+from tests.graph.random_graphs import Case, Criterion
+from tests.native.external_functions import PRODUCT_AND_SQUARE
 
 FREE = ("K", "L", "C", "M", "Inner", "Outer")
 X, Y = np.array([-2.0, -0.7, 0.4, 1.9]), np.array([-1.5, 0.1, 1.2])

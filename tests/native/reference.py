@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from random_graphs import Case, Criterion, sizes_of
 
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
@@ -11,6 +10,7 @@ from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
+from tests.graph.random_graphs import Case, Criterion, sizes_of
 
 
 def loss(r, kind, delta):

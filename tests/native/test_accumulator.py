@@ -2,15 +2,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from noise import assert_close, spread
-from random_graphs import LOSSES
-from reference import compiled, sums
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.native import accumulator as module
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
-from models import MODELS, case, coupled, lag, parameters, static
+from tests.graph.noise import assert_close, spread
+from tests.graph.random_graphs import LOSSES
+from tests.native.models import MODELS, case, coupled, lag, parameters, static
+from tests.native.reference import compiled, sums
 
 STARTS = (0, 1, 170, 171, 400)
 both = pytest.mark.parametrize("model", sorted(MODELS))

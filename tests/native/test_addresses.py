@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference import compiled
 
 from kennfeld import native
 from kennfeld.errors import ArgumentError
@@ -11,7 +10,8 @@ from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.addresses import INT64, address, strided
 from kennfeld.native.cholesky import Cholesky
 from kennfeld.native.samples import Piece, Samples
-from models import MODELS, case
+from tests.native.models import MODELS, case
+from tests.native.reference import compiled
 
 
 def misaligned(count):

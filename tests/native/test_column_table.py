@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference import compiled
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.column_table import BLOCK, ColumnTable
 from kennfeld.native.samples import Piece, Samples
-from models import MODELS, case, static
+from tests.native.models import MODELS, case, static
+from tests.native.reference import compiled
 
 lengths = st.lists(st.sampled_from([0, 1, 5, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK - 5]), min_size=1, max_size=6)
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from reference import compiled
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.dense_layer import ACTIVATIONS, DenseLayer
@@ -11,7 +10,8 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Block, Curve
-from models import case
+from tests.native.models import case
+from tests.native.reference import compiled
 
 each = pytest.mark.parametrize("activation", ACTIVATIONS)
 X = np.array([-2.0, -0.7, 0.4, 1.9])

@@ -2,10 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from noise import assert_close, spread, steady
-from random_graphs import cases
-from reference import compiled
-from segments import cut_code
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.lookup_lowering import lower_lookups
@@ -14,7 +10,11 @@ from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
-from models import MODELS, case
+from tests.graph.noise import assert_close, spread, steady
+from tests.graph.random_graphs import cases
+from tests.native.models import MODELS, case
+from tests.native.reference import compiled
+from tests.native.segments import cut_code
 
 
 def results(made):

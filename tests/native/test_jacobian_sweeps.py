@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
-from reference import compiled, sums, weighted_rows
 
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
 from kennfeld.native.sweeps import sweeps
 from kennfeld.native.tape_layout import MANY, TapeLayout
-from models import case
+from tests.native.models import case
+from tests.native.reference import compiled, sums, weighted_rows
 
 
 def chain(latencies):

@@ -1,13 +1,13 @@
 from dataclasses import replace
 
 import numpy as np
-from reference import compiled
 
 from kennfeld.free_axes import free_axes
 from kennfeld.graph import GraphBuilder
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Scalar
-from models import case, coupled, delayed, lag, static
+from tests.native.models import case, coupled, delayed, lag, static
+from tests.native.reference import compiled
 
 
 def test_values_are_packed_free_ones_first():

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from reference import compiled
-from segments import cut_code
 
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
-from models import MODELS, case, coupled
+from tests.native.models import MODELS, case, coupled
+from tests.native.reference import compiled
+from tests.native.segments import cut_code
 
 
 @pytest.fixture

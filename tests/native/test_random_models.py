@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
-from noise import assert_close, spread, steady
-from random_graphs import cases
-from reference import compiled, sums, weighted_rows
 
 from kennfeld.graph import derivative
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
+from tests.graph.noise import assert_close, spread, steady
+from tests.graph.random_graphs import cases
+from tests.native.reference import compiled, sums, weighted_rows
 
 
 def assert_same_sums(got, expected):

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from reference import compiled, sums
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.native import workspace
 from kennfeld.native.symmetric import as_array
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Map
-from models import X, Y, case, static
+from tests.native.models import X, Y, case, static
+from tests.native.reference import compiled, sums
 
 TABLES = 30
 

@@ -9,7 +9,7 @@ from kennfeld.native import simulator as module
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Scalar
-from models import MODELS, case
+from tests.native.models import MODELS, case
 
 
 def simulated(model, starts=(0,)):

@@ -6,7 +6,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from external_functions import POINTERS, Callback
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
@@ -14,6 +13,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.native.trajectory_gate import TrajectoryGate
 from kennfeld.parameter_set import ParameterSet
+from tests.native.external_functions import POINTERS, Callback
 
 
 class Single(Callback):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from trajectory_functions import TEXT, lag_function
 
 import kennfeld as kf
 from kennfeld.models.formula.frontend import read
@@ -14,6 +13,7 @@ from kennfeld.optimize.options import Options
 from kennfeld.optimize.sample_slopes import SampleSlopes
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.validation import check_problem, trajectory_findings
+from tests.optimize.trajectory_functions import TEXT, lag_function
 
 RNG = np.random.default_rng(5)
 TIME = 0.1 * np.arange(300)

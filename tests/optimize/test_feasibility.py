@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from constrained_fits import curve_fit, least_cost, map_fit
 
 import kennfeld as kf
 from kennfeld.constraints import Pin, Shape
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.search.multistart import run
+from tests.optimize.constrained_fits import curve_fit, least_cost, map_fit
 
 HOLDS = 1e-9
 

@@ -1,7 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import idle
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,6 +13,7 @@ from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.strategies.global_search import GlobalSettings, global_search
 from kennfeld.optimize.validation import unbounded
+from tests.optimize import idle
 
 REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data" / "idle" / "crossley_cook_closedloop_ref.csv"
 GLOBAL = kf.Options(method="global")

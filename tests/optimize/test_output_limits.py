@@ -1,7 +1,6 @@
 """Limits of outputs, against a general convex solver and a search over a grid."""
 
 import cvxpy
-import idle
 import numpy as np
 import pytest
 
@@ -13,6 +12,7 @@ from kennfeld.optimize import Options, Problem, run
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.strategies.limit_excess import FEASIBLE
 from kennfeld.preprocessing.binding import bind_inputs
+from tests.optimize import idle
 
 GRID = np.linspace(0, 10, 11)
 

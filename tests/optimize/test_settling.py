@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference_settling import held
 
 import kennfeld as kf
 from kennfeld.dataset import Settling
@@ -12,6 +11,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.optimize import Problem
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
+from tests.optimize.reference_settling import held
 
 U = np.array([0.5, 1.5, 2.0, 3.0, 0.1, 2.7])
 MODELS = {

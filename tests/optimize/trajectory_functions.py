@@ -3,10 +3,9 @@
 import ctypes
 import threading
 
-from external_functions import POINTERS, Callback
-
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, ModelFunction
+from tests.native.external_functions import POINTERS, Callback
 
 TEXT = """\
 before = prev(lagged, 0)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from simulink_files import Model
 
 import kennfeld as kf
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.preprocessing.model_step import refine_step
+from tests.models.simulink.simulink_files import Model
 
 
 def made(time, starts=(0,), **columns):

@@ -6,7 +6,8 @@ import sys
 import time
 
 import numpy as np
-from partitioned_projects import STEADY, TIMED, write_steady, write_timed
+
+from tests.project.partitioned_projects import STEADY, TIMED, write_steady, write_timed
 
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 12\n'
 COMMAND = [sys.executable, "-m", "distributed.cli.{}"]

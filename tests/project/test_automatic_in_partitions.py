@@ -5,16 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from partitioned_projects import (
-    SHIFTED,
-    STEADY,
-    TIMED,
-    in_partitions,
-    write_lasting,
-    write_shifted,
-    write_steady,
-    write_timed,
-)
 from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
@@ -28,6 +18,16 @@ from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
+from tests.project.partitioned_projects import (
+    SHIFTED,
+    STEADY,
+    TIMED,
+    in_partitions,
+    write_lasting,
+    write_shifted,
+    write_steady,
+    write_timed,
+)
 
 AUTO = 'smoothness = "auto"'
 LASTING = SHIFTED.replace('shift = { y = "auto" }\n', "").replace("smoothness = 1e-4", AUTO)

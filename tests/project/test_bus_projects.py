@@ -1,13 +1,13 @@
 """Projects whose recordings are bus logs, decoded by the databases of their datasets."""
 
 import pytest
-from bus_files import DBC, Frame, drive, engine, write_mf4
-from partitioned_projects import in_partitions
 
 from kennfeld.errors import InputError
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.project import Project
 from kennfeld.report.provenance import sources
+from tests.measurement.bus_files import DBC, Frame, drive, engine, write_mf4
+from tests.project.partitioned_projects import in_partitions
 
 FORMULA = "Predicted = Offset + Gain * n\nscalar Offset\nscalar Gain\n"
 PROJECT = """

@@ -8,10 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from cluster_processes import SHORT, Cluster, calibrate, free_port, values_of, write_short, write_short_drives
-from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
 from pyarrow import parquet
-from report_projects import Page
 
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.cli import run
@@ -22,6 +19,25 @@ from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
 from kennfeld.report import document
+from tests.project.cluster_processes import (
+    SHORT,
+    Cluster,
+    calibrate,
+    free_port,
+    values_of,
+    write_short,
+    write_short_drives,
+)
+from tests.project.partitioned_projects import (
+    SHIFTED,
+    STEADY,
+    TIMED,
+    in_partitions,
+    write_shifted,
+    write_steady,
+    write_timed,
+)
+from tests.report.report_projects import Page
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
 

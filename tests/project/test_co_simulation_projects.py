@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from tank_fmu import COUNT, build, closed_form, recording
 
 from kennfeld import cli
 from kennfeld.calfiles import read
+from tests.models.fmu.tank_fmu import COUNT, build, closed_form, recording
 
 TANK = """[model]
 file = "tank.fmu:co-simulation"

@@ -4,8 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from amd_files import Component, Drawing, Method, message, parameter, write_archive
-from esdl_projects import BATTERY, TASKS, run, write_project
 
 from kennfeld import cli
 from kennfeld.calfiles import read, write
@@ -14,6 +12,8 @@ from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.ascet.importing import esdl
 from kennfeld.models.formula import read as read_formula
 from kennfeld.project import Project
+from tests.models.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
+from tests.models.ascet.esdl_projects import BATTERY, TASKS, run, write_project
 
 TOML = """[model]
 file = "Battery/Cell/Accu.esdl"

@@ -5,13 +5,13 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from simulated_datasets import SimulatedDatasets
 
 from kennfeld import InputError, calibrate, read_parameters
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Findings, Location
 from kennfeld.project import fallback, folder_replacement
 from kennfeld.project.fallback import write_somewhere
+from tests.project.simulated_datasets import SimulatedDatasets
 
 
 class Line:

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from lag_fmu import build, description_2, pack
 
 import kennfeld as kf
 from kennfeld import cli
 from kennfeld.calfiles import read
 from kennfeld.models.fmu import instance
 from kennfeld.models.fmu.importing import read_fmu
+from tests.models.fmu.lag_fmu import build, description_2, pack
 
 PLANT = """[model]
 file = "lag.fmu"

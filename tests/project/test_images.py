@@ -1,10 +1,10 @@
 """Projects whose start is an image: the fit goes back into it."""
 
 import pytest
-from flash_files import A2L, hex_of, memory_of
 
 from kennfeld.calfiles import read
 from kennfeld.cli import run
+from tests.project.flash_files import A2L, hex_of, memory_of
 
 START = 'initial = { a2l = "ecu.a2l", hex = "ecu.hex" }'
 

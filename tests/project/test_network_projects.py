@@ -8,13 +8,12 @@ import pytest
 
 pytest.importorskip("onnx", reason="the package onnx is not installed")
 
-from networks import perceptron, random_layers
-
 from kennfeld.calfiles import write
 from kennfeld.cli import run
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project import Project
+from tests.models.onnx_network.networks import perceptron, random_layers
 
 PROJECT = """
 [model]

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cluster_processes import SHORT, calibrate, values_of
-from partitioned_projects import STEADY, in_partitions, write_steady
 
 from kennfeld.cli import run
 from kennfeld.errors import InputError
 from kennfeld.preprocessing.recording_sources import find_addresses, find_sources, local_file
 from kennfeld.project import Project
 from kennfeld.report.provenance import sources
+from tests.project.cluster_processes import SHORT, calibrate, values_of
+from tests.project.partitioned_projects import STEADY, in_partitions, write_steady
 
 fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: pip install kennfeld[cluster]")
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 
 from kennfeld.analysis.limit_margins import output_ranges
 from kennfeld.optimize.fit import FitRun
@@ -11,6 +10,7 @@ from kennfeld.optimize.strategies.limit_excess import FEASIBLE, LimitRound
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project
+from tests.project.partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 
 OFF = '\n[optimizer]\ncontinuation = "off"\ntolerance = 1e-8\n'
 STEADY_LIMITS = """

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 from pyarrow import parquet
 
 from kennfeld.analysis.cross_validation import cross_validate
@@ -20,6 +19,7 @@ from kennfeld.preprocessing.prepared_files import ENDING, PreparedFiles
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.project.results import write_simulation
 from kennfeld.task_runner import SerialRunner
+from tests.project.partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 
 WRITERS = [write_steady, write_timed]
 

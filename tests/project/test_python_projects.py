@@ -1,11 +1,11 @@
 """Projects that call functions in Python."""
 
 import pytest
-from partitioned_projects import TIMED, in_partitions, write_timed
 
 from kennfeld import cli
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.project import Project
+from tests.project.partitioned_projects import TIMED, in_partitions, write_timed
 
 CODE = """\
 import numpy as np

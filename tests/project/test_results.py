@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
-from simulated_datasets import SimulatedDatasets
 
 from kennfeld import Axis, Curve, Dataset, InputError, Map, ParameterSet, Scalar, calibrate, read, read_parameters
 from kennfeld.project.results import COLUMNS, read_shifts, require_room, write, write_simulation, write_text
+from tests.project.simulated_datasets import SimulatedDatasets
 
 FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
 

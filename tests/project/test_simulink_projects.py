@@ -5,9 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from simulink_data import sldd, thing
-from simulink_files import LAYOUTS, Model
-from torque_drawing import torque
 
 from kennfeld import cli, parameter_set
 from kennfeld.calfiles import read
@@ -24,6 +21,9 @@ from kennfeld.parameters import Curve, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import write
 from kennfeld.report.provenance import sources
+from tests.models.simulink.simulink_data import sldd, thing
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.torque_drawing import torque
 
 DRAWN = "slx parts"
 

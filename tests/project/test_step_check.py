@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from simulink_files import Model
 
 from kennfeld import cli
+from tests.models.simulink.simulink_files import Model
 
 PROJECT = """[model]
 file = "lag.slx"

@@ -5,10 +5,10 @@ import subprocess
 
 import numpy as np
 import pytest
-from cluster_processes import Cluster, calibrate, values_of, write_short
-from partitioned_projects import in_partitions
 
 from kennfeld.cli import run
+from tests.project.cluster_processes import Cluster, calibrate, values_of, write_short
+from tests.project.partitioned_projects import in_partitions
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="the program openssl is not installed")

@@ -1,5 +1,6 @@
 import pytest
-from report_projects import PROJECTS, Page, Workshop
+
+from tests.report.report_projects import PROJECTS, Page, Workshop
 
 
 @pytest.fixture

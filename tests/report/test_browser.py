@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import browser
-from report_projects import a_cube, a_map, a_network, scattered
 
 from kennfeld.project import Project
 from kennfeld.report import document
+from tests.app.browser import browser
+from tests.report.report_projects import a_cube, a_map, a_network, scattered
 
 SIZE = {"width": 1300, "height": 900}
 IMAGE = "canvas => canvas.toDataURL()"

@@ -7,12 +7,12 @@ import subprocess
 
 import numpy as np
 import pytest
-from report_projects import a_map, limited, scattered, several_files
 
 from kennfeld import InputError, cli
 from kennfeld.project import Project
 from kennfeld.project.results import write
 from kennfeld.report import document, document_safely, from_folder
+from tests.report.report_projects import a_map, limited, scattered, several_files
 
 
 def test_every_report_stands_alone_and_says_what_the_result_says(project, opened):

@@ -5,14 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from partitioned_projects import SHIFTED, STEADY, TIMED, in_partitions, write_shifted, write_steady, write_timed
-from report_projects import Page
 
 from kennfeld.analysis.residuals import residuals
 from kennfeld.optimize.partitions import split_files
 from kennfeld.optimize.problem import partitions_of
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
+from tests.project.partitioned_projects import (
+    SHIFTED,
+    STEADY,
+    TIMED,
+    in_partitions,
+    write_shifted,
+    write_steady,
+    write_timed,
+)
+from tests.report.report_projects import Page
 
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 4\n'
 PAUSED = """

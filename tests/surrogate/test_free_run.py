@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from surrogates import random_expansion
 
 from kennfeld.errors import ArgumentError
 from kennfeld.surrogate.narx_training import (
@@ -12,6 +11,7 @@ from kennfeld.surrogate.narx_training import (
     train_free_run,
 )
 from kennfeld.surrogate.recursion import Lags, Recording, Runs, simulate
+from tests.surrogate.surrogates import random_expansion
 
 LAGS = Lags((1, 3), ((0, 2),))
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 from kennfeld.errors import ArgumentError
 from kennfeld.surrogate.recursion import Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
+from tests.surrogate.surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 
 def inputs(samples=40):

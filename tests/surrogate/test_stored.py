@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 from kennfeld.errors import InputError
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate import StaticSurrogate, read_surrogate, recognises_surrogate, write_surrogate
+from tests.surrogate.surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 
 @pytest.mark.parametrize("made", [static_surrogate(), dynamic_surrogate(), dynamic_surrogate(validity=None, units=())])

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from surrogates import tank_recording
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
@@ -9,6 +8,7 @@ from kennfeld.surrogate.model_selection import _lowest, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.training_data import split_recordings
+from tests.surrogate.surrogates import tank_recording
 
 
 def bench(name, seed, use="training", samples=120):

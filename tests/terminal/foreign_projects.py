@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import lag_fmu
-import tank_fmu
+from tests.models.fmu import lag_fmu, tank_fmu
 
 PLANT = """[model]
 file = "lag.fmu"

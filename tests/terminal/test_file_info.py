@@ -7,13 +7,13 @@ import zipfile
 import h5py
 import numpy as np
 import pytest
-from bus_files import DBC, drive, write_mf4
 
 import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, Validity, write_surrogate
 from kennfeld.terminal.file_info import describe_file
+from tests.measurement.bus_files import DBC, drive, write_mf4
 
 
 @pytest.fixture

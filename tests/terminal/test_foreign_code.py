@@ -3,14 +3,14 @@
 from pathlib import Path
 
 import pytest
-from foreign_projects import write_fmu_project, write_python_project
-from lag_fmu import build
-from networks import perceptron, random_layers
 
 from kennfeld import cli
 from kennfeld.graph.external_function import CodeNotRunError, code_gate, load_function
 from kennfeld.models import code_consent
 from kennfeld.models.fmu.importing import fmu
+from tests.models.fmu.lag_fmu import build
+from tests.models.onnx_network.networks import perceptron, random_layers
+from tests.terminal.foreign_projects import write_fmu_project, write_python_project
 
 MARKER = 'from pathlib import Path\nPath(__file__).with_name("ran").touch()'
 REMARK = "remark: runs code of {}. Said once for each content of the file."

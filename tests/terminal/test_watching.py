@@ -10,10 +10,16 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from foreign_projects import environment, run_command, write_fmu_project, write_python_project, write_tank_project
 
 from kennfeld.machine_code.call_record import ForeignCall, read_calls
 from kennfeld.terminal.watched_commands import call_limit
+from tests.terminal.foreign_projects import (
+    environment,
+    run_command,
+    write_fmu_project,
+    write_python_project,
+    write_tank_project,
+)
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")
 LATE = "if (m->time > 5) "  # neither at the start nor at the points that a check evaluates

@@ -1,6 +1,6 @@
 """Components of ASCET 6 that tests and the fuzzer share: tables, filters, conditions and a state machine."""
 
-from amd_files import Component, Drawing, Item, Method, instance, message, parameter
+from tests.models.ascet.amd_files import Component, Drawing, Item, Method, instance, message, parameter
 
 FILTER = Drawing()
 _error = FILTER.operator("-", FILTER.element("in", "Argument", "calc"), FILTER.element("memory"))

@@ -4,7 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from amd_files import (
+
+from kennfeld.calfiles import read, write
+from kennfeld.errors import InputError
+from kennfeld.models.ascet.importing import classes_of, esdl, import_esdl
+from kennfeld.models.formula import formula, to_text
+from tests.models.ascet.amd_files import (
     Component,
     Drawing,
     Item,
@@ -15,13 +20,8 @@ from amd_files import (
     write_archive,
     write_folder,
 )
-from component_samples import ELEMENTS, LOW_PASS, X, machine_component, plant_component
-from esdl_projects import class_model, run
-
-from kennfeld.calfiles import read, write
-from kennfeld.errors import InputError
-from kennfeld.models.ascet.importing import classes_of, esdl, import_esdl
-from kennfeld.models.formula import formula, to_text
+from tests.models.ascet.component_samples import ELEMENTS, LOW_PASS, X, machine_component, plant_component
+from tests.models.ascet.esdl_projects import class_model, run
 
 NUMBERS = np.random.default_rng(3)
 A, B, C = NUMBERS.normal(size=(3, 40)).round(1)

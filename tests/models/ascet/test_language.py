@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from esdl_projects import MACHINE, class_model, run, write_project
 
 from kennfeld.errors import InputError
 from kennfeld.models.ascet.importing import esdl, import_esdl
 from kennfeld.models.formula import formula, to_text
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
+from tests.models.ascet.esdl_projects import MACHINE, class_model, run, write_project
 
 
 def outputs(folder, text, columns=None, samples=None, **options):

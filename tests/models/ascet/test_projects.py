@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from esdl_projects import BATTERY, VEHICLE, class_model, run, write_project
 
 import kennfeld as kf
 from kennfeld.graph.derivative import differentiate
@@ -10,6 +9,7 @@ from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.ascet.declarations import SourceTree
 from kennfeld.models.ascet.importing import esdl, import_esdl
+from tests.models.ascet.esdl_projects import BATTERY, VEHICLE, class_model, run, write_project
 
 SAMPLES = 400
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from esdl_projects import run
 
 from kennfeld.models.ascet.importing import esdl
+from tests.models.ascet.esdl_projects import run
 
 PLANT = "BatteryManagementSystem/BMS/SOCClasses/BatteryPlantModel.esdl"
 VEHICLE = "AdaptiveCruiseControl/ACCSystem/VehicleModel/VehicelDynamicModel/VehicleDynamicModelClass.esdl"

@@ -4,16 +4,16 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from esdl_projects import class_model, run
 from hypothesis import HealthCheck, event, given, settings
-from noise import assert_close, spread, steady
-from random_programs import programs, run_oracle
 
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import formula, to_text
 from kennfeld.native.simulator import Simulator
+from tests.graph.noise import assert_close, spread, steady
+from tests.models.ascet.esdl_projects import class_model, run
+from tests.models.ascet.random_programs import programs, run_oracle
 
 SAMPLES = 12
 COLUMNS = {

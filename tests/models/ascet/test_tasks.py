@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from esdl_projects import TASKS, run, write_project
 
 from kennfeld import cli
 from kennfeld.calfiles import read
 from kennfeld.errors import InputError
 from kennfeld.models.ascet.importing import esdl, import_esdl
 from kennfeld.models.formula import read as read_formula
+from tests.models.ascet.esdl_projects import TASKS, run, write_project
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from kennfeld.models.fmu.fmu_archive import platform_folder
+from kennfeld.models.fmu.importing import fmu
 
 TABLE = list(product((1, 2), (1, 2, 3)))
 _EXACT = 'initial="exact"'
@@ -99,3 +100,10 @@ def build(folder, version, *options, **description):
     """Compile the FMU; skip the test if there is no compiler."""
     library = compile_library(SOURCE, folder / "lag.so", version, *options)
     return pack(folder / "lag.fmu", DESCRIPTIONS[version](**description), library=library, version=version)
+
+
+def equations_of(path):
+    """Return the function by which the graph of an imported FMU evaluates its equations."""
+    model = fmu(path)
+    functions = [node.payload.function for node in model.graph.nodes if node.op == "external"]
+    return next(function for function in functions if "load_equations" in function.loader)

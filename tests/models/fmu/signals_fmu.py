@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lag_fmu import compile_library, pack
+from tests.models.fmu.lag_fmu import compile_library, pack
 
 SOURCE = Path(__file__).with_name("signals_fmu.c")
 _VARIABLES = (

@@ -3,7 +3,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from lag_fmu import DESCRIPTIONS, description_2, description_3, pack
 
 from kennfeld.errors import InputError
 from kennfeld.models.fmu import description_reader
@@ -11,6 +10,7 @@ from kennfeld.models.fmu.fmu_archive import digest_of, read_archive
 from kennfeld.models.fmu.fmu_parameters import parameters_of
 from kennfeld.models.fmu.importing import fmu, read_fmu
 from kennfeld.models.fmu.instance import load_instance
+from tests.models.fmu.lag_fmu import DESCRIPTIONS, description_2, description_3, pack
 
 both = pytest.mark.parametrize("version", [2, 3])
 

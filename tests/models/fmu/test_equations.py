@@ -3,7 +3,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from lag_fmu import TABLE, build
 
 import kennfeld as kf
 from kennfeld.errors import InputError
@@ -16,6 +15,7 @@ from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
+from tests.models.fmu.lag_fmu import TABLE, build, equations_of
 
 STEP, COUNT = 0.1, 50
 WEIGHTS = np.array([10.0 * i + j for i, j in TABLE])
@@ -24,12 +24,6 @@ WEIGHTS = np.array([10.0 * i + j for i, j in TABLE])
 @pytest.fixture(scope="module", params=[2, 3])
 def lag(request, tmp_path_factory):
     return build(tmp_path_factory.mktemp("lag"), request.param)
-
-
-def equations_of(path):
-    model = fmu(path)
-    functions = [node.payload.function for node in model.graph.nodes if node.op == "external"]
-    return next(function for function in functions if "load_equations" in function.loader)
 
 
 def closed_form(u, tau, k, table):

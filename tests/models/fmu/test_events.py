@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from lag_fmu import build
-from signals_fmu import build_signals
-from test_equations import equations_of
 
 import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.graph.external_function import evaluate_points
 from kennfeld.models.fmu.importing import fmu
+from tests.models.fmu.lag_fmu import build, equations_of
+from tests.models.fmu.signals_fmu import build_signals
 
 U, TAU = 3.0, 0.8
 

@@ -4,7 +4,8 @@ import importlib.util
 from pathlib import Path
 
 import pytest
-import tank_fmu
+
+from tests.models.fmu import tank_fmu
 
 pytest.importorskip("fmpy", reason="FMPy is not installed")
 SCRIPT = Path(__file__).parents[3] / "scripts/fmu_table.py"

@@ -5,12 +5,12 @@ import sys
 import zipfile
 
 import pytest
-from lag_fmu import build, description_2, pack
 
 from kennfeld.errors import InputError
 from kennfeld.models.fmu.fmu_archive import digest_of
 from kennfeld.models.fmu.instance import load_instance
 from kennfeld.models.fmu.library_format import elf_problem
+from tests.models.fmu.lag_fmu import build, description_2, pack
 
 HEAD, SEGMENT = 64, 56
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from signals_fmu import build_signals
 
 import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.graph.external_function import evaluate_points
 from kennfeld.models.fmu.importing import fmu
 from kennfeld.models.fmu.number_types import number_type
+from tests.models.fmu.signals_fmu import build_signals
 
 GEAR = np.array([-1.0, 0.0, 2.4, 2.6, -1.5, 1e12])
 ROUNDED = np.array([-1.0, 0.0, 2.0, 3.0, -2.0, 2**31 - 1])

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from lag_fmu import build
 
 import kennfeld as kf
 from kennfeld.models.fmu.importing import fmu
+from tests.models.fmu.lag_fmu import build
 
 STEP, COUNT = 0.1, 50
 DATA = {"time": np.arange(COUNT) * STEP, "u": np.full(COUNT, 3.0)}

@@ -3,13 +3,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from tank_fmu import COUNT, build, closed_form, recording
 
 import kennfeld as kf
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.models.fmu.fmu_archive import digest_of
 from kennfeld.models.fmu.importing import fmu
 from kennfeld.models.fmu.trajectories import load_trajectories
+from tests.models.fmu.tank_fmu import COUNT, build, closed_form, recording
 
 SINGLE = 'canHandleVariableCommunicationStepSize="true" canBeInstantiatedOnlyOncePerProcess="true"'
 TABLE = np.array([0.1, 0.2, 0.3])

@@ -5,7 +5,6 @@ import pytest
 
 pytest.importorskip("onnx", reason="the package onnx is not installed")
 
-from networks import perceptron, random_layers, save
 from onnx import helper
 
 import kennfeld as kf
@@ -13,6 +12,7 @@ from kennfeld.errors import ArgumentError, InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.onnx_network.importing import read_function
+from tests.models.onnx_network.networks import perceptron, random_layers, save
 
 ACTIVATIONS = {
     "Relu": {}, "LeakyRelu": {"alpha": 0.1}, "Elu": {"alpha": 0.8}, "Tanh": {}, "Sigmoid": {}, "Selu": {},

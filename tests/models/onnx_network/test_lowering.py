@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("onnx", reason="the package onnx is not installed")
 
-from networks import save
 from onnx import helper
 
 from kennfeld.graph import OPERATIONS
+from tests.models.onnx_network.networks import save
 
 SCRIPT = Path(__file__).parents[3] / "scripts" / "onnx_table.py"
 LARGEST = 400  # elements of the inputs; `scripts/onnx_table.py` runs all

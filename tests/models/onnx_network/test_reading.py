@@ -8,13 +8,13 @@ import pytest
 pytest.importorskip("onnx", reason="the package onnx is not installed")
 
 import onnx
-from networks import perceptron, random_layers, save
 from onnx import TensorProto, external_data_helper, helper, numpy_helper
 
 import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.models.onnx_network import loops, reading
 from kennfeld.models.onnx_network.reading import read_network
+from tests.models.onnx_network.networks import perceptron, random_layers, save
 
 
 def network(tmp_path, **options):

@@ -6,8 +6,9 @@ It follows the documented semantics directly, without guards and graphs, and sha
 import re
 
 import numpy as np
-from simulink_files import Chart, Model
-from simulink_runs import imported, run
+
+from tests.models.simulink.simulink_files import Chart, Model
+from tests.models.simulink.simulink_runs import imported, run
 
 RANDOM = np.random.default_rng(5)
 U = np.round(RANDOM.normal(size=120), 2)

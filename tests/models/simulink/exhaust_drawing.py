@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from simulink_files import Model
+
+from tests.models.simulink.simulink_files import Model
 
 STEP = 0.2  # s
 SAMPLES = 1800

@@ -1,8 +1,9 @@
 """A MATLAB Function between inports and outports, run over random inputs."""
 
 import numpy as np
-from simulink_files import Model
-from simulink_runs import imported, run, slopes
+
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 RANDOM = np.random.default_rng(20)
 U = RANDOM.normal(size=30)

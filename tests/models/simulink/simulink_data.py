@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
 import numpy as np
-from simulink_files import HEAD, zipped
+
+from tests.models.simulink.simulink_files import HEAD, zipped
 
 MATRIX, CELL, STRUCT, CHAR, DOUBLE, UINT8, UINT32, OPAQUE = 14, 1, 2, 4, 6, 9, 13, 17
 TAG = 0xDD000000

@@ -1,13 +1,13 @@
 """Runs models of blocks: one block between inports and outports, or a whole drawing, through the interpreter."""
 
 import numpy as np
-from simulink_files import Model
 
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.simulink.importing import simulink
 from kennfeld.parameter_set import ParameterSet
+from tests.models.simulink.simulink_files import Model
 
 
 def alone(kind, /, inputs=1, outputs=1, *, model=None, special=None, **parameters):

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 U = np.array([-2.5, -1.0, -0.5, 0.0, 0.3, 1.0, 4.2])
 V = np.array([1.5, -1.0, 2.0, 0.5, -3.0, 1.0, 2.0])
@@ -394,7 +394,7 @@ def test_a_literal_is_a_parameter_where_it_is_promoted(tmp_path):
 
 
 def test_masks_are_evaluated_outside_and_seen_inside(tmp_path):
-    from simulink_files import Mask
+    from tests.models.simulink.simulink_files import Mask
 
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
@@ -417,7 +417,7 @@ def test_masks_are_evaluated_outside_and_seen_inside(tmp_path):
 
 
 def test_a_mask_that_refers_to_itself_is_told(tmp_path):
-    from simulink_files import Mask
+    from tests.models.simulink.simulink_files import Mask
 
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 WHOLE = np.array([0.0, 1.0, 5.0, 12.0, 100.0, 217.0, 255.0, -1.0, -37.0, 2.0**31, -(2.0**31)])
 OTHER = np.array([3.0, 255.0, 6.0, -4.0, 37.0, 90.0, 128.0, 77.0, -12.0, 2.0**31 + 5, -7.0])

@@ -4,14 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Chart, Model
-from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.graph import builder
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+from tests.models.simulink.simulink_files import LAYOUTS, Chart, Model
+from tests.models.simulink.simulink_runs import alone, imported, run
 
 
 def said(drawn, folder, layout="slx parts", **options):

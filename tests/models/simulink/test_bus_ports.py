@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import imported, run
 
 U, V = np.random.default_rng(37).normal(size=(2, 12))
 

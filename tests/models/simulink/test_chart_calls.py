@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from chart_runs import U, lone, pair
-from simulink_files import Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.chart_runs import U, lone, pair
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 
 def caller(chart, inputs=("u", "th"), gain="2"):

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chart_runs import IO, U, V, drawn_chart, lone, muxed
-from simulink_files import LAYOUTS, Chart, Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.chart_runs import IO, U, V, drawn_chart, lone, muxed
+from tests.models.simulink.simulink_files import LAYOUTS, Chart, Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 FUNCTIONS = Chart(
     {

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from chart_runs import both
-from simulink_files import Chart
+
+from tests.models.simulink.chart_runs import both
+from tests.models.simulink.simulink_files import Chart
 
 DATA = [("u", "INPUT_DATA"), ("v", "INPUT_DATA"), ("y", "OUTPUT_DATA"), ("z", "OUTPUT_DATA"), ("w", "LOCAL_DATA", "1")]
 CONDITIONS = ("u > 0", "u < -0.3", "v > 0.5", "u > v", "w > y", "v < 0 && u < 1", "!(u > 0.4)", "w <= 2 || v > 1")

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from chart_runs import IO, U, V, both, drawn_chart, lone, muxed, pair
-from simulink_files import LAYOUTS, Chart, Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import simulink
+from tests.models.simulink.chart_runs import IO, U, V, both, drawn_chart, lone, muxed, pair
+from tests.models.simulink.simulink_files import LAYOUTS, Chart, Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 UV = [("u", "INPUT_DATA"), ("v", "INPUT_DATA"), ("y", "OUTPUT_DATA"), ("z", "OUTPUT_DATA")]
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from simulink_code import U, V, body, function, outputs
-from simulink_files import Model
-from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.matlab.evaluator import evaluate
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_code import U, V, body, function, outputs
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import imported, run
 
 # arrays of three dimensions
 

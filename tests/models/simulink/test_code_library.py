@@ -6,10 +6,10 @@ from operator import and_, or_, xor
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from simulink_code import U, body, check_slopes, function, outputs, stepwise
-from simulink_runs import imported, slopes
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_code import U, body, check_slopes, function, outputs, stepwise
+from tests.models.simulink.simulink_runs import imported, slopes
 
 ARRAYS = "x = [u; v; u - v; 2; -0.3];\nr = x';\nA = [u 2 v; 1 v 3; 0.5 -1 u + 2];\nw = [3; 1; 2; -4; 0.5];\n"
 

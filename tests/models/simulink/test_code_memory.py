@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from simulink_code import U, V, body, check_slopes, function, outputs
-from simulink_files import LAYOUTS, Model
-from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_code import U, V, body, check_slopes, function, outputs
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import imported, run
 
 
 def over(step, u=U, v=V):

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import imported, run
 
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import imported, run
 
 U = np.array([1.0, -2.0, 3.0])
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from scipy import signal
-from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 RNG = np.random.default_rng(29)
 COUNT, T = 50, 0.1

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from simulink_data import entry, sldd, thing
-from simulink_files import Model
-from simulink_runs import run
 
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_data import entry, sldd, thing
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import run
 
 LAYOUTS = ("slx inline", "slx parts", "mdl", "mdl package")
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Mask, Model
-from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import simulink
+from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
+from tests.models.simulink.simulink_runs import imported, run
 
 
 def masked(mask, value, **model):

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from simulink_data import entry, mxarray, numbers, sldd, thing
-from simulink_files import zipped
-from simulink_runs import alone, imported
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+from tests.models.simulink.simulink_data import entry, mxarray, numbers, sldd, thing
+from tests.models.simulink.simulink_files import zipped
+from tests.models.simulink.simulink_runs import alone, imported
 
 
 @pytest.fixture

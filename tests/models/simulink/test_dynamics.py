@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from scipy import signal
-from simulink_files import Model
-from simulink_runs import alone, crossings, imported, run, slopes, switch_case
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import alone, crossings, imported, run, slopes, switch_case
 
 RNG = np.random.default_rng(3)
 U = RNG.normal(size=40)

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from simulink_code import function
-from simulink_data import sldd
-from simulink_files import LAYOUTS, Chart, Mask, Model, zipped
-from simulink_runs import alone, imported, run, switch_case
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 from kennfeld.models.simulink.variables.enumerations import enumeration_of
+from tests.models.simulink.simulink_code import function
+from tests.models.simulink.simulink_data import sldd
+from tests.models.simulink.simulink_files import LAYOUTS, Chart, Mask, Model, zipped
+from tests.models.simulink.simulink_runs import alone, imported, run, switch_case
 
 GEAR = """% the gears of the box
 classdef Gear < Simulink.IntEnumType

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exhaust_drawing import LOADS, MAP, SPEEDS, STEP, TRUE, drive, exhaust, temperature, write
-from simulink_runs import run
 
 from kennfeld import Project, cli
 from kennfeld.calfiles import read
 from kennfeld.models.formula import read as read_formula
 from kennfeld.models.simulink.importing import simulink
+from tests.models.simulink.exhaust_drawing import LOADS, MAP, SPEEDS, STEP, TRUE, drive, exhaust, temperature, write
+from tests.models.simulink.simulink_runs import run
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "simulink"
 BIND = {"Sensor/Radiation": "0.15 * (t_wand - 20)"}

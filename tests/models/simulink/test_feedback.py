@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 T = 0.1
 A = np.array([[0.5, 0.2, 0.0], [-0.1, 0.7, 0.3], [0.0, -0.4, 0.6]])

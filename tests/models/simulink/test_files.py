@@ -5,11 +5,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.reader.document import document, read_document
 from kennfeld.models.simulink.reader.model_tree import Endpoint, Ports, split_path
+from tests.models.simulink.simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 

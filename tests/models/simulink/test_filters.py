@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from scipy import signal
-from simulink_files import Model
-from simulink_runs import alone, imported, run, slopes
+
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 U = np.random.default_rng(3).normal(size=40)
 T = 0.1

@@ -4,14 +4,14 @@ import re
 
 import numpy as np
 import pytest
-from simulink_files import Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.integration import SOLVERS
 from kennfeld.models.formula import formula
 from kennfeld.models.formula import read as read_formula
 from kennfeld.models.simulink.formula_export import formula_lines, write_formula
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 U = np.sin(np.arange(40) * 0.7) * 3 + 0.5
 R = (np.arange(40) % 11 == 7).astype(float)

@@ -1,11 +1,11 @@
 """Function calls from outside of a model, and split between several subsystems."""
 
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import imported, run
 
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.outline import summarize_model
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import imported, run
 
 U = [1.0, 2.0, 3.0, 4.0]
 

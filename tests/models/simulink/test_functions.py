@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from simulink_code import U, V, function
-from simulink_files import LAYOUTS, Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_code import U, V, function
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,12 @@ import contextlib
 import random
 
 import pytest
-from simulink_files import Model
-from simulink_runs import alone
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.lowering.registry import BLOCK_TYPES
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import alone
 
 JUNK = [
     "", " ", "0", "-1", "1e9", "inf", "nan", "[]", "[1 2 3]", "[1;2]", "[1 2; 3 4]", "x", "'text'", "{1,2}", "1:5",

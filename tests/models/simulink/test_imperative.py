@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from simulink_code import U, V, body, check_slopes, function, outputs, stepwise
-from simulink_files import LAYOUTS
-from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_code import U, V, body, check_slopes, function, outputs, stepwise
+from tests.models.simulink.simulink_files import LAYOUTS
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 
 def first_above(u, v):

@@ -1,10 +1,10 @@
 """The import report: what is undefined, what was not reached, and the order in which it is told."""
 
 import pytest
-from simulink_files import Mask, Model
 
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.terminal.simulink import import_notes, import_tables
+from tests.models.simulink.simulink_files import Mask, Model
 
 
 def broken():

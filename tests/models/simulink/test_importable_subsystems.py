@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from simulink_files import Model
-from simulink_runs import run
 
 from kennfeld.cli import run as command
 from kennfeld.graph import builder
@@ -11,6 +9,8 @@ from kennfeld.models.simulink import importable_subsystems
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink, simulink
 from kennfeld.models.simulink.loaded_model import LoadedModel
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import run
 
 U = np.linspace(-1, 1, 9)
 

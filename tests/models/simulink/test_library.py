@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy import signal
 from scipy.interpolate import RegularGridInterpolator
-from simulink_files import Model
-from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map, Scalar
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 U = np.random.default_rng(7).normal(size=30)
 T = 0.1

@@ -1,11 +1,11 @@
 from dataclasses import replace
 
 import pytest
-from simulink_files import LAYOUTS, Mask, Model
 
 from kennfeld.models.simulink.reader import library_links
 from kennfeld.models.simulink.reader.document import read_document
 from kennfeld.models.simulink.reader.library_links import LibraryResolver
+from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 
 
 def library(name="mylib"):

@@ -2,11 +2,11 @@ import json
 from pathlib import Path
 
 import pytest
-from simulink_data import Thing, entry, mxarray, sldd, thing
-from simulink_files import LAYOUTS, Chart, Mask, Model
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.outline import summarize_model
+from tests.models.simulink.simulink_data import Thing, entry, mxarray, sldd, thing
+from tests.models.simulink.simulink_files import LAYOUTS, Chart, Mask, Model
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 

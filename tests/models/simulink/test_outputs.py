@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from simulink_files import Model
-from simulink_runs import imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import imported, run
 
 U = np.array([1.0, 2.0, 3.0])
 

@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 from scipy import signal
-from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 RNG = np.random.default_rng(23)
 COUNT, T = 60, 0.1

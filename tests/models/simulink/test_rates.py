@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 U = np.random.default_rng(23).normal(size=30)
 T = 0.1

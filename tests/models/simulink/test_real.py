@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import RK45, solve_ivp
-from simulink_runs import run
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink, simulink
+from tests.models.simulink.simulink_runs import run
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the public models in {DATA}")

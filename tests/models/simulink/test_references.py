@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Mask, Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
+from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 U = np.random.default_rng(3).normal(size=20)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import crossings, imported, run, slopes
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import crossings, imported, run, slopes
 
 T = 0.1
 U = np.random.default_rng(8).normal(size=40)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from simulink_files import Model
-from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import alone, imported, run
 
 U = np.random.default_rng(17).normal(size=30)
 

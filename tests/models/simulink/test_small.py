@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from simulink_files import LAYOUTS, Model
-from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.models.simulink.simulink_files import LAYOUTS, Model
+from tests.models.simulink.simulink_runs import alone, imported, run
 
 RNG = np.random.default_rng(17)
 COUNT = 40
@@ -152,7 +152,7 @@ def test_a_block_of_the_library_goes_by_its_name_where_its_type_is_not_known(tmp
 
 @pytest.mark.parametrize("called", ["Degrees to Radians", "Integrator", "Gain", "Switch", "Control"])
 def test_a_subsystem_whose_mask_is_called_like_a_block_is_looked_into(called, tmp_path):
-    from simulink_files import Mask
+    from tests.models.simulink.simulink_files import Mask
 
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")

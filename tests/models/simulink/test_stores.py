@@ -2,10 +2,6 @@
 
 import numpy as np
 import pytest
-from simulink_data import sldd
-from simulink_files import LAYOUTS, Mask, Model
-from simulink_runs import alone, imported, run
-from torque_drawing import TORQUE, torque
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
@@ -13,6 +9,10 @@ from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
+from tests.models.simulink.simulink_data import sldd
+from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
+from tests.models.simulink.simulink_runs import alone, imported, run
+from tests.models.simulink.torque_drawing import TORQUE, torque
 
 U = np.random.default_rng(5).normal(size=30)
 

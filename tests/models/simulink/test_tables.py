@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from simulink_files import LAYOUTS, Mask, Model
-from simulink_runs import alone, imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Map
+from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
+from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
 RNG = np.random.default_rng(31)
 COUNT = 25

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from simulink_files import Model
-from simulink_runs import run
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import run
 
 
 def objects(kind, *several, size=(1, 1)):

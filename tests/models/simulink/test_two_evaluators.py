@@ -8,8 +8,6 @@ import itertools
 
 import numpy as np
 import pytest
-from simulink_code import outputs
-from simulink_runs import alone, imported, run
 
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.matlab import syntax as m
@@ -31,6 +29,8 @@ from kennfeld.models.imperative.symbolic_values import (
     force,
     integers,
 )
+from tests.models.simulink.simulink_code import outputs
+from tests.models.simulink.simulink_runs import alone, imported, run
 
 SHARED = sorted(set(NUMERIC_FUNCTIONS) & set(SYMBOLIC_FUNCTIONS))
 TEXTS = (

@@ -4,13 +4,13 @@ import tomllib
 
 import numpy as np
 import pytest
-from simulink_data import entry, sldd
-from simulink_files import Mask, Model
-from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.models.quantities import UndefinedParameter
 from kennfeld.models.simulink.importing import import_simulink, simulink
+from tests.models.simulink.simulink_data import entry, sldd
+from tests.models.simulink.simulink_files import Mask, Model
+from tests.models.simulink.simulink_runs import alone, imported, run
 
 SCRIPT = """load('measured.mat');
 K = fminsearch(@(x) x^2, 1);

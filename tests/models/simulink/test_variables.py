@@ -6,9 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from simulink_data import Thing, entry, matfile, sldd
-from simulink_files import Model
-from simulink_runs import alone, imported, run
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
@@ -16,6 +13,9 @@ from kennfeld.models.simulink.reader.document import document
 from kennfeld.models.simulink.variables.model_variables import FileSearch, collect_variables
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Block, Map, Scalar
+from tests.models.simulink.simulink_data import Thing, entry, matfile, sldd
+from tests.models.simulink.simulink_files import Model
+from tests.models.simulink.simulink_runs import alone, imported, run
 
 
 def variables(folder, script=None, given=()):

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from simulink_data import entry, mxarray, sldd, thing
-from simulink_files import LAYOUTS, Mask, Model
-from simulink_runs import imported, run, slopes
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
+from tests.models.simulink.simulink_data import entry, mxarray, sldd, thing
+from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
+from tests.models.simulink.simulink_runs import imported, run, slopes
 
 U = np.random.default_rng(4).normal(size=12)
 
@@ -101,7 +101,7 @@ def test_variant_objects_hold_conditions(source, tmp_path):
 
 
 def test_variant_objects_of_the_model_workspace(tmp_path):
-    from simulink_data import Thing
+    from tests.models.simulink.simulink_data import Thing
 
     things = {name: Thing("Simulink.Variant", {"Condition": text}) for name, text in CONDITIONS.items()}
     drawn = plant("First", "Second")

@@ -5,9 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from matlab_files import save73
-from simulink_data import Thing, mxarray, numbers, pairs
-from simulink_files import LAYOUTS, Model
 
 from kennfeld.models.simulink.reader.document import document
 from kennfeld.models.simulink.variables.stored_variables import (
@@ -16,6 +13,9 @@ from kennfeld.models.simulink.variables.stored_variables import (
     mxarray_variables,
     workspace_variables,
 )
+from tests.measurement.matlab_files import save73
+from tests.models.simulink.simulink_data import Thing, mxarray, numbers, pairs
+from tests.models.simulink.simulink_files import LAYOUTS, Model
 
 
 def parameters():

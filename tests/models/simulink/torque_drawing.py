@@ -1,6 +1,6 @@
 """The paper's torque model, drawn as blocks and written as formula."""
 
-from simulink_files import Model
+from tests.models.simulink.simulink_files import Model
 
 TORQUE = """
 trqOpt = MapOptTorque(Speed, Rel_Airmass)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from repetitions import agree, repeated
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
+from tests.optimize.repetitions import agree, repeated
 
 NOISE, REPETITIONS = 0.5, 400
 GRID, LINE = np.arange(6.0), np.arange(10.0)

@@ -4,7 +4,6 @@ import csv
 
 import numpy as np
 import pytest
-from repetitions import agree, own_targets
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
@@ -13,6 +12,7 @@ from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.project.results import write_trust
+from tests.optimize.repetitions import agree, own_targets
 
 KINKS, HEIGHTS = np.array([0, 1.2, 2.1, 6.5, 10.0]), np.array([0, 4.0, 1.0, 2.0, 8.0])
 X = np.random.default_rng(0).uniform(0, 10, 800)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from repetitions import agree
 
 import kennfeld as kf
 from kennfeld.constraints import Limit
@@ -15,6 +14,7 @@ from kennfeld.optimize import Options, Problem, Stop
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.trust.active_limits import multipliers
+from tests.optimize.repetitions import agree
 
 GRID = np.linspace(0, 10, 11)
 U = np.random.default_rng(3).uniform(0, 10, 400)

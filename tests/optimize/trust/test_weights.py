@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from repetitions import agree, own_targets
 
 import kennfeld as kf
 from kennfeld.criteria import Region
@@ -14,6 +13,7 @@ from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.trust.noise import classes, groups, rescore
+from tests.optimize.repetitions import agree, own_targets
 
 SIZE, REPETITIONS = 400, 400
 RANDOM = np.random.default_rng(0)
