@@ -5,6 +5,7 @@ A search for new ones is asked for: `pytest --hypothesis-profile=search`.
 
 import os
 import signal
+import sys
 import tempfile
 from pathlib import Path
 
@@ -23,6 +24,10 @@ for name in ("SIGHUP", "SIGTERM"):
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Every command that a test starts would compile the whole package anew, and every run rewrite all assertions.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 os.environ.pop("COLUMNS", None)  # tables would follow the width of a terminal that pytest-xdist tells its workers
 
 # Code that tests compile is kept apart from that of the user; processes of one run share it.
@@ -37,6 +42,17 @@ PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("same", derandomize=True, **PATIENT)
 settings.register_profile("search", print_blob=True, **PATIENT)
 settings.load_profile("same")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep Hypothesis from drawing constants of the modules that are loaded, unless new cases are searched.
+
+    Which are loaded depends on the tests before, and all of them are parsed for it.
+    """
+    from hypothesis.internal.conjecture import providers
+
+    if config.getoption("hypothesis_profile", None) is None and hasattr(providers, "_get_local_constants"):
+        providers._get_local_constants = lambda: providers._local_constants
 
 
 @pytest.fixture(scope="session", autouse=True)

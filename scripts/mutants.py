@@ -1,0 +1,187 @@
+"""Puts single faults into the package and counts those that the tests catch.
+
+    python -m pytest --cost --cov --cov-context=test
+    python scripts/mutants.py --count 100 --seed 0
+
+Lines of the package are drawn at random. In a copy, an operator, a constant or a condition of each is changed; then the
+tests that execute the line run, the cheapest first, until one fails. Which tests execute it is read from the data of
+the coverage run, and what they cost from its table.
+"""
+
+import argparse
+import csv
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from mutations import Mutation, mutations
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "kennfeld"
+SELECTED = "KENNFELD_SELECTED_TESTS"  # names the file that lists the tests to run, in this order
+LONGEST = 1800.0  # s for the tests of a mutant; an endless loop is caught
+PASSED, NO_TESTS = 0, 5  # exit statuses of pytest
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A mutation of a file of the package, and the tests that execute its line, the cheapest first."""
+
+    path: Path
+    mutation: Mutation
+    tests: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        line = self.mutation.apply(self.path.read_text(encoding="utf-8")).splitlines()[self.mutation.line - 1]
+        return f"{self.path.relative_to(ROOT).as_posix()}:{self.mutation.line}: {line.strip()}"
+
+
+def draw(
+    count: int, seed: int, tests_by_line: dict[Path, dict[int, list[str]]], costs: dict[str, float]
+) -> list[Mutant]:
+    """Return mutants of lines drawn from all lines of the package that can be mutated."""
+    by_line: dict[tuple[Path, int], list[Mutation]] = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for mutation in mutations(path.read_text(encoding="utf-8")):
+            by_line.setdefault((path, mutation.line), []).append(mutation)
+    generator = random.Random(seed)
+    mutants = []
+    for path, line in generator.sample(sorted(by_line), count):
+        tests = sorted(tests_by_line.get(path, {}).get(line, ()), key=lambda test: (costs.get(test, 0.0), test))
+        mutants.append(Mutant(path, generator.choice(by_line[path, line]), tuple(tests)))
+    return mutants
+
+
+def executed(data_file: Path) -> dict[Path, dict[int, list[str]]]:
+    """Return the tests that execute each line of each file, from the data of a run with `--cov-context=test`.
+
+    Lines that run while a file is imported belong to all tests of the file.
+    """
+    from coverage import CoverageData
+
+    data = CoverageData(str(data_file))
+    data.read()
+    root = next(Path(name.partition("/src/kennfeld/")[0]) for name in data.measured_files() if "/src/kennfeld/" in name)
+    tests_by_line = {}
+    for name in data.measured_files():
+        contexts_by_line = data.contexts_by_lineno(name)
+        everything = _tests(context for contexts in contexts_by_line.values() for context in contexts)
+        tests_by_line[ROOT / Path(name).relative_to(root)] = {
+            line: everything if "" in contexts else _tests(contexts) for line, contexts in contexts_by_line.items()
+        }
+    return tests_by_line
+
+
+def _tests(contexts: Iterable[str]) -> list[str]:
+    return sorted({context.partition("|")[0] for context in contexts if context})
+
+
+def is_caught(mutant: Mutant, copy: Path) -> bool:
+    """Run the tests of a mutant on a copy of the package; a mutant that no test executes is not caught."""
+    if not mutant.tests:
+        return False
+    source = mutant.path.read_text(encoding="utf-8")
+    target = copy / mutant.path.relative_to(PACKAGE.parent)
+    chosen = copy / "tests.txt"
+    chosen.write_text("\n".join(mutant.tests), encoding="utf-8")
+    files = sorted({test.partition("::")[0] for test in mutant.tests})
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-n",
+        "0",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        Path(__file__).stem,
+    ]
+    paths = os.pathsep.join([str(copy), str(Path(__file__).parent)])
+    environment = os.environ | {"PYTHONPATH": paths, SELECTED: str(chosen), "KENNFELD_CACHE": str(copy / "cache")}
+    target.write_text(mutant.mutation.apply(source), encoding="utf-8")
+    try:
+        run = subprocess.run(
+            [*command, "-m", "slow or not slow", *files],
+            cwd=ROOT,
+            env=environment,
+            timeout=LONGEST,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return True
+    finally:
+        target.write_text(source, encoding="utf-8")
+    return run.returncode not in (PASSED, NO_TESTS)
+
+
+def pytest_collection_modifyitems(config: Any, items: list[Any]) -> None:
+    """Keep the selected tests, in their order; this file is a plugin of the runs that it starts."""
+    names = Path(os.environ[SELECTED]).read_text(encoding="utf-8").splitlines()
+    order = {name: k for k, name in enumerate(names)}
+    config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in order])
+    items[:] = sorted((item for item in items if item.nodeid in order), key=lambda item: order[item.nodeid])
+
+
+@contextmanager
+def copies(count: int) -> Any:
+    """Yield a queue of copies of the package, one for each process."""
+    with tempfile.TemporaryDirectory() as folder:
+        queue: SimpleQueue[Path] = SimpleQueue()
+        for k in range(count):
+            copy = Path(folder) / str(k)
+            shutil.copytree(PACKAGE, copy / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
+            queue.put(copy)
+        yield queue
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw mutants, test each, and print those that no test caught."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument(
+        "--coverage", type=Path, default=ROOT / ".coverage", help="data of a run with --cov-context=test"
+    )
+    parser.add_argument("--costs", type=Path, default=ROOT / "test-costs.csv", help="table of a run with --cost")
+    options = parser.parse_args(arguments)
+    with options.costs.open(encoding="utf-8", newline="") as file:
+        costs = {row["test"]: float(row["cpu"]) for row in csv.DictReader(file)}
+    mutants = draw(options.count, options.seed, executed(options.coverage), costs)
+
+    with copies(options.processes) as queue, ThreadPoolExecutor(options.processes) as pool:
+
+        def test(mutant: Mutant) -> bool:
+            copy = queue.get()
+            try:
+                return is_caught(mutant, copy)
+            finally:
+                queue.put(copy)
+
+        caught = 0
+        for mutant, result in zip(mutants, pool.map(test, mutants), strict=True):
+            caught += result
+            word = "caught" if result else "missed" if mutant.tests else "not executed"
+            print(f"{word}: {mutant.text}", flush=True)
+    print(f"{caught} of {len(mutants)} caught")
+
+
+if __name__ == "__main__":
+    main()
