@@ -43,6 +43,51 @@ def project(folder):
     return folder / "kennfeld.toml"
 
 
+@pytest.fixture(scope="session")
+def calibrated(pristine, tmp_path_factory):
+    """A demo project with results, that no test changes."""
+    folder = Path(shutil.copytree(pristine, tmp_path_factory.mktemp("calibrated") / "demo"))
+    change(folder / "kennfeld.toml", 'continuation = "auto"', 'continuation = "off"')
+    assert cli.run(["calibrate", str(folder / "kennfeld.toml")]) == 0
+    return folder
+
+
+@pytest.fixture
+def calibrated_project(calibrated, tmp_path):
+    """The file of a calibrated project to spoil."""
+    return Path(shutil.copytree(calibrated, tmp_path / "demo")) / "kennfeld.toml"
+
+
+@pytest.fixture
+def growth(tmp_path):
+    """The file of a project that takes tenths of a second: two values, and some iterations because of the exponent."""
+    folder = tmp_path / "growth"
+    folder.mkdir()
+    rows = "\n".join(f"{x / 10},{2 * math.exp(0.3 * x / 10):.2f}" for x in range(30))
+    (folder / "bench.csv").write_text(f"x,measured\n{rows}\n", encoding="utf-8")
+    (folder / "model.kf").write_text("y = Gain * exp(Rate * x)\n", encoding="utf-8")
+    (folder / "kennfeld.toml").write_text(
+        '[model]\nfile = "model.kf"\n[[dataset]]\nfiles = ["bench.csv"]\n[[criterion]]\nnode = "y"\n'
+        'target = "measured"\n[parameters.Gain]\ninitial = 100.0\n[parameters.Rate]\ninitial = -1.0\n',
+        encoding="utf-8",
+    )
+    return folder / "kennfeld.toml"
+
+
+def slowly(seconds):
+    """Return a command that rests after each step of a search, so that there is time to stop it."""
+    code = (
+        "import time; from kennfeld.terminal.progress import Interrupt; watch = Interrupt.watch; Interrupt.watch = "
+        f"lambda self, progress: watch(self, lambda line: (progress(line), time.sleep({seconds}))); "
+        "from kennfeld.cli import main; main()"
+    )
+    return [sys.executable, "-c", code]
+
+
+def results_of(project):
+    return json.loads((project.parent / "results" / "result.json").read_text(encoding="utf-8"))
+
+
 def change(path, old, new):
     text = path.read_text(encoding="utf-8")
     assert old in text
@@ -293,16 +338,15 @@ class TestCalibrate:
         assert "iteration" in err
         assert "iteration  " not in out
 
-    def test_writes_where_it_is_told_to(self, project, tmp_path):
-        assert cli.run(["calibrate", str(project), "-o", str(tmp_path / "elsewhere")]) == 0
+    def test_writes_where_it_is_told_to(self, growth, tmp_path):
+        assert cli.run(["calibrate", str(growth), "-o", str(tmp_path / "elsewhere")]) == 0
         assert (tmp_path / "elsewhere" / "result.json").exists()
 
-    def test_a_fit_that_ran_out_of_iterations_is_status_1(self, folder, project, capsys):
-        change(project, 'continuation = "auto"', 'continuation = "off"\nmax_iterations = 2')
-        assert cli.run(["calibrate", str(project)]) == 1
+    def test_a_fit_that_ran_out_of_iterations_is_status_1(self, growth, capsys):
+        change(growth, "[parameters.Gain]", "[optimizer]\nmax_iterations = 2\n[parameters.Gain]")
+        assert cli.run(["calibrate", str(growth)]) == 1
         assert "max_iterations" in capsys.readouterr().out
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert found["status"] == "max_iterations"
+        assert results_of(growth)["status"] == "max_iterations"
 
     def test_a_fit_that_is_worse_than_its_start_is_a_warning(self, tmp_path, capsys):
         rows = "\n".join(f"{x},{5 * (-1) ** x}" for x in range(8))
@@ -321,10 +365,9 @@ class TestCalibrate:
         (entry,) = json.loads((tmp_path / "results" / "result.json").read_text(encoding="utf-8"))["warnings"]
         assert line == f"warning: {entry['sentence']} {entry['remedy']}"
 
-    def test_a_calibrated_set_is_a_start_like_any_other(self, folder, project):
-        assert cli.run(["calibrate", str(project)]) == 0
-        change(project, "start.dcm", "results/parameters.dcm")
-        assert cli.run(["check", str(project)]) == 0
+    def test_a_calibrated_set_is_a_start_like_any_other(self, calibrated_project):
+        change(calibrated_project, "start.dcm", "results/parameters.dcm")
+        assert cli.run(["check", str(calibrated_project)]) == 0
 
 
 class TestHowManyValues:
@@ -372,18 +415,15 @@ class TestCtrlC:
         assert "before there was anything to write" in capsys.readouterr().err
         assert not (folder / "results").exists()
 
-    def test_leaves_the_handlers_as_they_were(self, project):
+    def test_leaves_the_handlers_as_they_were(self, growth):
         before = [signal.getsignal(getattr(signal, name)) for name in ENDING]
-        cli.run(["calibrate", str(project)])
+        cli.run(["calibrate", str(growth)])
         assert [signal.getsignal(getattr(signal, name)) for name in ENDING] == before
 
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
-    def test_reaches_a_running_process(self, folder, project):
-        for number in range(30):
-            shutil.copy(folder / "bench.csv", folder / f"bench_{number}.csv")
-        change(project, '"bench.csv"', '"bench_*.csv"')
+    def test_reaches_a_running_process(self, growth):
         running = subprocess.Popen(
-            [*COMMAND, "calibrate", str(project)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*slowly(1), "calibrate", str(growth)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         while "iteration" not in running.stderr.readline():
             assert running.poll() is None
@@ -392,14 +432,13 @@ class TestCtrlC:
         assert running.returncode == 130
         assert "stopped: " in out
         assert "Traceback" not in err
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert found["status"] == "stopped"
-        assert found["cost"]["after"] < found["cost"]["before"]
+        assert results_of(growth)["status"] == "stopped"
+        assert results_of(growth)["cost"]["after"] < results_of(growth)["cost"]["before"]
 
 
 class TestRequestsToEnd:
     @pytest.mark.parametrize("name", [name for name in ENDING if name != "SIGINT"])
-    def test_stop_at_the_best_values_and_write_them(self, folder, project, monkeypatch, name):
+    def test_stop_at_the_best_values_and_write_them(self, growth, monkeypatch, name):
         lines = []
 
         def press(self, line):
@@ -408,39 +447,38 @@ class TestRequestsToEnd:
                 signal.raise_signal(getattr(signal, name))
 
         monkeypatch.setattr(progress._Lines, "__call__", press)
-        assert cli.run(["calibrate", str(project)]) == 130
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert found["status"] == "stopped"
+        assert cli.run(["calibrate", str(growth)]) == 130
+        assert results_of(growth)["status"] == "stopped"
         assert len(lines) == 3
 
     @pytest.mark.parametrize("first", [name for name in ENDING if name != "SIGINT"])
-    def test_twice_give_up_without_results(self, folder, project, monkeypatch, first):
+    def test_twice_give_up_without_results(self, growth, monkeypatch, first):
         def press(self, line):
             signal.raise_signal(getattr(signal, first))
             signal.raise_signal(signal.SIGTERM)
 
         monkeypatch.setattr(progress._Lines, "__call__", press)
         with pytest.raises(SystemExit) as ended:
-            cli.run(["calibrate", str(project)])
+            cli.run(["calibrate", str(growth)])
         assert ended.value.code == 130
-        assert not (folder / "results").exists()
+        assert not (growth.parent / "results").exists()
 
     @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs SIGHUP")
-    def test_a_closing_terminal_may_say_so_twice(self, folder, project, monkeypatch):
+    def test_a_closing_terminal_may_say_so_twice(self, growth, monkeypatch):
         def press(self, line):
             signal.raise_signal(signal.SIGHUP)
             signal.raise_signal(signal.SIGHUP)
 
         monkeypatch.setattr(progress._Lines, "__call__", press)
-        assert cli.run(["calibrate", str(project)]) == 130
-        assert (folder / "results" / "result.json").exists()
+        assert cli.run(["calibrate", str(growth)]) == 130
+        assert (growth.parent / "results" / "result.json").exists()
 
     @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="needs SIGHUP")
-    def test_one_that_is_ignored_stays_ignored(self, project, monkeypatch):
+    def test_one_that_is_ignored_stays_ignored(self, growth, monkeypatch):
         before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
         try:
             monkeypatch.setattr(progress._Lines, "__call__", lambda *_: signal.raise_signal(signal.SIGHUP))
-            assert cli.run(["calibrate", str(project)]) == 0
+            assert cli.run(["calibrate", str(growth)]) == 0
         finally:
             signal.signal(signal.SIGHUP, before)
 
@@ -463,10 +501,7 @@ class TestRequestsToEnd:
         assert (running.returncode, err) == (130, "")
 
     @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
-    def test_a_terminal_that_closes_loses_no_result(self, folder, project):
-        for number in range(30):
-            shutil.copy(folder / "bench.csv", folder / f"bench_{number}.csv")
-        change(project, '"bench.csv"', '"bench_*.csv"')
+    def test_a_terminal_that_closes_loses_no_result(self, growth):
         terminal, other_end = os.openpty()
         code = (
             "import os, sys\n"
@@ -475,7 +510,7 @@ class TestRequestsToEnd:
             "os.close(terminal)\nos.execv(sys.argv[1], sys.argv[1:])"
         )
         running = subprocess.Popen(
-            [sys.executable, "-c", code, *COMMAND, "calibrate", str(project)], stdin=other_end, start_new_session=True
+            [sys.executable, "-c", code, *slowly(1), "calibrate", str(growth)], stdin=other_end, start_new_session=True
         )
         os.close(other_end)
         seen = b""
@@ -483,8 +518,7 @@ class TestRequestsToEnd:
             seen += os.read(terminal, 1000)
         os.close(terminal)
         assert running.wait(timeout=120) == 130
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert found["status"] == "stopped"
+        assert results_of(growth)["status"] == "stopped"
 
 
 class TestAFolderThatCannotBeWritten:
@@ -495,39 +529,41 @@ class TestAFolderThatCannotBeWritten:
 
         monkeypatch.setattr("kennfeld.project.folder_replacement._sync", fails)
 
-    def test_costs_neither_the_table_nor_the_values(self, project, tmp_path, capsys, monkeypatch):
+    def test_costs_neither_the_table_nor_the_values(self, growth, tmp_path, capsys, monkeypatch):
         monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-        assert cli.run(["calibrate", str(project)]) == 2
+        assert cli.run(["calibrate", str(growth)]) == 2
         out, err = capsys.readouterr()
         (other,) = tmp_path.glob("kennfeld-results-*")
         assert "RMSE before" in out
         assert f"Written to {other}: parameters.json" in out
         assert "results: cannot be written: No space left on device. Written to" in err
 
-    def test_nor_do_the_values_get_lost_where_nothing_can(self, project, tmp_path, capsys, monkeypatch):
+    def test_nor_do_the_values_get_lost_where_nothing_can(self, growth, tmp_path, capsys, monkeypatch):
         monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
-        assert cli.run(["calibrate", str(project)]) == 2
+        assert cli.run(["calibrate", str(growth)]) == 2
         out, err = capsys.readouterr()
         values = json.loads(out.partition("The values, as parameters.json:\n")[2])
-        assert values["MapOptTorque"]["kind"] == "map"
+        assert values["Gain"]["kind"] == "scalar"
         assert "A temporary folder cannot be written either." in err
 
 
 class TestSeveralStarts:
-    def test_are_told_of_one_by_one(self, folder, project, capsys):
-        change(project, "[optimizer]", "[optimizer]\nstarts = 3")
-        assert cli.run(["calibrate", str(project), "--workers", "2"]) == 0
+    @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+    def test_are_told_of_one_by_one(self, growth, capsys, workers):
+        change(growth, "[parameters.Gain]", "[optimizer]\nstarts = 3\n[parameters.Gain]\nbounds = [0, 200]")
+        change(growth, "initial = -1.0", "initial = -1.0\nbounds = [-1, 1]")
+        assert cli.run(["calibrate", str(growth), "--workers", str(workers)]) == 0
         out, err = capsys.readouterr()
         assert "Best of 3 starts" in out
         at = out.splitlines().index("start  status     cost before  cost after  iterations  distance")
         assert [line.split()[0] for line in out.splitlines()[at + 1 : at + 4]] == ["1", "2", "3"]
         assert {line[:8] for line in err.splitlines()} == {"start  1", "start  2", "start  3"}
-        found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-        assert [row["start"] for row in found["starts"]] == [1, 2, 3]
-        starts = [line.split(",")[1] for line in (folder / "results" / "trace.csv").read_text().splitlines()[1:]]
+        assert [row["start"] for row in results_of(growth)["starts"]] == [1, 2, 3]
+        starts = [line.split(",")[1] for line in (growth.parent / "results" / "trace.csv").read_text().splitlines()[1:]]
         assert starts == sorted(starts)
         assert set(starts) == {"1", "2", "3"}
 
+    @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
     def test_stop_at_ctrl_c_together(self, folder, project):
         change(project, "[optimizer]", "[optimizer]\nstarts = 40")
@@ -570,15 +606,12 @@ class TestResume:
         pytest.fail("it never came")
 
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
-    @pytest.mark.parametrize("starts", [1, 12])
+    @pytest.mark.parametrize("starts", [1, pytest.param(12, marks=pytest.mark.slow)])
     def test_goes_on_after_a_process_was_killed(self, folder, project, capsys, starts):
         steps = "[[step]]\ngrid_reduction = 2\n[[step]]\n"
         change(project, "[optimizer]", f"{steps}[optimizer]\nsave_every = 3\nstarts = {starts}")
-        for number in range(30 if starts == 1 else 1):
-            shutil.copy(folder / "bench.csv", folder / f"bench_{number}.csv")
-        change(project, '"bench.csv"', '"bench_*.csv"')
         running = subprocess.Popen(
-            [*COMMAND, "calibrate", str(project), "--workers", "2"],
+            [*(slowly(0.1) if starts == 1 else COMMAND), "calibrate", str(project), "--workers", "2"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -631,22 +664,20 @@ class TestSimulate:
 
 
 class TestReport:
-    def test_comes_with_the_other_results(self, folder, project, capsys):
-        assert cli.run(["calibrate", str(project)]) == 0
-        assert "report.html" in capsys.readouterr().out
-        text = (folder / "results" / "report.html").read_text(encoding="utf-8")
+    def test_comes_with_the_other_results(self, calibrated):
+        text = (calibrated / "results" / "report.html").read_text(encoding="utf-8")
         assert text.startswith("<!doctype html>")
         assert "MapOptTorque" in text
 
-    def test_can_be_made_again_from_the_results(self, folder, project, capsys):
-        assert cli.run(["calibrate", str(project)]) == 0
-        (folder / "results" / "report.html").unlink()
-        assert cli.run(["report", str(project)]) == 0
-        assert f"Written to {folder / 'results' / 'report.html'}" in capsys.readouterr().out
-        assert "converged" in (folder / "results" / "report.html").read_text(encoding="utf-8")
+    def test_can_be_made_again_from_the_results(self, calibrated_project, capsys):
+        report = calibrated_project.parent / "results" / "report.html"
+        report.unlink()
+        assert cli.run(["report", str(calibrated_project)]) == 0
+        assert f"Written to {report}" in capsys.readouterr().out
+        assert "converged" in report.read_text(encoding="utf-8")
 
-    def test_goes_where_it_is_told_to_and_takes_the_results_it_is_told_to(self, folder, project, tmp_path):
-        assert cli.run(["calibrate", str(project), "-o", str(tmp_path / "second")]) == 0
+    def test_goes_where_it_is_told_to_and_takes_the_results_it_is_told_to(self, folder, project, calibrated, tmp_path):
+        shutil.copytree(calibrated / "results", tmp_path / "second")
         target = tmp_path / "for the customer.html"
         assert cli.run(["report", str(project), "-r", str(tmp_path / "second"), "-o", str(target)]) == 0
         assert "Not calibrated yet" not in target.read_text(encoding="utf-8")
@@ -657,11 +688,9 @@ class TestReport:
         text = (folder / "results" / "report.html").read_text(encoding="utf-8")
         assert "Not calibrated yet" in text
 
-    def test_damaged_results_are_named(self, folder, project, capsys):
-        assert cli.run(["calibrate", str(project)]) == 0
-        (folder / "results" / "result.json").write_text("{", encoding="utf-8")
-        capsys.readouterr()
-        assert cli.run(["report", str(project)]) == 2
+    def test_damaged_results_are_named(self, calibrated_project, capsys):
+        (calibrated_project.parent / "results" / "result.json").write_text("{", encoding="utf-8")
+        assert cli.run(["report", str(calibrated_project)]) == 2
         assert "result.json: not a valid result file" in capsys.readouterr().err
 
 
@@ -777,18 +806,18 @@ class TestSurroundings:
         assert done.returncode == 0
         assert b"?ldruck ?" in done.stdout
 
-    def test_a_narrow_terminal_gets_a_block_a_row(self, project):
-        done = self.process(["calibrate", project], COLUMNS="40")
+    def test_a_narrow_terminal_gets_a_block_a_row(self, growth):
+        done = self.process(["calibrate", growth], COLUMNS="40")
         lines = done.stdout.decode().splitlines()
-        assert lines[0].split() == ["criterion", "TorquePredict"]
+        assert lines[0].split() == ["criterion", "y"]
         assert all(len(line) <= 40 for line in lines[: lines.index("") + 1])
 
     @pytest.mark.parametrize("environment", [{}, {"NO_COLOR": "1"}])
-    def test_a_terminal_gets_a_live_line_and_the_same_table(self, project, environment):
+    def test_a_terminal_gets_a_live_line_and_the_same_table(self, growth, environment):
         pty = pytest.importorskip("pty")
         ours, theirs = pty.openpty()
         running = subprocess.Popen(
-            [*COMMAND, "calibrate", str(project)],
+            [*COMMAND, "calibrate", str(growth)],
             stdout=subprocess.PIPE,
             stderr=theirs,
             env=os.environ | {"TERM": "xterm"} | environment,

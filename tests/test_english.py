@@ -1,10 +1,11 @@
 """Idiomatic technical English in what users and the next engineer read."""
 
-import ast
 import re
 from pathlib import Path
 
 import pytest
+
+from tests.source_facts import FILES, SOURCE, facts_of
 
 ROOT = Path(__file__).parents[1]
 MESSAGES = {  # pattern: what to write instead
@@ -24,7 +25,6 @@ DOCSTRINGS = {
     r"\bmend(?:s|ed)?\b": "fix, remedy",
     r"\bfrom 0 on\b": ">= 0",
 }
-SOURCES = sorted((ROOT / "src" / "kennfeld").rglob("*.py"))
 DOCUMENTS = [
     *(
         ROOT / name
@@ -34,27 +34,15 @@ DOCUMENTS = [
 ]
 
 
-def texts(tree):
-    """Return docstrings, with their owners, and all other strings of a module, with their lines."""
-    docstrings, own = [], set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
-            docstrings.append((node, ast.get_docstring(node)))
-            own.add(id(node.body[0].value))
-    strings = [n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
-    return docstrings, [(n.lineno, n.value) for n in strings if id(n) not in own]
-
-
 def faults(patterns, text):
     return [f"{match[0]!r}: {better}" for pattern, better in patterns.items() for match in re.finditer(pattern, text)]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT / "src" / "kennfeld").as_posix())
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(SOURCE).as_posix())
 def test_messages_and_docstrings_are_plain_english(path):
-    docstrings, strings = texts(ast.parse(path.read_text(encoding="utf-8")))
-    found = [(line, fault) for line, text in strings for fault in faults(MESSAGES, text)]
-    found += [(getattr(node, "lineno", 1), fault) for node, text in docstrings for fault in faults(DOCSTRINGS, text)]
-    assert found == []
+    facts = facts_of(path)
+    assert [(line, fault) for line, text in facts.strings for fault in faults(MESSAGES, text)] == []
+    assert [(line, fault) for line, text in facts.docstrings for fault in faults(DOCSTRINGS, text)] == []
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)

@@ -8,6 +8,9 @@ file, and one that begins with `# at the end of NAME.toml` appended to it. `cd` 
 script of a tutorial runs only there, because it may read what the lines before it have written. Documents run in the
 folder of the torque demo, README and `simulink-example.md` in that of the example they show, tutorials in one of an
 example or in an empty one.
+
+What takes long runs to its end only with the mark `slow`. Without it, fits of long documents end early, recordings that
+their scripts write are short, and the engine of the idle demo is a small one.
 """
 
 import ast
@@ -20,10 +23,12 @@ import shutil
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from kennfeld import Project, cli, formula
-from kennfeld.project.demo import write
+from kennfeld.optimize import Options
+from kennfeld.project.demo import idle, write
 from kennfeld.project.surrogate_training import read_training
 from tests.models.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
 from tests.models.ascet.esdl_projects import BATTERY, write_project
@@ -45,11 +50,23 @@ NEEDS = {"nox": ("onnx", "pycparser")}  # packages
 # of tutorials: the example that they start from; the others start from a demo
 STARTS = {"exhaust.md": "exhaust-temperature", "simulink.md": "simulink"}
 
-by_name = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+LONG = {  # documents whose fits take several seconds
+    *("commands.md", "get-started.md", "results.md"),
+    *("how-to/ci.md", "how-to/delay.md", "how-to/monotonic-maps.md", "how-to/smoothness.md", "how-to/trust.md"),
+    *("how-to/weights.md", "tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md"),
+    *("tutorials/torque.md", "tutorials/two-days.md"),
+}
+
+
+def document_name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+by_name = pytest.mark.parametrize("document", DOCUMENTS, ids=document_name)
 
 
 @pytest.fixture
-def workplace(tmp_path, monkeypatch):
+def workplace(tmp_path, monkeypatch, demo_project):
     """A folder to run in, from a copy of an example or the torque demo."""
 
     def enter(document):
@@ -64,16 +81,79 @@ def workplace(tmp_path, monkeypatch):
         elif is_tutorial(document):
             folder.mkdir()
         else:
-            write("torque", folder)
-            add_image(folder)
-            add_model(folder)
-            write_project(folder, BATTERY)
-            add_components(folder)
-            perceptron(folder / "knock.onnx", random_layers([2, 4, 1]))
+            shutil.copytree(demo_project, folder)
         monkeypatch.chdir(folder)
         return folder
 
     return enter
+
+
+@pytest.fixture(scope="session")
+def demo_project(tmp_path_factory):
+    """The torque demo, not calibrated, with models of every kind; documents work in a copy."""
+    folder = tmp_path_factory.mktemp("documents") / "demo"
+    write("torque", folder)
+    add_image(folder)
+    add_model(folder)
+    write_project(folder, BATTERY)
+    add_components(folder)
+    perceptron(folder / "knock.onnx", random_layers([2, 4, 1]))
+    return folder
+
+
+class Demos:
+    """Demos that documents begin with, each run once."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def run(self, name):
+        folder = self.folder / f"kennfeld-demo-{name}"
+        if not folder.exists():
+            with contextlib.chdir(self.folder):
+                assert cli.run(["demo", name]) == 0
+        if not Path(folder.name).exists():
+            shutil.copytree(folder, folder.name)
+
+
+@pytest.fixture(scope="session")
+def demos(tmp_path_factory):
+    return Demos(tmp_path_factory.mktemp("demos"))
+
+
+@pytest.fixture(scope="session")
+def short_demos(tmp_path_factory):
+    return Demos(tmp_path_factory.mktemp("short-demos"))
+
+
+def override_options(monkeypatch, **values):
+    """Replace settings of all searches, whatever they are given."""
+    finish = Options.__post_init__
+
+    def override(options):
+        finish(options)
+        for name, value in values.items():
+            object.__setattr__(options, name, value)
+
+    monkeypatch.setattr(Options, "__post_init__", override)
+
+
+def shorten_runs(monkeypatch):
+    """End fits early, cut recordings that scripts write, and let the idle demo learn a small engine."""
+    write_table = np.savetxt
+    settings = idle.FILES["engine.toml"]()
+    for key, number in (("centres", 20), ("iterations", 2)):
+        settings = re.sub(rf"^{key} = \d+", f"{key} = {number}", settings, flags=re.MULTILINE)
+    files = {
+        "engine.toml": lambda: settings,
+        "recording.csv": lambda: idle.recording("recording", 0.5, 1),
+        "other_recording.csv": lambda: idle.recording("other_recording", 0.1, 2, "test"),
+    }
+    override_options(monkeypatch, tolerance=0.01, continuation="off", max_evaluations=100)
+    monkeypatch.setattr(
+        np, "savetxt", lambda file, table, *form, **head: write_table(file, table[:1500], *form, **head)
+    )
+    monkeypatch.setattr(idle, "FILES", idle.FILES | files)
 
 
 def is_tutorial(document):
@@ -126,15 +206,28 @@ def blocks(document, language):
 
 
 @pytest.mark.parametrize("project", PROJECTS, ids=lambda path: path.parent.name)
-def test_every_example_is_calibrated_to_its_noise(project, tmp_path, capsys):
+def test_every_example_is_free_of_warnings(project, tmp_path, capsys):
     for package in NEEDS.get(project.parent.name, ()):
         pytest.importorskip(package)
     folder = Path(shutil.copytree(project.parent, tmp_path / "example"))
     assert cli.run(["check", str(folder / "kennfeld.toml")]) == 0
     assert [line for line in capsys.readouterr().err.splitlines() if not line.startswith("remark: ")] == []
+
+
+@pytest.mark.parametrize(
+    "project",
+    [
+        pytest.param(path, marks=pytest.mark.slow if path.parent.name == "idle-speed" else (), id=path.parent.name)
+        for path in PROJECTS
+    ],
+)
+def test_every_example_is_calibrated_to_its_noise(project, tmp_path):
+    for package in NEEDS.get(project.parent.name, ()):
+        pytest.importorskip(package)
+    folder = Path(shutil.copytree(project.parent, tmp_path / "example"))
     assert cli.run(["calibrate", str(folder / "kennfeld.toml")]) == 0
-    found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
-    for row in found["quality"]:
+    result = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
+    for row in result["quality"]:
         assert row["rmse_after"] < 1.5 * NOISE[project.parent.name]
 
 
@@ -217,7 +310,7 @@ def prepare_files(document):
             runpy.run_path(named[1])
 
 
-def run(line, monkeypatch):
+def run(line, monkeypatch, demos):
     if not re.match(r"(cd|python|kennfeld) ", line):
         return
     words = shlex.split(line, comments=True)
@@ -225,16 +318,15 @@ def run(line, monkeypatch):
         monkeypatch.chdir(words[1])
     elif words[0] == "python" and Path(words[1]).exists():
         runpy.run_path(words[1])
+    elif words[1] == "demo" and len(words) == 3:
+        demos.run(words[2])
     elif words[0] == "kennfeld" and words[1] != "app":  # the app serves until it is stopped
         done = (0, 1) if words[1] == "diff" else (0,)  # 1 says that the files differ
         assert cli.run(words[1:]) in done, line
 
 
-@by_name
-def test_commands_shown_work(document, workplace, monkeypatch):
-    if not any(line.startswith("kennfeld ") for block in blocks(document, "sh") for line in block.splitlines()):
-        return
-    folder = workplace(document)
+def run_all(document, folder, *arguments):
+    """Write what a document shows, and run its commands, in order."""
     (folder / "results").mkdir()
     if (folder / "start.dcm").exists():
         shutil.copy(folder / "start.dcm", folder / "results" / "parameters.dcm")
@@ -244,17 +336,41 @@ def test_commands_shown_work(document, workplace, monkeypatch):
             lay_out(text)
             continue
         for line in text.splitlines():
-            run(line, monkeypatch)
+            run(line, *arguments)
+
+
+WITH_COMMANDS = [
+    document for document in DOCUMENTS if re.search(r"^kennfeld ", "\n".join(blocks(document, "sh")), re.MULTILINE)
+]
+LONG_DOCUMENTS = [ROOT / "docs" / name for name in sorted(LONG)]
+
+
+@pytest.mark.parametrize("document", [path for path in WITH_COMMANDS if path not in LONG_DOCUMENTS], ids=document_name)
+def test_commands_shown_work(document, workplace, monkeypatch, demos):
+    run_all(document, workplace(document), monkeypatch, demos)
+
+
+@pytest.mark.parametrize("document", LONG_DOCUMENTS, ids=document_name)
+def test_commands_of_long_documents_work_in_short_runs(document, workplace, monkeypatch, short_demos):
+    shorten_runs(monkeypatch)
+    run_all(document, workplace(document), monkeypatch, short_demos)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("document", LONG_DOCUMENTS, ids=document_name)
+def test_commands_of_long_documents_work(document, workplace, monkeypatch, demos):
+    run_all(document, workplace(document), monkeypatch, demos)
 
 
 @by_name
-def test_python_shown_works(document, workplace):
+def test_python_shown_works(document, workplace, monkeypatch):
     texts = blocks(document, "python")
     code = "\n".join(text for text in texts if not (is_tutorial(document) and text.startswith("# ")))
     if not code:
         return
     require_packages(document)
     workplace(document)
+    override_options(monkeypatch, max_evaluations=100)
     with contextlib.redirect_stdout(None):
         exec(compile(code, str(document), "exec"), {})
 

@@ -1,11 +1,9 @@
 """Names that a stranger can search for: unique classes, files told apart by more than a letter, no private jargon."""
 
-import ast
 from collections import defaultdict
-from functools import cache
-from pathlib import Path
 
-SOURCE = Path(__file__).parents[1] / "src" / "kennfeld"
+from tests.source_facts import FILES, SOURCE, facts_of
+
 TREES = {
     "ascet/syntax.py",
     "matlab/syntax.py",
@@ -14,25 +12,18 @@ TREES = {
 METAPHORS = {"Loom", "Weaver", "Desk", "Climb", "Site", "Inspection", "Knot", "loom", "weaver", "desk", "mend", "climb"}
 
 
-@cache
-def modules() -> dict[Path, ast.Module]:
-    """Return the tree of each file of the package."""
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(SOURCE.rglob("*.py"))}
-
-
 def test_a_class_name_is_unique():
     places = defaultdict(list)
-    for path, tree in modules().items():
+    for path in FILES:
         name = path.relative_to(SOURCE).as_posix()
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef) and name not in TREES:
-                places[node.name].append(name)
+        for class_name in () if name in TREES else facts_of(path).classes:
+            places[class_name].append(name)
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 def test_files_of_a_package_differ_by_more_than_an_ending():
     stems = defaultdict(set)
-    for path in modules():
+    for path in FILES:
         stems[path.parent].add(path.stem)
     endings = ("s", "ing", "er", "ed")
     close = [
@@ -46,13 +37,5 @@ def test_files_of_a_package_differ_by_more_than_an_ending():
 
 
 def test_nothing_is_named_by_a_metaphor():
-    used = set()
-    for tree in modules().values():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef | ast.ClassDef):
-                used.add(node.name)
-            elif isinstance(node, ast.Name):
-                used.add(node.id)
-            elif isinstance(node, ast.arg):
-                used.add(node.arg)
-    assert used & METAPHORS == set()
+    used = {path.name: facts_of(path).names & METAPHORS for path in FILES}
+    assert {name: metaphors for name, metaphors in used.items() if metaphors} == {}

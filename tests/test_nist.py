@@ -85,7 +85,9 @@ def test_all_problems_are_there():
     assert sorted(path.stem for path in FOLDER.glob("*.dat")) == PROBLEMS
 
 
-@pytest.mark.parametrize("start", [0, 1], ids=["far start", "near start"])
+@pytest.mark.parametrize(
+    "start", [pytest.param(0, id="far start"), pytest.param(1, id="near start", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_certified_values_are_found(name, start):
     problem = read(name)

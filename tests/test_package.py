@@ -24,23 +24,29 @@ pytestmark = [
 ]
 
 
-def build(folder, *options, tree=ROOT):
-    """Build from a tree without a network."""
-    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), *options, str(tree)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+def run_module(*arguments, tree=ROOT):
+    """Run a module of Python in a tree."""
+    done = subprocess.run([sys.executable, "-m", *arguments], capture_output=True, text=True, check=False, cwd=tree)
     assert done.returncode == 0, done.stdout + done.stderr
-    return folder
+
+
+def build_wheel(folder, tree=ROOT):
+    """Build the wheel from a tree and return its files."""
+    run_module("hatchling", "build", "--target", "wheel", "--directory", str(folder), tree=tree)
+    return contents(folder)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    return build_wheel(tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """A folder with the sdist, and the wheel that was built from it."""
-    return build(tmp_path_factory.mktemp("dist"))
-
-
-@pytest.fixture(scope="module")
-def wheel(built):
-    return contents(built)
+    """A folder with the sdist, and the wheel that was built from it, without a network."""
+    folder = tmp_path_factory.mktemp("dist")
+    run_module("build", "--no-isolation", "--outdir", str(folder))
+    return folder
 
 
 def contents(folder):
@@ -84,9 +90,10 @@ def test_the_wheel_states_version_license_and_command(wheel):
     assert "kennfeld = kennfeld.cli:main" in wheel[f"{INFO}/entry_points.txt"].decode()
 
 
-def test_the_sdist_builds_the_wheel_of_the_tree(wheel, tmp_path):
-    direct = contents(build(tmp_path, "--wheel"))
-    assert [name for name in wheel | direct if wheel.get(name) != direct.get(name)] == []
+@pytest.mark.slow
+def test_the_sdist_builds_the_wheel_of_the_tree(wheel, built):
+    from_sdist = contents(built)
+    assert [name for name in wheel | from_sdist if wheel.get(name) != from_sdist.get(name)] == []
 
 
 def test_the_files_that_docker_copies_build_the_same_wheel(wheel, tmp_path):
@@ -101,13 +108,24 @@ def test_the_files_that_docker_copies_build_the_same_wheel(wheel, tmp_path):
             shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(ROOT / name, tree / name)
-    assert contents(build(tmp_path, "--wheel", tree=tree)) == wheel
+    assert build_wheel(tmp_path, tree) == wheel
 
 
-def test_the_sdist_contains_the_sources_and_no_caches(built):
-    (path,) = built.glob("*.tar.gz")
-    with tarfile.open(path) as archive:
-        names = {name.partition("/")[2] for name in archive.getnames()}
+def check_sources(names):
     assert {"LICENSE", "CHANGELOG.md", "tests/test_package.py", "web/src/main.tsx", "scripts/licenses.py"} <= names
     folders = {folder for name in names for folder in name.split("/")[:-1]}
     assert [name for name in folders if name.endswith(("cache", "cache__")) or name == "node_modules"] == []
+
+
+def test_the_sdist_lists_the_sources_and_no_caches():
+    from hatchling.builders.sdist import SdistBuilder
+
+    files = SdistBuilder(str(ROOT)).recurse_included_files()
+    check_sources({Path(file.distribution_path).as_posix() for file in files})
+
+
+@pytest.mark.slow
+def test_the_sdist_contains_the_sources_and_no_caches(built):
+    (path,) = built.glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        check_sources({name.partition("/")[2] for name in archive.getnames()})

@@ -27,6 +27,11 @@ def split(seed):
     return np.split(order, [int(0.8 * order.size)])
 
 
+some_splits = pytest.mark.parametrize(
+    "seeds", [pytest.param([1], id="one split"), pytest.param([0, 1, 2], id="three splits", marks=pytest.mark.slow)]
+)
+
+
 def flat(name, samples, count, value):
     """A map of one value over the range of the samples."""
     axes = [np.linspace(engine()[a].values[samples].min(), engine()[a].values[samples].max(), count) for a in AXES]
@@ -63,13 +68,15 @@ def chosen_smoothness(fitted_samples):
     return min(errors, key=errors.get)
 
 
-def test_the_exhaust_temperature_of_held_out_points_is_met_by_a_map():
+@pytest.mark.parametrize("count", [1, pytest.param(4, marks=pytest.mark.slow)])
+def test_the_exhaust_temperature_of_held_out_points_is_met_by_a_map(count):
     splits = [split(seed) for seed in range(20)]
-    smoothness = chosen_smoothness([fitted for fitted, _ in splits[:4]])
+    smoothness = chosen_smoothness([fitted for fitted, _ in splits[:count]])
     errors = [error_of_a_map(TEMPERATURE, fitted, held, smoothness) for fitted, held in splits]
     assert np.mean(errors) <= 0.098
 
 
+@pytest.mark.slow
 def test_automatic_smoothness_meets_held_out_points_about_one_standard_error_from_the_best_fixed_factor():
     splits = [split(seed) for seed in range(20)]
     means = {
@@ -80,6 +87,7 @@ def test_automatic_smoothness_meets_held_out_points_about_one_standard_error_fro
     assert means.pop("auto") <= (1 + 1.3 * (2 / samples) ** 0.5) ** 0.5 * min(means.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["NOx", "HC", "specific_fuel_consumption"])
 def test_automatic_smoothness_of_a_chain_of_tables_keeps_them_near_their_start(target):
     """The scale of Base and Effect is known to no data; it went to thousands."""
@@ -113,9 +121,10 @@ def chain(fitted, target):
     )
 
 
-def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_than_a_map():
+@some_splits
+def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_than_a_map(seeds):
     errors = []
-    for fitted, held in map(split, range(3)):
+    for fitted, held in map(split, seeds):
         result, error = held_out(CHAIN, "NOx", chain(fitted, "NOx"), fitted, held, 0.3)
         assert result.status == "converged"
         errors.append((error, min(error_of_a_map("NOx", fitted, held, smoothness, 8) for smoothness in SMOOTHNESS)))
@@ -123,9 +132,10 @@ def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_t
     assert mean < 0.9 * mean_of_the_best_maps
 
 
-def test_the_continuation_ends_below_the_plain_descent():
+@some_splits
+def test_the_continuation_ends_below_the_plain_descent(seeds):
     ratios = []
-    for fitted, held in map(split, range(3)):
+    for fitted, held in map(split, seeds):
         problem = (CHAIN, "NOx", chain(fitted, "NOx"), fitted, held, 0.3)
         smoothed, plain = (held_out(*problem, continuation=choice)[0] for choice in ("auto", "off"))
         ratios.append(smoothed.cost_after / plain.cost_after)
@@ -140,9 +150,10 @@ def consumption(fitted, held, **freedom):
     return held_out("y = M(engine_speed, engine_load)", name, start, fitted, held, 0.1)
 
 
-def test_free_breakpoints_meet_held_out_fuel_consumption_better_than_even_ones():
+@some_splits
+def test_free_breakpoints_meet_held_out_fuel_consumption_better_than_even_ones(seeds):
     errors = []
-    for fitted, held in map(split, range(3)):
+    for fitted, held in map(split, seeds):
         (even, even_error), (free, free_error) = (consumption(fitted, held, free=free) for free in (False, True))
         assert free.status == "converged"
         assert free.cost_after < 0.95 * even.cost_after
@@ -157,7 +168,11 @@ EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "engine-transient"
 
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason=f"the recordings of the engine are not at {RECORDINGS}")
 @pytest.mark.parametrize(
-    ("name", "errors"), [("paper", {"manifold": 0.183, "catalyst": 0.186}), ("manifold", {"manifold": 0.062})]
+    ("name", "errors"),
+    [
+        ("paper", {"manifold": 0.183, "catalyst": 0.186}),
+        pytest.param("manifold", {"manifold": 0.062}, marks=pytest.mark.slow),
+    ],
 )
 def test_the_example_meets_the_recording_that_it_never_saw_as_its_readme_says(name, errors, tmp_path):
     folder = Path(shutil.copytree(EXAMPLE, tmp_path / "example", ignore=shutil.ignore_patterns("data", "results")))

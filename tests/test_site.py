@@ -1,7 +1,10 @@
-"""The site that `scripts/docs` builds: no warning, nothing from elsewhere, light pages, search, coloured formulas."""
+"""The site that `scripts/docs` builds: no warning, nothing from elsewhere, light pages, search, coloured formulas.
 
-import importlib.util
+The whole site is slow to build. Without the mark `slow`, a small one has its settings and a short page in each section.
+"""
+
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,17 +16,44 @@ pytest.importorskip("sphinx")
 pytest.importorskip("furo")
 pytest.importorskip("myst_parser")
 
+from formula_lexer import FormulaLexer
+
 ROOT = Path(__file__).parents[1]
 HEAVIEST = 500_000  # bytes of a page with its styles, scripts and pictures
 FORMULAS = [*sorted((ROOT / "examples").rglob("*.kf")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
+CODE = {"formula": "kf", "python": "python", "project-file": "toml", "get-started": "sh"}  # languages of pages
+
+
+def write_small_site(root):
+    """Write the settings of the site, a page for each language and one more in each section; return their folder."""
+    for name in ("docs/conf.py", "docs/navigation.yml", "scripts/formula_lexer.py", "src/kennfeld/app/static/icon.svg"):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, root / name)
+    docs = Path(shutil.copytree(ROOT / "docs" / "static", root / "docs" / "static")).parent
+    pages = dict.fromkeys(("index", "tutorials/torque", "how-to/ci", "architecture"), "")
+    for name, language in CODE.items():
+        text = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+        pages[name] = re.search(rf"^```{language}\n.*?^```", text, re.MULTILINE | re.DOTALL)[0]
+    for name, code in pages.items():
+        (docs / name).parent.mkdir(exist_ok=True)
+        (docs / f"{name}.md").write_text(f"# A page\n\nMaps are smooth.\n\n{code}\n", encoding="utf-8")
+    return docs
+
+
+@pytest.fixture(scope="module", params=["small", pytest.param("whole", marks=pytest.mark.slow)])
+def documents(request, tmp_path_factory):
+    """The folder of the documents that the site is built from."""
+    return ROOT / "docs" if request.param == "whole" else write_small_site(tmp_path_factory.mktemp("small"))
+
+
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
+def site(documents, tmp_path_factory):
     """The folder of the built site; with warnings as errors, as in `scripts/docs`."""
     folder = tmp_path_factory.mktemp("site")
     options = ["--quiet", "--fail-on-warning", "--keep-going", "--doctree-dir", str(folder / ".doctrees")]
-    command = [sys.executable, "-m", "sphinx", *options, str(ROOT / "docs"), str(folder / "html")]
+    command = [sys.executable, "-m", "sphinx", *options, str(documents), str(folder / "html")]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert (done.returncode, done.stderr) == (0, "")
     return folder / "html"
@@ -41,13 +71,11 @@ def pages(site):
     return sorted(site.rglob("*.html"))
 
 
-def test_every_document_becomes_a_page_of_the_sidebar(site):
-    documents = {
-        path.relative_to(ROOT / "docs").with_suffix(".html").as_posix() for path in (ROOT / "docs").rglob("*.md")
-    }
-    assert documents <= {path.relative_to(site).as_posix() for path in pages(site)}
+def test_every_document_becomes_a_page_of_the_sidebar(documents, site):
+    names = {path.relative_to(documents).with_suffix(".html").as_posix() for path in documents.rglob("*.md")}
+    assert names <= {path.relative_to(site).as_posix() for path in pages(site)}
     sidebar = (site / "index.html").read_text(encoding="utf-8").partition('class="sidebar-tree"')[2]
-    assert documents - {name for name in documents if f'href="{name}"' in sidebar} == {"index.html"}
+    assert names - {name for name in names if f'href="{name}"' in sidebar} == {"index.html"}
     assert [name for name in ("Start", "Tutorials", "How-to", "Reference", "Explanation") if name not in sidebar] == []
 
 
@@ -73,7 +101,7 @@ def test_search_needs_no_server(site):
 
 
 def test_code_is_coloured(site):
-    for name, language in [("formula", "kf"), ("python", "python"), ("project-file", "toml"), ("get-started", "sh")]:
+    for name, language in CODE.items():
         text = (site / f"{name}.html").read_text(encoding="utf-8")
         assert re.search(
             rf'class="highlight-{language} notranslate"><div class="highlight"><pre>.*?<span class="\w+">',
@@ -89,10 +117,7 @@ def formulas(path):
 
 @pytest.mark.parametrize("path", FORMULAS, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_the_lexer_knows_all_of_the_formula_language(path):
-    spec = importlib.util.spec_from_file_location("formula_lexer", ROOT / "scripts" / "formula_lexer.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     for text in formulas(path):
-        tokens = list(module.FormulaLexer().get_tokens(text))
+        tokens = list(FormulaLexer().get_tokens(text))
         assert [part for kind, part in tokens if "Error" in str(kind)] == []
         assert "".join(part for _, part in tokens).strip() == text.strip()

@@ -1,11 +1,21 @@
 """Small projects for the tests of the app."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from kennfeld.project.demo import write
+from tests.app.app_processes import end_forking_process
+from tests.app.browser import close_browser
+
+
+@pytest.fixture(scope="session", autouse=True)
+def end_shared_processes() -> Iterator[None]:
+    yield
+    close_browser()
+    end_forking_process()
 
 
 @pytest.fixture(scope="session")

@@ -2,11 +2,8 @@
 
 import http.client
 import json
-import os
 import re
 import struct
-import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +13,7 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
-START = "from pathlib import Path; from kennfeld.app.launch import launch; launch(Path({path!r}), 0, browser=False)"
+from tests.app.app_processes import AppProcess, app_process
 
 
 @dataclass
@@ -25,7 +22,7 @@ class Served:
 
     port: int
     token: str
-    process: subprocess.Popen[str]
+    process: AppProcess
 
     @property
     def host(self) -> str:
@@ -103,7 +100,7 @@ class Page:
 
 
 @contextmanager
-def served(path: Path, home: Path | None = None, prelude: str = "pass") -> Iterator[Served]:
+def served(path: Path, home: Path | None = None, prelude: str = "") -> Iterator[Served]:
     """Serve a project.
 
     Args:
@@ -111,16 +108,7 @@ def served(path: Path, home: Path | None = None, prelude: str = "pass") -> Itera
         home: folder of the user; one of its own keeps what one server leaves for the next.
         prelude: a statement that the process of the server runs first.
     """
-    folder = str(home or path.parent)
-    environment = {**os.environ, "HOME": folder, "USERPROFILE": folder}
-    command = [sys.executable, "-c", f"{prelude}; {START.format(path=str(path))}"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-    try:
-        assert process.stdout is not None
-        match = re.fullmatch(r"Kennfeld runs at http://127\.0\.0\.1:(\d+)/\?token=(\S+)\n", process.stdout.readline())
+    with app_process(path, Path.cwd(), home or path.parent, prelude) as (line, process):
+        match = re.fullmatch(r"Kennfeld runs at http://127\.0\.0\.1:(\d+)/\?token=(\S+)\n", line)
         assert match is not None
         yield Served(int(match[1]), match[2], process)
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()  # type: ignore[union-attr]

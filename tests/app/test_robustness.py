@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import socket
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from tests.app.app_processes import AppProcess
 from tests.app.browser import READY, browser_page, started
 from tests.app.serving import Served, served
 
@@ -26,7 +26,7 @@ def type_value(page: Any, cell: str, value: str) -> None:
     page.wait_for_selector(READY)
 
 
-def kill(process: subprocess.Popen[str], page: Any) -> None:
+def kill(process: AppProcess, page: Any) -> None:
     """End a server at once, as soon as its page has loaded the screens that are not shown yet."""
     page.wait_for_load_state("networkidle")
     process.kill()

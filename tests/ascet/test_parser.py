@@ -179,16 +179,16 @@ def test_an_open_comment_is_named():
 @pytest.mark.parametrize(
     "text",
     [
-        "class A { void m() { x = " + "(" * 20_000 + "1; } }",
-        "class A { void m() { " + "if (a) { " * 20_000 + "} }",
-        "class A { void m() { " + "if (a) x = 1; else " * 20_000 + "; } }",
-        "class A { void m() { x = 1" + " + 1" * 20_000 + "; } }",
-        "class A { void m() { x = " + "-" * 20_000 + "1; } }",
-        "class A { void m() { x = a" + ".b" * 20_000 + "; } }",
-        "type a is " + "array [2] of " * 20_000 + "real;",
-        "class A { statemachine M { " + "state s { " * 20_000,
-        "/*" * 100_000,
-        '\\"' * 100_000,
+        "class A { void m() { x = " + "(" * 3_000 + "1; } }",
+        "class A { void m() { " + "if (a) { " * 3_000 + "} }",
+        "class A { void m() { " + "if (a) x = 1; else " * 3_000 + "; } }",
+        "class A { void m() { x = 1" + " + 1" * 3_000 + "; } }",
+        "class A { void m() { x = " + "-" * 3_000 + "1; } }",
+        "class A { void m() { x = a" + ".b" * 3_000 + "; } }",
+        "type a is " + "array [2] of " * 3_000 + "real;",
+        "class A { statemachine M { " + "state s { " * 3_000,
+        "/*" * 10_000,
+        '\\"' * 10_000,
     ],
 )
 def test_hostile_text_ends_in_an_error(text):

@@ -101,7 +101,7 @@ def test_the_whole_file_is_read():
     assert used(A2L, hex_file(MEMORY)) == 10
 
 
-@pytest.mark.parametrize("part", range(6))
+@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.slow) for part in range(1, 6))])
 @pytest.mark.parametrize("which", ["a2l", "hex", "s19"])
 def test_damage_ends_in_values_or_findings(which, part):
     for number in range(50 * part, 50 * part + 50):

@@ -1,13 +1,13 @@
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 
 from kennfeld.calfiles import merge
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Scalar, Text
 from tests.calfiles.calibration_sets import parameter_sets
+from tests.calfiles.draws import few_or_many
 
-few = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 SLOW, FAST = (Axis(points, name="Speed") for points in ([1, 2], [1, 3]))
 
 
@@ -15,12 +15,16 @@ def told(merged):
     return [(change.name, change.source, change.replaces) for change in merged.changes]
 
 
-@few
-@given(members=parameter_sets(cubes=True))
-def test_merging_a_set_with_itself_changes_nothing(members):
-    merged = merge([("a", members), ("b", members)])
-    assert merged.parameters == members
-    assert merged.changes == ()
+@few_or_many(20, 100)
+def test_merging_a_set_with_itself_changes_nothing(drawn):
+    @drawn
+    @given(members=parameter_sets(cubes=True))
+    def check(members):
+        merged = merge([("a", members), ("b", members)])
+        assert merged.parameters == members
+        assert merged.changes == ()
+
+    check()
 
 
 def test_later_ones_win_and_new_ones_follow():

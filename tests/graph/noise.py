@@ -29,12 +29,14 @@ class Noisy(Interpreter):
         return np.where(value == np.round(value), value, shaken)
 
 
-def spread(interpreter: Interpreter, evaluate: Callable[[Interpreter], np.ndarray]) -> np.ndarray:
-    """The largest change of what `evaluate` gives under noise; NaN where only one of the two is finite."""
+def spread(
+    interpreter: Interpreter, evaluate: Callable[[Interpreter], np.ndarray], exact: np.ndarray | None = None
+) -> np.ndarray:
+    """The largest change from `exact` of what `evaluate` gives under noise; NaN where only one of the two is finite."""
     noisy = Noisy.__new__(Noisy)
     noisy.__dict__.update(interpreter.__dict__)
     noisy.random = np.random.default_rng(1)
-    exact = evaluate(interpreter)
+    exact = evaluate(interpreter) if exact is None else exact
     with np.errstate(all="ignore"):
         changes = [difference(evaluate(noisy), exact) for _ in range(RUNS)]
     return np.max(changes, axis=0)

@@ -110,7 +110,7 @@ def cases(
     outputs = draw(st.integers(1, max_outputs))
     names = grow.outputs(outputs)
     graph = b.finish(names)
-    samples = draw(st.integers(1, 24))
+    samples = draw(st.integers(1, 16))
     starts = draw(st.sets(st.integers(0, samples - 1), max_size=3)) | {0}
     columns = _columns(random, samples)
     if nan and draw(st.integers(0, 4)) == 0:

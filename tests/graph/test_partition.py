@@ -1,5 +1,4 @@
 import numpy as np
-from hypothesis import given, settings
 
 from kennfeld.graph import GraphBuilder
 from kennfeld.graph.interpreter import Interpreter
@@ -7,6 +6,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
+from tests.graph.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases
 
@@ -19,8 +19,7 @@ def fed(graph):
     return {node.payload for node in graph.nodes if node.op == "input" and node.payload.startswith("#")}
 
 
-@settings(deadline=None, max_examples=60)
-@given(cases())
+@few_or_many(cases(), few=12, many=60)
 def test_the_parts_give_what_the_whole_gives(case):
     low = lower_lookups(case.graph, case.parameters)
     outputs = tuple(case.graph.names)
@@ -37,12 +36,12 @@ def test_the_parts_give_what_the_whole_gives(case):
         return np.array([again[parts.graph.names[name]] for name in outputs])
 
     plain = Interpreter(low, case.parameters)
-    exact, change = whole(plain), spread(plain, whole)
+    exact = whole(plain)
+    change = spread(plain, whole, exact)
     assert_close(joined(plain), exact, change, steady(exact, change))
 
 
-@settings(deadline=None, max_examples=60)
-@given(cases())
+@few_or_many(cases(), few=20, many=60)
 def test_columns_are_exactly_what_the_reduced_graph_reads(case):
     low = lower_lookups(case.graph, case.parameters)
     parts = partition_graph(low.graph, ["y0"], case.fitted)
@@ -56,8 +55,7 @@ def test_columns_that_the_chosen_outputs_do_not_need_are_left_out():
     assert partition_graph(graph, ["y"], ["K"]).columns == {}
 
 
-@settings(deadline=None, max_examples=40)
-@given(cases())
+@few_or_many(cases(), few=20, many=40)
 def test_no_column_depends_on_a_free_parameter(case):
     low = lower_lookups(case.graph, case.parameters)
     parts = partition_graph(low.graph, tuple(case.graph.names), case.fitted)

@@ -167,9 +167,9 @@ def test_a_bomb_within_the_properties_is_refused():
 
 def test_thousands_of_objects_are_read():
     found = read_workspace(
-        mxarray({f"P{n}": parameter(float(n), Min=0.0, Max=9e9, DocUnits="Nm") for n in range(3000)})
+        mxarray({f"P{n}": parameter(float(n), Min=0.0, Max=9e9, DocUnits="Nm") for n in range(1000)})
     )
-    assert [node.fields["Value"].values.item() for node in found.variables.values()] == list(range(3000))
+    assert [node.fields["Value"].values.item() for node in found.variables.values()] == list(range(1000))
     assert not found.damage
 
 
@@ -248,10 +248,11 @@ def nodes(node: Node):
         yield from nodes(one)
 
 
-def test_corrupt_workspaces_are_read_as_far_as_possible():
+@pytest.mark.parametrize("count", [100, pytest.param(500, marks=pytest.mark.slow)])
+def test_corrupt_workspaces_are_read_as_far_as_possible(count):
     plain = {"K": 2.5, "M": np.arange(12.0), "S": {"a": 1.0, "b": {"c": [[1.0, 2.0]]}}, "name": "turbo"}
     whole, chance, read = mxarray({**plain, "P": parameter(1.0, Min=0.0), "L": table()}), random.Random(3), 0
-    for _ in range(500):
+    for _ in range(count):
         raw = bytearray(whole)
         for _ in range(chance.choice((1, 2, 8))):
             raw[chance.randrange(8, len(raw))] = chance.choice((0, 1, 2, 255, chance.randrange(256)))
@@ -262,4 +263,4 @@ def test_corrupt_workspaces_are_read_as_far_as_possible():
         except MatFileError:
             continue
         read += any(not isinstance(one, MatUnreadable) for node in found.values() for one in nodes(node))
-    assert read > 150
+    assert read > 0.3 * count

@@ -311,7 +311,7 @@ HOSTILE = [
     "if a\n" * 10_000,
     "x = [" * 10_000,
     "x" + ".a" * 10_000 + " = 1;",
-    "x = 1" + "+1" * 100_000 + ";",
+    "x = 1" + "+1" * 10_000 + ";",
     "x = repmat('a', 1, 1e9); y = sprintf('%500d', 1:1e6);",
     "x = primes(1e12); y = nchoosek(1e9, 2); z = factorial(1e9); w = magic(1e6);",
     "x = kron(ones(3000), ones(3000)); y = conv(1:1e6, 1:1e6);",

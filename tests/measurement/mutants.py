@@ -2,11 +2,16 @@
 
 import random
 
+import pytest
+
 from kennfeld.errors import InputError
 from kennfeld.measurement import read
 
+# Few damaged files always, many of the same sequence if slow tests are asked for.
+few_or_many = pytest.mark.parametrize("count", [50, pytest.param(300, marks=pytest.mark.slow)])
 
-def refusals(path, head, *, count=300, bytes_=range(256), seed=3, **settings):
+
+def refusals(path, head, *, count, bytes_=range(256), seed=3, **settings):
     """Read damaged versions of a file, cut off or with other bytes behind its head; return how many are refused."""
     content, generator = path.read_bytes(), random.Random(seed)
     refused = 0

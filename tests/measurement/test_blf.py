@@ -61,8 +61,10 @@ def test_an_object_of_an_impossible_size_ends_the_log(tmp_path, size):
     assert "the 1 frames before are read" in findings[0]
 
 
-def test_a_container_that_expands_beyond_all_bounds_is_refused(tmp_path):
-    bomb = container(bytes(1 << 20) * 300)
+@pytest.mark.parametrize("limit", [1 << 22, pytest.param(1 << 28, marks=pytest.mark.slow)])
+def test_a_container_that_expands_beyond_all_bounds_is_refused(tmp_path, monkeypatch, limit):
+    monkeypatch.setattr("kennfeld.measurement.blf._MOST_BYTES", limit)
+    bomb = container(bytes(limit + limit // 8))
     assert "a container is incomplete" in frames_of(write(tmp_path, container(frame(0)), bomb))[1][0]
 
 

@@ -10,6 +10,7 @@ import xlsxwriter
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import few_or_many
 
 ROWS = [["time", "Speed", "on"], ["s", "rpm", "-"], [0.0, 1000.5, 1.0], [0.1, 1001.5, 0.0], [0.2, 1002.5, 1.0]]
 RELATED = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
@@ -107,14 +108,15 @@ def test_a_stray_cell_far_away_in_a_binary_workbook_is_refused(tmp_path):
         read(binary_workbook(tmp_path / "bench.xlsb", rows | {2**31: {0: 1.0}}))
 
 
-def test_mutated_binary_workbooks_give_data_or_findings(tmp_path, capfd):
+@few_or_many
+def test_mutated_binary_workbooks_give_data_or_findings(tmp_path, capfd, count):
     chance = random.Random(25)
     whole = binary_workbook(tmp_path / "whole.xlsb", dict(enumerate(ROWS)))
     with zipfile.ZipFile(whole) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     path = tmp_path / "bench.xlsb"
     capfd.readouterr()
-    for _ in range(300):
+    for _ in range(count):
         name = chance.choice(["xl/workbook.bin", "xl/worksheets/sheet1.bin"])
         changed = bytearray(members[name])
         for _ in range(chance.randint(1, 3)):

@@ -8,6 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import few_or_many
 
 
 def columns(data):
@@ -122,6 +123,7 @@ def test_quoted_numbers_and_exponents_with_a_decimal_comma_are_read(csv):
     np.testing.assert_array_equal(data["x"].values, [0.0015, -250, np.nan])
 
 
+@few_or_many
 @pytest.mark.parametrize(
     "text",
     [
@@ -131,10 +133,10 @@ def test_quoted_numbers_and_exponents_with_a_decimal_comma_are_read(csv):
         "Datum;Uhrzeit;n\n" + "".join(f"01.02.2020;12:00:0{k},5;1.01{k},5\n" for k in range(9)),
     ],
 )
-def test_mutated_exports_give_data_or_findings(csv, text):
+def test_mutated_exports_give_data_or_findings(csv, text, count):
     chance = random.Random(26)
     content = text.encode("cp1252")
-    for _ in range(300):
+    for _ in range(count):
         changed = bytearray(content)
         for _ in range(chance.randint(1, 5)):
             changed[chance.randrange(len(changed))] = chance.choice(

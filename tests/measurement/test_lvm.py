@@ -8,6 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import few_or_many
 
 
 @pytest.fixture
@@ -121,12 +122,13 @@ def test_a_file_that_is_cut_off_is_a_finding(lvm):
             read(lvm(text))
 
 
-def test_mutated_files_give_data_or_findings(lvm, csv):
+@few_or_many
+def test_mutated_files_give_data_or_findings(lvm, csv, count):
     chance = random.Random(24)
     names = "X_Value Speed X_Value Torque Comment"
     rows = [f"0.{k} {k} 0.{k} {k}" for k in range(9)]
     content = lvm(segment(names, *rows), segment(names, *rows), times="Multi").read_bytes()
-    for _ in range(300):
+    for _ in range(count):
         changed = bytearray(content)
         for _ in range(chance.randint(1, 5)):
             at = chance.randrange(20, len(changed))

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.mlg_files import SIZES, bits, mark, mlg, number, record
+from tests.measurement.mutants import few_or_many
 
 TIME = number("Time", unit="s", digits=3)
 RPM = number("RPM", 2, "rpm")
@@ -255,12 +256,13 @@ def test_a_head_that_claims_much_costs_no_memory(log):
         tracemalloc.stop()
 
 
-def test_mutated_logs_give_data_or_findings(log):
+@few_or_many
+def test_mutated_logs_give_data_or_findings(log, count):
     chance = random.Random(20)
     fields = [TIME, RPM, bits("Engine", "a", "b", kind=16), number("AFR", 0, scale=0.1)]
     blocks = rows(fields, *((0.1 * k, k, k % 4, k) for k in range(40)))
     content = mlg(fields, [*blocks[:20], mark("here"), *blocks[20:]], 2, '"by"\n')
-    for _ in range(300):
+    for _ in range(count):
         changed = bytearray(content)
         for _ in range(chance.randint(1, 4)):
             at = chance.randrange(8, len(changed)) if chance.random() < 0.5 else chance.randrange(8, 400)

@@ -8,6 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.measurement.mutants import few_or_many
 
 HEAD = '"MS2Extra comms330 : MS2/Extra release 3.3.2"\n"Capture Date: Sat Dec 26 19:53:12 EST 2015"\n'
 NAMES = "Time\tRPM\tAFR\tEngine\n"
@@ -88,10 +89,11 @@ def test_a_packed_log_is_read(tmp_path):
     assert read(path).samples == 3
 
 
-def test_mutated_logs_give_data_or_findings(log):
+@few_or_many
+def test_mutated_logs_give_data_or_findings(log, count):
     chance = random.Random(21)
     content = (HEAD + NAMES + UNITS + ROWS * 5 + "MARK 000 - Manual\n" + ROWS).encode()
-    for _ in range(300):
+    for _ in range(count):
         changed = bytearray(content)
         for _ in range(chance.randint(1, 5)):
             changed[chance.randrange(len(changed))] = chance.choice(

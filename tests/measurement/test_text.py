@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
@@ -16,6 +16,7 @@ from kennfeld.measurement import read, text
 from kennfeld.measurement.bulk_csv import read_bulk
 from kennfeld.measurement.file_kind import locate
 from kennfeld.measurement.table import Selection
+from tests.calfiles.draws import few_or_many
 
 NAN = np.nan
 
@@ -242,13 +243,17 @@ def written(table, how):
     return (how["end"].join(lines) + how["end"]).encode(how["encoding"])
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(TABLES, dialects())
-def test_a_random_table_in_a_random_dialect_is_read_back_exactly(csv, table, how):
-    data = read(csv(written(table, how)))
-    assert list(data) == [f"Größe {i}" for i in range(len(table[0]))]
-    np.testing.assert_array_equal(np.array([c.values for c in data.values()]).T, np.array(table, dtype=float))
-    assert {c.unit for c in data.values()} == {"Nm" if how["units"] else ""}
+@few_or_many(40, 300)
+def test_a_random_table_in_a_random_dialect_is_read_back_exactly(csv, drawn):
+    @drawn
+    @given(TABLES, dialects())
+    def check(table, how):
+        data = read(csv(written(table, how)))
+        assert list(data) == [f"Größe {i}" for i in range(len(table[0]))]
+        np.testing.assert_array_equal(np.array([c.values for c in data.values()]).T, np.array(table, dtype=float))
+        assert {c.unit for c in data.values()} == {"Nm" if how["units"] else ""}
+
+    check()
 
 
 def mutants(content, seed, count):
@@ -264,12 +269,13 @@ def mutants(content, seed, count):
         yield bytes(mutant[: generator.randrange(len(mutant) + 1)] if generator.random() < 0.4 else mutant)
 
 
+@pytest.mark.parametrize("count", [60, pytest.param(600, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("bulk", [False, True])
-def test_a_damaged_file_gives_findings_and_nothing_else(csv, monkeypatch, bulk):
+def test_a_damaged_file_gives_findings_and_nothing_else(csv, monkeypatch, bulk, count):
     if bulk:
         monkeypatch.setattr(text, "BULK", 0)
     body = "# test\ntime [s];Speed;Note\n;rpm;\n" + "".join(f"{i / 10};{1000 + i},5;ok\n" for i in range(30))
-    for content in mutants(body.replace(".", ",").encode(), 7, 150 if bulk else 600):
+    for content in mutants(body.replace(".", ",").encode(), 7, count):
         with contextlib.suppress(InputError):
             read(csv(content), raster=0.05)
 
@@ -282,13 +288,14 @@ def outcome(path):
     return {name: (channel.values.tolist(), channel.unit) for name, channel in data.items()}, str(data.time)
 
 
+@pytest.mark.parametrize("count", [40, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_damaged_files_read_in_bulk_are_as_read_line_by_line(csv, monkeypatch, separator):
+def test_damaged_files_read_in_bulk_are_as_read_line_by_line(csv, monkeypatch, separator, count):
     numbers = random.Random(5)
     rows = [[f"{i / 10}", repr(numbers.gauss(0, 1e3)), repr(numbers.random() * 1e-9), str(-i)] for i in range(60)]
     body = "\n".join(separator.join(row) for row in [["time", "a", "b", "c"], ["s", "Nm", "", "1"], *rows]) + "\n"
     assert read_bulk_of(csv(body)) is not None
-    for content in [body.encode(), body.replace("\n", "\r\n").encode(), *mutants(body.encode(), 11, 400)]:
+    for content in [body.encode(), body.replace("\n", "\r\n").encode(), *mutants(body.encode(), 11, count)]:
         path = csv(content)
         exact = repr(outcome(path))
         with monkeypatch.context() as patched:

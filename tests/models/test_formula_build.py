@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
-from kennfeld.models.formula import formula
+from kennfeld.models.formula import formula, lowering
 from kennfeld.parameter_set import ParameterSet
 
 
@@ -88,10 +88,11 @@ def test_functions_that_use_an_argument_twice_stay_small():
     assert len(formula("\n".join(lines)).graph.nodes) == 61
 
 
-def test_functions_that_unfold_without_end_are_an_error():
+def test_functions_that_unfold_without_end_are_an_error(monkeypatch):
+    monkeypatch.setattr(lowering, "_MAX_EXPANSIONS", 5000)
     lines = ["def f0(x) = x", *(f"def f{i}(x) = f{i - 1}(x * 2) + f{i - 1}(x * 3 + 1)" for i in range(1, 40))]
     found = findings("\n".join([*lines, "y = f39(u)"]))
-    assert "the functions of this text expand to more than 100000 calls" in found[0]
+    assert "the functions of this text expand to more than 5000 calls" in found[0]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import string
 from collections.abc import Callable
 
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError, Location
@@ -12,6 +11,7 @@ from kennfeld.models import Model
 from kennfeld.models.formula import expression, extend, formula, to_text
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import DECLARATIONS, RESERVED
+from tests.graph.draws import few_or_many
 from tests.models.formula_graphs import graphs, one_nan
 
 SIGNS = "a b c y f M K _x 0 1 2 3.5 1e3 %q% %r[1]% [Nm] [ ] ( ) , = == < <= + - * / ^ # % $ ** & \\ . ;"
@@ -47,14 +47,17 @@ def read(text: str, known: list[str] | None = None) -> None:
         assert one_nan(formula(to_text(model.graph)).graph) == one_nan(model.graph)
 
 
-@settings(max_examples=600, deadline=None)
-@given(st.lists(st.sampled_from(WORDS), max_size=60).map(" ".join), st.sampled_from([None, [], ["a", "K", "M"]]))
+@few_or_many(
+    st.lists(st.sampled_from(WORDS), max_size=60).map(" ".join),
+    st.sampled_from([None, [], ["a", "K", "M"]]),
+    few=150,
+    many=600,
+)
 def test_a_soup_of_words_is_read_or_answered(text, known):
     read(text, known)
 
 
-@settings(max_examples=300, deadline=None)
-@given(st.text(st.one_of(st.sampled_from(string.printable), st.characters()), max_size=80))
+@few_or_many(st.text(st.one_of(st.sampled_from(string.printable), st.characters()), max_size=80), few=100, many=300)
 def test_any_text_is_read_or_answered(text):
     read(text)
     read("y = " + text)
@@ -62,8 +65,7 @@ def test_any_text_is_read_or_answered(text):
     answer(lambda: extend(formula(BASE), {"new": text}, Location("fuzz.kf")))
 
 
-@settings(max_examples=400, deadline=None)
-@given(st.data())
+@few_or_many(st.data(), few=100, many=400)
 def test_a_text_with_mistakes_is_read_or_answered(data):
     text = BASE
     for _ in range(data.draw(st.integers(1, 4))):
@@ -73,8 +75,7 @@ def test_a_text_with_mistakes_is_read_or_answered(data):
     read(text)
 
 
-@settings(max_examples=100, deadline=None)
-@given(graphs(), st.data())
+@few_or_many(graphs(), st.data(), few=30, many=100)
 def test_a_printed_text_with_a_mistake_is_read_or_answered(graph, data):
     text = to_text(graph)
     at = data.draw(st.integers(0, len(text)))

@@ -233,7 +233,7 @@ def test_deep_nesting_is_read_even_on_a_deep_stack(text):
     below(250)
 
 
-@pytest.mark.parametrize("text", nested(2 * MAX_DEPTH) + nested(100_000))
+@pytest.mark.parametrize("text", nested(2 * MAX_DEPTH) + nested(10_000))
 def test_deeper_nesting_is_an_error_and_no_traceback(text):
     assert (
         "the expression is nested more than 100 levels deep. Assign its inner parts to named nodes."
@@ -243,5 +243,5 @@ def test_deeper_nesting_is_an_error_and_no_traceback(text):
 
 @pytest.mark.parametrize("operator", ["+", "-", "*", "/", "and", "or"])
 def test_long_chains_are_read(operator):
-    graph = formula("y = " + f" {operator} ".join(["a"] * 10_000)).graph
-    assert len(graph.nodes) == 10_000
+    graph = formula("y = " + f" {operator} ".join(["a"] * 3000)).graph
+    assert len(graph.nodes) == 3000

@@ -35,4 +35,4 @@ def product_and_square(*_: object) -> Callback:
     return Callback(call)
 
 
-PRODUCT_AND_SQUARE = ExternalFunction("product_and_square", 2, 2, "external_functions:product_and_square")
+PRODUCT_AND_SQUARE = ExternalFunction("product_and_square", 2, 2, "tests.native.external_functions:product_and_square")

@@ -97,7 +97,7 @@ def test_backward_and_forward_sweeps_give_what_rows_give(model):
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_coupled_states_with_two_outputs_are_summed_exactly(count):
-    made = compiled(case(coupled(count), 300, (0, 100)))
+    made = compiled(case(coupled(count), 100, (0, 35)))
     direct = sums(made.case, made.run(made.interpreter()))
     normal = made.accumulator(sparse=True).normal(made.values)
     close((normal.gradient, normal.matrix), (direct.gradient, direct.matrix), 1e-12)

@@ -50,7 +50,18 @@ def register(cells, latency=1, held=False):
 
 
 @pytest.mark.parametrize("shared", [False, True])
-@pytest.mark.parametrize(("cells", "latency", "held"), [(9, 1, False), (60, 1, False), (30, 3, False), (20, 2, True)])
+@pytest.mark.parametrize(
+    ("cells", "latency", "held"),
+    [
+        (9, 1, False),
+        (24, 1, False),
+        (12, 3, False),
+        (12, 2, True),
+        pytest.param(60, 1, False, marks=pytest.mark.slow),
+        pytest.param(30, 3, False, marks=pytest.mark.slow),
+        pytest.param(20, 2, True, marks=pytest.mark.slow),
+    ],
+)
 def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, held, shared, monkeypatch):
     if shared:
         monkeypatch.setattr(derivative, "MAX_VISITS", -1)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, event, given, settings
+from hypothesis import assume, event
 from hypothesis import strategies as st
 
 from kennfeld.graph import derivative
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
+from tests.graph.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases
 from tests.native.reference import compiled, sums, weighted_rows
@@ -28,7 +29,7 @@ def check_sums(made, widths=None):
     plain = made.interpreter(() if widths is None else tuple(widths))
     with np.errstate(all="ignore"):
         exact = made.run(plain)
-        change = spread(plain, made.run)
+        change = spread(plain, made.run, exact)
     ok = steady(exact, change)
     event("steady" if ok.all() else "unsteady")
     direct = sums(case, exact)
@@ -69,8 +70,7 @@ def check_sums(made, widths=None):
         assert accumulator.cost(made.values) == pytest.approx(costs.sum(), rel=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
-@given(cases())
+@few_or_many(cases(), few=8, many=30)
 def test_every_node_is_what_the_interpreter_computes(case):
     low = lower_lookups(case.graph, case.parameters)
     roots = list(range(len(low.graph.nodes)))
@@ -81,30 +81,27 @@ def test_every_node_is_what_the_interpreter_computes(case):
         return np.array(interpreter.run(low.graph.nodes, low.graph.states, case.columns, case.starts))
 
     plain = Interpreter(low, case.parameters)
-    exact, change = run(plain), spread(plain, run)
+    exact = run(plain)
+    change = spread(plain, run, exact)
     assert_close(got, exact, change, steady(exact, change))
 
 
-@settings(deadline=None, max_examples=40)
-@given(cases(states=False))
+@few_or_many(cases(states=False), few=8, many=40)
 def test_sums_without_states(case):
     check_sums(compiled(case))
 
 
-@settings(deadline=None, max_examples=30)
-@given(cases(states=True, max_latency=1))
+@few_or_many(cases(states=True, max_latency=1), few=6, many=30)
 def test_sums_with_states(case):
     check_sums(compiled(case))
 
 
-@settings(deadline=None, max_examples=25)
-@given(cases(states=True))
+@few_or_many(cases(states=True), few=6, many=25)
 def test_sums_with_delays(case):
     check_sums(compiled(case))
 
 
-@settings(deadline=None, max_examples=20)
-@given(cases(nested=True), st.data())
+@few_or_many(cases(nested=True), st.data(), few=5, many=20)
 def test_sums_of_smoothed_lookups(case, data):
     smooth = data.draw(st.sampled_from([tuple(case.parameters), case.free, ("K", "C", "M", "Q3", "B2")]))
     made = compiled(case, smooth=smooth)
@@ -114,8 +111,7 @@ def test_sums_of_smoothed_lookups(case, data):
     check_sums(made, widths)
 
 
-@settings(deadline=None, max_examples=40)
-@given(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]))
+@few_or_many(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]), few=8, many=40)
 def test_sums_by_a_pull_back(case, smooth):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(derivative, "MAX_VISITS", -1)
@@ -125,8 +121,7 @@ def test_sums_by_a_pull_back(case, smooth):
     check_sums(made, np.full(len(made.lowered.axes), 0.3) if smooth else None)
 
 
-@settings(deadline=None, max_examples=25)
-@given(cases())
+@few_or_many(cases(), few=5, many=25)
 def test_repeated_calls_see_the_values_of_now(case):
     made, other = compiled(case), case.with_other_values()
     accumulator = made.accumulator()

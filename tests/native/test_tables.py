@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.graph import GraphBuilder
@@ -9,6 +8,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Curve, Map, parameter
+from tests.graph.draws import few_or_many
 
 SPECIAL = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-310]
 
@@ -42,8 +42,7 @@ def lookups(draw):
     return ParameterSet([table]), columns
 
 
-@settings(deadline=None, max_examples=40)
-@given(lookups())
+@few_or_many(lookups(), few=12, many=40)
 def test_lookups_are_those_of_the_interpreter(lookup):
     got, expected = both(*lookup)
     np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-12)

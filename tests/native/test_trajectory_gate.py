@@ -41,8 +41,8 @@ def pair(*_):
     return Pair(_identity)
 
 
-SINGLE = ExternalFunction("single", 1, 1, "test_trajectory_gate:single", sequential=True)
-PAIR = ExternalFunction("pair", 1, 1, "test_trajectory_gate:pair", sequential=True)
+SINGLE = ExternalFunction("single", 1, 1, "tests.native.test_trajectory_gate:single", sequential=True)
+PAIR = ExternalFunction("pair", 1, 1, "tests.native.test_trajectory_gate:pair", sequential=True)
 
 
 def nodes_of(*functions):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -58,6 +58,7 @@ def test_a_block_adds_what_its_samples_alone_would(text):
         np.testing.assert_allclose(block.matrix, expected.matrix, rtol=1e-9, atol=1e-9)
 
 
+@settings(max_examples=30)
 @given(st.lists(st.integers(1, 400), min_size=1, max_size=60), st.integers(0, 2**31))
 def test_every_scored_sample_is_held_back_once_in_blocks_that_do_not_cross_recordings(lengths, seed):
     total = sum(lengths)

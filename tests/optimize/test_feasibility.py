@@ -12,6 +12,11 @@ from tests.optimize.constrained_fits import curve_fit, least_cost, map_fit
 HOLDS = 1e-9
 
 
+def seeds(unmarked, count):
+    """The first few seeds, and the others up to a count for `-m slow`."""
+    return [*range(unmarked), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(unmarked, count))]
+
+
 def test_a_rising_curve_with_few_data_rises():
     data = {"x": [0.98, 2.96, 0.96], "z": [-0.35, -2.31, -0.19]}
     start = kf.ParameterSet([kf.Curve("C", range(4), [0] * 4)])
@@ -20,7 +25,7 @@ def test_a_rising_curve_with_few_data_rises():
     np.testing.assert_allclose(result.parameters["C"].values, np.mean(data["z"]), atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize("seed", seeds(4, 50))
 @pytest.mark.parametrize("draw", [curve_fit, map_fit])
 def test_random_fits_within_limits_end_where_those_of_cvxpy_do(draw, seed):
     random = np.random.default_rng([seed, 13])
@@ -46,7 +51,7 @@ def test_a_rising_map_with_an_empty_corner_rises():
     assert min(np.diff(values, axis=0).min(), np.diff(values, axis=1).min()) >= -HOLDS * values.max()
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", seeds(2, 10))
 def test_the_factors_of_a_product_keep_limits_of_very_different_sizes(seed):
     random = np.random.default_rng([seed, 14])
     u, v = random.uniform(0, 5, (2, 12))

@@ -50,9 +50,16 @@ def test_steps_do_not_hold_the_search_up():
     assert found.cost == 1.0
 
 
-def test_restarts_find_the_lowest_of_many_valleys():
-    found = global_search(Function(rastrigin), np.full(3, 4.0), box(*[(-5.12, 5.12)] * 3), GlobalSettings(20_000))
-    assert found.cost < 1e-6
+@pytest.mark.parametrize(
+    ("size", "settings"),
+    [(2, GlobalSettings(2_000, 10)), pytest.param(3, GlobalSettings(20_000), marks=pytest.mark.slow)],
+)
+def test_restarts_find_the_lowest_of_many_valleys(size, settings):
+    def lowest(settings):
+        return global_search(Function(rastrigin), np.full(size, 4.0), box(*[(-5.12, 5.12)] * size), settings).cost
+
+    assert lowest(replace(settings, max_evaluations=250)) > 0.9  # that of another valley
+    assert lowest(settings) < 1e-6
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])
@@ -91,7 +98,7 @@ def test_locked_values_stay_and_equalities_hold():
     rows = LinearRows.of(np.array([[1.0, 1.0, 0.0]]), np.array([1.5]), np.array([1.5]), ["the sum"])
     limits = LinearLimits(np.array([0.0, 0.0, 0.25]), np.array([2.0, 2.0, 0.25]), rows)
     function = Function(lambda values: (values[0] - 1.2) ** 2 + 1.0)
-    found = global_search(function, np.array([0.0, 1.5, 0.25]), limits, GlobalSettings())
+    found = global_search(function, np.array([0.0, 1.5, 0.25]), limits, GlobalSettings(500))
     assert found.values == pytest.approx([1.2, 0.3, 0.25], abs=1e-4)
     asked = np.array(function.asked)
     assert np.all(asked[:, 2] == 0.25)
@@ -153,7 +160,8 @@ def quantised():
 def test_quantised_code_is_calibrated_where_derivatives_are_zero():
     text, data, start = quantised()
     assert kf.calibrate(text, data, start, target="y_measured").quality[0].rmse_after > 1
-    result = kf.calibrate(text, data, start, target="y_measured", options=GLOBAL)
+    options = kf.Options(method="global", max_evaluations=1000)
+    result = kf.calibrate(text, data, start, target="y_measured", options=options)
     assert result.converged
     assert result.quality[0].rmse_after < 0.05
     assert "A final gradient-based descent did not lower the cost." in result.message
@@ -163,7 +171,8 @@ def test_a_smooth_cost_is_polished_to_the_last_digit():
     x = np.linspace(0, 3, 40)
     data = {"x": x, "y_measured": 2 * np.exp(-0.7 * x)}
     start = {name: kf.Scalar(name, 4.0, lower=0.0, upper=5.0) for name in "ab"}
-    result = kf.calibrate("y = a * exp(-b * x)", data, start, target="y_measured", options=GLOBAL)
+    options = kf.Options(method="global", max_evaluations=500)
+    result = kf.calibrate("y = a * exp(-b * x)", data, start, target="y_measured", options=options)
     assert [result.parameters[name].value for name in "ab"] == pytest.approx([2.0, 0.7], rel=1e-9)
     assert list(dict.fromkeys(line.stage for line in result.trace)) == ["global", "polish"]
     assert "lowered the cost" in result.message
@@ -225,7 +234,7 @@ def test_the_event_governor_is_calibrated_where_a_descent_stops_at_once():
     assert descent.quality[0].rmse_before == pytest.approx(628.9, rel=1e-3)
     assert descent.quality[0].rmse_after > 400
     found = kf.calibrate(
-        model, data, start, target="rpm_ref", node="rpm", options=kf.Options(method="global", max_evaluations=600)
+        model, data, start, target="rpm_ref", node="rpm", options=kf.Options(method="global", max_evaluations=150)
     )
     assert found.quality[0].rmse_after < 114.2
 
@@ -248,7 +257,20 @@ def overshooting(options, most=3000.0):
     return result, kf.simulate(model, data, result.parameters)["rpm"].values.max()
 
 
-def test_limits_of_outputs_come_before_the_cost():
+def test_a_limit_of_a_quantised_output_is_kept():
+    text, data, start = quantised()
+    options = kf.Options(method="global", max_evaluations=400)
+    result = kf.calibrate(text, data, start, target="y_measured", limits={"y": (-np.inf, 22.0)}, options=options)
+    values = kf.simulate(text, data, result.parameters)["y"].values
+    assert result.status != "infeasible"
+    assert values.max() <= 22.0 * (1 + 2e-6)
+    excess = np.maximum(data["y_measured"] - 22.0, 0.0)
+    assert np.sqrt(np.mean(excess**2)) < result.quality[0].rmse_after < 1.5 * np.sqrt(np.mean(excess**2))
+    assert all(line.cost < 1e100 for line in result.trace)
+
+
+@pytest.mark.slow
+def test_a_limit_of_the_speed_comes_before_the_cost():
     """The published gains stay below 2970 rpm at an RMSE of 155 rpm; the best ones overshoot by more than 100 rpm."""
     result, most = overshooting(kf.Options(method="global", max_evaluations=400))
     assert result.status != "infeasible"
@@ -258,7 +280,7 @@ def test_limits_of_outputs_come_before_the_cost():
 
 
 def test_limits_that_nothing_keeps_are_infeasible():
-    result, most = overshooting(kf.Options(method="global", max_evaluations=30), 1500.0)
+    result, most = overshooting(kf.Options(method="global", max_evaluations=10), 1500.0)
     assert result.status == "infeasible"
     assert most > 1500
     assert result.cost_after < 1e100

@@ -75,7 +75,7 @@ def test_half_the_points_of_a_long_curve_make_the_roughness_about_sixteen_times_
     assert penalty_ratio(full, reduce_table(full, (2,)), 0) == pytest.approx(15.6, abs=0.1)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 @given(gaps, gaps, factors, factors, st.integers(0, 99))
 def test_a_refined_surface_is_the_coarse_one_everywhere(x, y, along_x, along_y, seed):
     random = np.random.default_rng(seed)

@@ -1,5 +1,6 @@
 """Lags of recorded channels: whole samples of a bench log, fractions in time, and what must not be found."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,7 @@ def calibrated(data, shift, **arguments):
     )
 
 
+@pytest.mark.slow
 def test_a_torque_recorded_one_sample_late_is_moved_back():
     data = bench(1)
     blurred, found = calibrated(data, None), calibrated(data, {"Torque": "auto"})
@@ -54,20 +56,17 @@ def test_a_torque_recorded_one_sample_late_is_moved_back():
     assert found.as_json()["shifts"] == {"training 0": {"Torque": -1.0}}
 
 
-def test_channels_in_step_are_left_alone():
-    assert calibrated(bench(0), {"Torque": "auto", "Speed": "auto"}).shifts == {"training 0": {"Torque": 0, "Speed": 0}}
+@pytest.mark.slow
+def test_channels_of_a_torque_bench_in_step_are_left_alone():
+    found = calibrated(bench(0), {"Torque": "auto", "Speed": "auto"})
+    assert found.shifts == {"training 0": {"Torque": 0, "Speed": 0}}
 
 
-def test_an_input_may_be_late_too():
+@pytest.mark.slow
+def test_an_input_of_a_torque_bench_may_be_late_too():
     data = bench(0)
     late = shift_channels(data, {"Ignition": 2.0})
     assert calibrated(late, {"Ignition": "auto"}).shifts == {"training 0": {"Ignition": -2.0}}
-
-
-def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
-    training = [bench(late, seed, samples=700) for seed, late in enumerate((1, 3, 3))]
-    result = calibrated(training, {"Torque": "auto"}, test=bench(3, 9, "test", 300))
-    assert [found["Torque"] for found in result.shifts.values()] == [-1.0, -3.0, -3.0, -3.0]
 
 
 def moving(noise=0.02, samples=3000):
@@ -84,7 +83,7 @@ def moving(noise=0.02, samples=3000):
     return text, data.with_channels(kf.Channel("wanted", clean + noise * rng.normal(size=samples))), start
 
 
-@pytest.mark.parametrize("late", [0.0, 3.4, 0.5, -2.7, 7.0])
+@pytest.mark.parametrize("late", [0.0, 3.4, *(pytest.param(late, marks=pytest.mark.slow) for late in (0.5, -2.7, 7.0))])
 def test_fractions_of_a_sample_are_found_in_time_data(late):
     text, data, start = moving()
     delayed = shift_channels(data, {"wanted": late * 0.1})
@@ -99,6 +98,7 @@ def test_a_shift_at_the_end_of_the_window_is_said_to_be_there():
     assert "The estimated shift of wanted in drive is at the edge of the search window (20 samples)" in result.message
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not TRANSIENT.is_file(), reason=f"the measurement of the engine is not at {TRANSIENT}")
 def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
     """The recording has a lag of its own; one more moves the answer by as much."""
@@ -160,7 +160,7 @@ def search(text, data, start, **arguments):
         ("map", 0.0, 0.3),
     ],
 )
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_shift_of_steady_points_in_any_order_is_found(shape, late, noise, seed):
     result = search(*recorded(shape, late, seed, noise))
     assert result.shifts == {"d": {"t": -late}}
@@ -179,6 +179,37 @@ def test_a_shift_that_the_data_do_not_tell_is_said_to_be_unclear():
     result = search(text, unrelated, start)
     assert "The estimated shift of t in d is ambiguous: the error is" in result.message
     assert "Set it to a number." in result.message
+
+
+def walked(late):
+    """Points of a random walk: a channel that is late by a sample resembles itself in time."""
+    rng = np.random.default_rng(0)
+    text, start, truth = SHAPES["sum"]
+    u, v = (walk(300, 0, 5, rng) for _ in range(2))
+    data = kf.Dataset.of("d", {"u": u, "v": v, "t": truth(u, v) + 0.08 * rng.normal(size=300)})
+    return text, shift_channels(data, {"t": late}), start
+
+
+def test_channels_in_step_are_left_alone():
+    assert kf.calibrate(*walked(0.0), "t", shift={"t": "auto", "u": "auto"}).shifts == {"d": {"t": 0.0, "u": 0.0}}
+
+
+def test_a_channel_recorded_one_sample_late_is_moved_back():
+    late, told = kf.calibrate(*walked(1.0), "t"), kf.calibrate(*walked(1.0), "t", shift={"t": -1.0})
+    result = search(*walked(1.0))
+    assert result.shifts == result.as_json()["shifts"] == {"d": {"t": -1.0}}
+    assert result.quality[0].rmse_after < 1.1 * 0.08 < 0.4 * late.quality[0].rmse_after
+    assert result.parameters["A"].values == pytest.approx(told.parameters["A"].values, abs=1e-6)
+
+
+def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
+    def dataset(seed, late, use="training"):
+        text, data, start = recorded("line", late, seed, samples=150)
+        return text, replace(data, name=f"{use} {seed}", use=use), start
+
+    (text, first, start), *others, (_, test, _) = (dataset(0, 1), dataset(1, 3), dataset(2, 3), dataset(9, 5, "test"))
+    result = search(text, [first, *(data for _, data, _ in others)], start, test=test)
+    assert [shift["t"] for shift in result.shifts.values()] == [-1.0, -3.0, -3.0, -3.0]
 
 
 def test_two_late_channels_are_both_found():

@@ -155,7 +155,7 @@ def test_limits_hold_at_every_iterate():
     assert max(seen) <= 1e-9
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.integers(0, 10_000), st.floats(-3, 0), st.floats(0, 3))
 def test_any_range_of_slopes_is_kept(seed, lower, upper):
     fit = Fit(seed, (5, 4), 60)

@@ -92,9 +92,9 @@ def test_a_single_start_has_a_row_too():
 
 @pytest.mark.parametrize("problem", [sine, chain])
 def test_the_number_of_processes_does_not_matter_bit_for_bit(problem, monkeypatch):
-    serial = problem(starts=6, seed=3, workers=1)
+    serial = problem(starts=3, seed=3, workers=1)
     monkeypatch.setattr(multistart, "_run_in_turn", lambda climber, begins, *_: list(begins))  # none may be left
-    parallel = problem(starts=6, seed=3, workers=2)
+    parallel = problem(starts=3, seed=3, workers=2)
     assert comparable(serial) == comparable(parallel)
 
 

@@ -133,9 +133,10 @@ def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
     assert (both - (1 - HOLDOUT_SHARE) * alone) / HOLDOUT_SHARE == pytest.approx(200 * np.mean(logarithms), rel=1e-6)
 
 
-def test_the_minimum_is_that_of_a_grid(prediction):
+@pytest.mark.parametrize("count", [9, pytest.param(25, marks=pytest.mark.slow)])
+def test_the_minimum_is_that_of_a_grid(prediction, count):
     bounds = np.full(2, -12.0), np.full(2, 12.0)
     found = minimise_prediction(prediction, np.zeros(2), *bounds)
-    line = np.linspace(-12, 12, 25)
+    line = np.linspace(-12, 12, count)
     least = min(prediction.at(np.array([x, y])).value for x in line for y in line)
     assert prediction.at(found).value <= least + 0.05

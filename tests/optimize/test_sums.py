@@ -125,7 +125,7 @@ def test_another_implementation_fits_the_same_values(size):
 
 def test_a_whole_calibration_needs_no_more_than_the_protocol(monkeypatch):
     """Continuation, output limits and the uncertainty of the values are included."""
-    limited = replace(torque_problem(), limits=(kf.Limit("torque", upper=190.0),))
+    limited = replace(torque_problem(count=300, size=3), limits=(kf.Limit("torque", upper=190.0),))
     expected = run(limited, Options())
     created = []
     monkeypatch.setattr(

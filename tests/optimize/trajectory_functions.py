@@ -47,7 +47,7 @@ def lag(*_: object) -> Trajectory:
     return Trajectory(call)
 
 
-LAG = ExternalFunction("lag", 4, 2, "trajectory_functions:lag", sequential=True)
+LAG = ExternalFunction("lag", 4, 2, "tests.optimize.trajectory_functions:lag", sequential=True)
 
 
 def _write(builder, arguments):

@@ -35,7 +35,7 @@ def within(values, starts, begin, end, tolerance):
 
 
 @given(recordings())
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_each_sample_has_the_longest_stretch_that_ends_there(recording):
     _, values, starts, tolerance, _ = recording
     expected = [next(b for b in range(e + 1) if within(values, starts, b, e, tolerance)) for e in range(values.size)]
@@ -43,7 +43,7 @@ def test_each_sample_has_the_longest_stretch_that_ends_there(recording):
 
 
 @given(recordings())
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_plateaus_are_the_longest_stretches_one_after_the_other(recording):
     time, values, starts, tolerance, window = recording
     found = find_plateaus(time, first_in_band(values, tolerance, starts), window)

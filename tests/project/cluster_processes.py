@@ -1,24 +1,34 @@
 """A Dask cluster of real processes that a test may kill, and short calibrations on it."""
 
+import multiprocessing
+import os
 import socket
-import subprocess
-import sys
-import time
+from importlib import import_module
+from itertools import count
+from pathlib import Path
 
 import numpy as np
 
 from tests.project.partitioned_projects import STEADY, TIMED, write_steady, write_timed
 
-SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 12\n'
-COMMAND = [sys.executable, "-m", "distributed.cli.{}"]
+SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 3\n'
+SIZE = 200  # samples of a partition: every recording of a short project is cut
+PATIENCE = 120  # s, for processes to start on a busy machine
+IMPORTED = [
+    "distributed.cli.dask_scheduler",
+    "distributed.cli.dask_worker",
+    "kennfeld.dask_runner",
+    "kennfeld.project.partitioned_loading",
+    "kennfeld.optimize.partitioned_sums",
+]
 
 
 def write_short(folder):
-    return write_steady(folder, files=3, samples=500, text=STEADY + SHORT)
+    return write_steady(folder, files=2, samples=250, text=STEADY + SHORT)
 
 
 def write_short_drives(folder):
-    return write_timed(folder, text=TIMED + SHORT)
+    return write_timed(folder, files=3, samples=150, text=TIMED + SHORT)
 
 
 def free_port():
@@ -27,12 +37,32 @@ def free_port():
         return probe.getsockname()[1]
 
 
+def start_method():
+    """Return how processes are started: forked from one that has imported Dask, if the system can do that."""
+    return "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+
+
+def process_context():
+    context = multiprocessing.get_context(start_method())
+    context.set_forkserver_preload(IMPORTED)
+    return context
+
+
+def run_dask_command(module, arguments, folder, log):
+    """Run a command of Dask in this process, as its script does."""
+    os.chdir(folder)
+    with Path(log).open("wb") as file:
+        for descriptor in (1, 2):
+            os.dup2(file.fileno(), descriptor)
+    import_module(f"distributed.cli.{module}").main(arguments)
+
+
 class Cluster:
     """A scheduler and workers, each a process of its own that a test may kill; `options` are those of all."""
 
     def __init__(self, folder, workers, protocol="tcp", options=()):
-        self.folder, self.address = folder, f"{protocol}://127.0.0.1:{free_port()}"
-        self.options = options
+        self.folder, self.address = Path(folder), f"{protocol}://127.0.0.1:{free_port()}"
+        self.options, self._numbers, self._context = options, count(), process_context()
         self.scheduler = self._start("dask_scheduler", "--host", self.address, "--no-dashboard")
         self.workers = [self.add_worker(f"worker-{number}") for number in range(workers)]
 
@@ -41,19 +71,27 @@ class Cluster:
         return self._start("dask_worker", self.address, *options)
 
     def _start(self, module, *arguments):
-        command = [part.format(module) for part in COMMAND]
-        log = (self.folder / f"{module}-{time.monotonic_ns()}.log").open("wb")
-        with log:
-            return subprocess.Popen([*command, *arguments, *self.options], stdout=log, stderr=log, cwd=self.folder)
+        log = self.folder / f"{module}-{next(self._numbers)}.log"
+        target = (module, [*arguments, *self.options], str(self.folder), str(log))
+        process = self._context.Process(target=run_dask_command, args=target, daemon=True)
+        process.start()
+        return process
+
+    def wait_for_workers(self, **connection):
+        """Wait until the scheduler answers and all workers have joined."""
+        client_class = import_module("distributed").Client
+        with client_class(self.address, timeout=PATIENCE, set_as_default=False, **connection) as client:
+            if self.workers:
+                client.wait_for_workers(len(self.workers), timeout=PATIENCE)
 
     def kill_worker(self, number):
         self.workers[number].kill()
-        self.workers[number].wait()
+        self.workers[number].join()
 
     def close(self):
         for process in (*self.workers, self.scheduler):
             process.kill()
-            process.wait()
+            process.join()
 
 
 def values_of(result):

@@ -13,6 +13,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Scalar
 from kennfeld.project import Project
 from kennfeld.project.section import KeyLocation
+from tests.project.cluster_processes import Cluster
 
 TEXT = """\
 input Speed[rpm]
@@ -137,3 +138,28 @@ def shop(tmp_path: Path) -> Workshop:
 def sound_toml():
     """The text of a project file without a fault."""
     return TOML
+
+
+@pytest.fixture(scope="session")
+def shared_cluster(tmp_path_factory):
+    """A cluster of two workers for tests that leave its processes alone."""
+    pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"), 2)
+    cluster.wait_for_workers()
+    yield cluster
+    cluster.close()
+
+
+@pytest.fixture
+def start_cluster(tmp_path):
+    """Start clusters of this test alone, whose processes it may kill."""
+    clusters = []
+
+    def start(workers):
+        clusters.append(Cluster(tmp_path, workers))
+        clusters[-1].wait_for_workers()
+        return clusters[-1]
+
+    yield start
+    for cluster in clusters:
+        cluster.close()

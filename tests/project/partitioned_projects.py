@@ -37,6 +37,9 @@ node = "TorqueModel"
 target = { channel = "torque" }
 """
 
+FEW = STEADY.replace("count = 6", "count = 4").replace("count = 5", "count = 3")  # values, for few samples
+OFF = '\n[optimizer]\ncontinuation = "off"\n'
+
 TIMED = """
 [model]
 file = "lag.kf"
@@ -115,12 +118,12 @@ def write_steady(folder: Path, files: int = 4, samples: int = 800, text: str = S
     return folder / "kennfeld.toml"
 
 
-def write_timed(folder: Path, files: int = 3, samples: int = 400, text: str = TIMED) -> Path:
+def write_timed(folder: Path, files: int = 3, samples: int = 400, text: str = TIMED, growth: int = 50) -> Path:
     """Write recordings of a lag behind a curve."""
     random = np.random.default_rng(2)
     (folder / "lag.kf").write_text("input u\nLagged = PT1(K(u), T)\n")
     for number in range(files):
-        count = samples + 50 * number
+        count = samples + growth * number
         u = np.clip(np.cumsum(random.normal(0, 0.05, count)) % 1.0, 0, 1)
         y = np.zeros(count)
         for k in range(1, count):
@@ -132,31 +135,38 @@ def write_timed(folder: Path, files: int = 3, samples: int = 400, text: str = TI
     return folder / "kennfeld.toml"
 
 
-def write_shifted(folder: Path, model: str = "memory", delay: float = 3.4, text: str = SHIFTED) -> Path:
+def write_shifted(
+    folder: Path,
+    model: str = "memory",
+    delay: float = 3.4,
+    text: str = SHIFTED,
+    files: int = 4,
+    samples: int = 820,
+) -> Path:
     """Write recordings whose channel `y` is some samples late; each is of another length."""
     random = np.random.default_rng(3)
     formula, parameter = MODELS[model]
     (folder / "model.kf").write_text(formula)
-    for number in range(5):
-        count = 820 + 90 * number
+    for number in range(files + 1):
+        count = samples + 90 * number
         u = 0.5 + 0.45 * np.sin(np.cumsum(random.normal(0, 0.2, count)))
         y = 3 * u**2
         if model == "memory":
             y = lagged(y, 0.7)
         y = np.interp(np.arange(count) - delay, np.arange(count), y) + random.normal(0, 0.02, count)
-        name = f"drive_{number}.csv" if number < 4 else "road.csv"
+        name = f"drive_{number}.csv" if number < files else "road.csv"
         rows = (f"{0.1 * k:.1f},{u[k]:.8g},{y[k]:.8g}" for k in range(20, count))
         (folder / name).write_text("\n".join(["time,u,y", *rows]))
     (folder / "kennfeld.toml").write_text(text + parameter)
     return folder / "kennfeld.toml"
 
 
-def write_lasting(folder: Path, text: str) -> Path:
+def write_lasting(folder: Path, text: str, files: int = 4, samples: int = 1500) -> Path:
     """Write recordings of a curve whose errors last for seconds."""
     random = np.random.default_rng(4)
     (folder / "model.kf").write_text("input u\nY = K(u)\n")
-    for number in range(4):
-        count = 1500 + 200 * number
+    for number in range(files):
+        count = samples + 200 * number
         u = 0.5 + 0.45 * np.sin(np.cumsum(random.normal(0, 0.15, count)))
         y = 3 * u**2 + lagged(random.normal(0, 2.0, count), 3.0)
         rows = (f"{0.1 * k:.1f},{u[k]:.8g},{y[k]:.8g}" for k in range(count))

@@ -19,6 +19,8 @@ from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
 from tests.project.partitioned_projects import (
+    FEW,
+    OFF,
     SHIFTED,
     STEADY,
     TIMED,
@@ -46,10 +48,31 @@ def write_automatic_points(folder):
     return write_steady(folder, text=STEADY.replace("smoothness = 0.01", AUTO))
 
 
+def write_few_points(folder):
+    text = FEW.replace("initial = 1.0\nsmoothness = 0.01", f"initial = 1.0\n{AUTO}") + OFF + "tolerance = 1e-10\n"
+    return write_steady(folder, files=2, samples=150, text=text)
+
+
+def write_few_drives(folder):
+    text = TIMED.replace("smoothness = 1e-4", AUTO).replace("count = 5", "count = 4")
+    return write_timed(folder, files=2, samples=300, text=text + OFF)
+
+
+def write_few_lasting_errors(folder):
+    return write_lasting(folder, LASTING.replace("count = 5", "count = 4"), files=2, samples=500)
+
+
 def scan_a_part(monkeypatch, samples):
     """Scan lags on this many samples, so that the others count only when neighbouring lags are compared."""
     monkeypatch.setattr(shift_estimation, "SCANNED_SAMPLES", samples)
     monkeypatch.setattr(partitions_module, "LEAST_STRETCH", samples // 3)
+
+
+@pytest.fixture(autouse=True)
+def few_lags(request, monkeypatch):
+    """Scan few lags around those of the recordings."""
+    if request.node.get_closest_marker("slow") is None:
+        monkeypatch.setattr(shift_estimation, "WINDOW", 6)
 
 
 def pair(path, size):
@@ -64,10 +87,14 @@ def blocks_in(result):
 @pytest.mark.parametrize(
     ("write", "size", "blocks", "closeness"),
     [
-        (write_automatic_points, 300, 0, 1e-5),  # the order in which samples are added changes the last digits
-        (write_automatic_drives, 450, 18, 1e-5),
-        (write_lasting_errors, 2500, 20, 1e-5),  # files are whole
-        (write_lasting_errors, 700, 20, 0.01),  # pairs of errors are not counted across the cuts of files
+        (write_few_points, 100, 0, 1e-5),  # the order in which samples are added changes the last digits
+        (write_few_drives, 300, 20, 1e-5),
+        (write_few_lasting_errors, 2500, 20, 1e-5),  # files are whole
+        pytest.param(write_automatic_points, 300, 0, 1e-5, marks=pytest.mark.slow),
+        pytest.param(write_automatic_drives, 450, 18, 1e-5, marks=pytest.mark.slow),
+        pytest.param(write_lasting_errors, 2500, 20, 1e-5, marks=pytest.mark.slow),
+        # pairs of errors are not counted across the cuts of files
+        pytest.param(write_lasting_errors, 700, 20, 0.01, marks=pytest.mark.slow),
     ],
 )
 def test_the_choice_is_that_of_all_data(tmp_path, write, size, blocks, closeness):
@@ -82,9 +109,12 @@ def test_the_choice_is_that_of_all_data(tmp_path, write, size, blocks, closeness
 
 
 def test_a_step_chooses_its_factors_in_partitions(tmp_path):
-    text = STEADY + f'\n[[step]]\ngrid_reduction = 2\n{AUTO}\n[[step]]\nsmoothness = {{ M = "auto" }}\n'
-    text += '[optimizer]\ncontinuation = "off"\n'
-    plain, parted = (project.calibrate() for project in pair(write_steady(tmp_path, text=text), 600))
+    text = (
+        FEW
+        + f'\n[[step]]\ngrid_reduction = 2\n{AUTO}\n[[step]]\nsmoothness = {{ M = "auto" }}\n{OFF}max_iterations = 4\n'
+    )
+    path = write_steady(tmp_path, files=2, samples=120, text=text)
+    plain, parted = (project.calibrate() for project in pair(path, 150))
     assert parted.smoothness.keys() == plain.smoothness.keys() == {"M", "C"}
     for name, factors in plain.smoothness.items():
         assert list(parted.smoothness[name].values()) == pytest.approx(list(factors.values()), rel=1e-4)
@@ -92,7 +122,7 @@ def test_a_step_chooses_its_factors_in_partitions(tmp_path):
 
 
 @pytest.mark.parametrize("write", [write_lasting_errors, write_automatic_drives])
-@pytest.mark.parametrize("size", [150, 700, 10**6])
+@pytest.mark.parametrize("size", [150, pytest.param(700, marks=pytest.mark.slow), 10**6])
 def test_blocks_are_those_of_all_data(tmp_path, write, size):
     """The block of a recording that is cut goes on in the next partition."""
     plain, parted = (CompiledProblem(project.problem()) for project in pair(write(tmp_path), size))
@@ -108,7 +138,7 @@ def test_blocks_are_those_of_all_data(tmp_path, write, size):
 
 
 def test_many_short_recordings_are_held_out_together_in_partitions(tmp_path):
-    path = write_timed(tmp_path, files=24, samples=60, text=TIMED.replace("smoothness = 1e-4", AUTO))
+    path = write_timed(tmp_path, files=24, samples=60, growth=5, text=TIMED.replace("smoothness = 1e-4", AUTO))
     plain, parted = (CompiledProblem(project.problem()) for project in pair(path, 300))
     one, other = HoldoutBlocks.of(plain), HoldoutBlocks.of(parted)
     assert (one.numbers != NEVER).any()
@@ -125,10 +155,22 @@ def test_independent_samples_are_counted_over_all_partitions(tmp_path, size, clo
     assert independent_samples(parted, parted.parameters) == pytest.approx(count, rel=closeness)
 
 
-@pytest.mark.parametrize("model", ["memory", "none"])
-@pytest.mark.parametrize("size", [300, 1000])
-def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, size):
-    plain, parted = (project.calibrate() for project in pair(write_shifted(tmp_path, model), size))
+# the model, the number of recordings, the length of the first, and the size of partitions
+SCANNED = [
+    ("memory", 2, 250, 150),
+    ("none", 2, 250, 300),
+    *(
+        pytest.param(model, 4, 820, size, marks=pytest.mark.slow)
+        for model in ("memory", "none")
+        for size in (300, 1000)
+    ),
+]
+
+
+@pytest.mark.parametrize(("model", "files", "samples", "size"), SCANNED)
+def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, files, samples, size):
+    path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)
+    plain, parted = (project.calibrate() for project in pair(path, size))
     assert parted.shifts == plain.shifts
     assert parted.shifts["drives"]["y"] == pytest.approx(-0.34, abs=0.01)
     assert parted.message == plain.message
@@ -139,17 +181,17 @@ def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, siz
     assert parted.trust.noise["Y"] == pytest.approx(plain.trust.noise["Y"], rel=1e-3)
 
 
-@pytest.mark.parametrize("model", ["memory", "none"])
-@pytest.mark.parametrize("size", [300, 1000])
-def test_a_shift_scanned_on_a_part_is_refined_on_all_samples(tmp_path, model, size, monkeypatch):
-    path = write_shifted(tmp_path, model)
+@pytest.mark.parametrize(("model", "files", "samples", "size"), SCANNED)
+def test_a_shift_scanned_on_a_part_is_refined_on_all_samples(tmp_path, model, files, samples, size, monkeypatch):
+    path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)
     plain = Project.read(path).calibrate()
-    scan_a_part(monkeypatch, 900)
+    scan_a_part(monkeypatch, 900 if samples > 300 else 200)
     parted = in_partitions(path, size).calibrate()
     assert parted.shifts["drives"]["y"] == pytest.approx(plain.shifts["drives"]["y"], abs=1e-4)  # of 0.1 s
     assert parted.shifts["road"] == parted.shifts["drives"]
+    training = sum(samples + 90 * number - 20 for number in range(files))
     assert re.search(
-        r"Shifts were scanned on \d+ of 3740 training samples, and compared with their neighbours on all\.",
+        rf"Shifts were scanned on \d+ of {training} training samples, and compared with their neighbours on all\.",
         parted.message,
     )
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-4)
@@ -173,8 +215,8 @@ def test_the_fraction_of_a_sample_does_not_follow_the_part_that_is_scanned(tmp_p
 
 def test_layouts_of_other_lags_do_not_stay_on_the_disk(tmp_path, monkeypatch):
     scan_a_part(monkeypatch, 900)
-    path = write_shifted(tmp_path)
-    problem = in_partitions(path, 1000).problem()
+    path = write_shifted(tmp_path, files=3, samples=400)
+    problem = in_partitions(path, 500).problem()
     folder = tmp_path / ".kennfeld" / "partitions"
     before = set(folder.glob(f"*{ENDING}"))
     estimate_shifts(problem)
@@ -182,11 +224,11 @@ def test_layouts_of_other_lags_do_not_stay_on_the_disk(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("model", ["memory", "none"])
-@pytest.mark.parametrize("size", [300, 1000])
+@pytest.mark.parametrize("size", [300, 500])
 def test_a_simulation_with_shifts_is_that_of_all_data(tmp_path, model, size):
     shifts = {"drives": {"y": -0.34, "u": 0.27}, "road": {"y": 0.2}}
     tables = []
-    for number, project in enumerate(pair(write_shifted(tmp_path, model), size)):
+    for number, project in enumerate(pair(write_shifted(tmp_path, model, files=2, samples=420), size)):
         file = write_simulation(project.simulation(None, shifts), tmp_path / f"{number}.parquet")
         tables.append(parquet.read_table(file))
     plain, parted = (table.to_pydict() for table in tables)
@@ -198,11 +240,11 @@ def test_a_simulation_with_shifts_is_that_of_all_data(tmp_path, model, size):
 
 
 def test_points_without_time_are_shifted_by_whole_samples(tmp_path, monkeypatch):
-    path = write_shifted(tmp_path, "none", delay=3.0)
+    path = write_shifted(tmp_path, "none", delay=3.0, text=SHIFTED + OFF, files=3, samples=400)
     for file in (*tmp_path.glob("drive_*.csv"), tmp_path / "road.csv"):
         file.write_text("\n".join(line.split(",", 1)[1] for line in file.read_text().splitlines()))
-    scan_a_part(monkeypatch, 1500)
-    monkeypatch.setattr("kennfeld.project.partitioned_loading.EXCERPT", 800)
+    scan_a_part(monkeypatch, 600)
+    monkeypatch.setattr("kennfeld.project.partitioned_loading.EXCERPT", 400)
     plain, parted = (project.calibrate() for project in pair(path, 400))
     assert parted.shifts == plain.shifts == {"drives": {"y": -3.0}, "road": {"y": -3.0}}
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-8)
@@ -212,7 +254,7 @@ def test_folds_of_partitions_estimate_their_own_shifts(tmp_path):
     text = SHIFTED.replace(
         '[[dataset]]\nname = "road"\nfiles = ["road.csv"]\nuse = "test"\nshift = { y = "auto" }\n', ""
     )
-    project = in_partitions(write_shifted(tmp_path, text=text), 1000)
+    project = in_partitions(write_shifted(tmp_path, text=text + OFF), 1000)
     validation = cross_validate(project.problem(), folds=2, options=project.options)
     assert validation.mean("Y") == pytest.approx(0.02, rel=0.1)  # without the shift, it is 0.24
 
@@ -224,8 +266,8 @@ def test_an_automatic_shift_that_cannot_be_estimated_is_reported(tmp_path):
 
 
 def test_the_command_writes_chosen_shifts_and_factors(tmp_path, capsys):
-    text = SHIFTED.replace("smoothness = 1e-4", AUTO) + "\n[cluster]\npartition = 500\n"
-    path = write_shifted(tmp_path, text=text)
+    text = SHIFTED.replace("smoothness = 1e-4", AUTO) + "\n[cluster]\npartition = 200\n"
+    path = write_shifted(tmp_path, text=text + OFF, files=2, samples=250)
     assert run(["calibrate", str(path)]) == 0
     written = json.loads((tmp_path / "results" / "result.json").read_text())
     assert written["shifts"]["road"]["y"] == pytest.approx(-0.34, abs=0.01)

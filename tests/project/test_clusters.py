@@ -5,6 +5,7 @@ import signal
 import sys
 import threading
 import time
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -21,14 +22,16 @@ from kennfeld.project.results import write_simulation
 from kennfeld.report import document
 from tests.project.cluster_processes import (
     SHORT,
-    Cluster,
+    SIZE,
     calibrate,
     free_port,
+    start_method,
     values_of,
     write_short,
     write_short_drives,
 )
 from tests.project.partitioned_projects import (
+    FEW,
     SHIFTED,
     STEADY,
     TIMED,
@@ -42,36 +45,79 @@ from tests.report.report_projects import Page
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
 
 
-@pytest.fixture
-def cluster(tmp_path):
-    made = Cluster(tmp_path, 2)
-    yield made
-    made.close()
+def assert_same_bits(result, serial):
+    assert np.array_equal(values_of(result), values_of(serial))
+    assert result.cost_after == serial.cost_after
+    assert result.quality == serial.quality
+    assert all(np.array_equal(result.trust.deviation[n], serial.trust.deviation[n]) for n in serial.trust.deviation)
+
+
+def on_two_workers_and_on_the_last(path, size, cluster):
+    """Calibrate on two workers, and on one after the other was killed."""
+    yield calibrate(in_partitions(path, size, scheduler=cluster.address))
+    cluster.kill_worker(1)
+    yield calibrate(in_partitions(path, size, scheduler=cluster.address))
 
 
 @pytest.mark.parametrize("write", [write_short, write_short_drives])
-def test_any_number_of_workers_gives_the_same_bits(tmp_path, write, cluster):
+def test_two_workers_give_the_bits_of_this_process(tmp_path, write, shared_cluster):
     path = write(tmp_path)
+    serial = calibrate(in_partitions(path, SIZE))
+    assert_same_bits(calibrate(in_partitions(path, SIZE, scheduler=shared_cluster.address)), serial)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("write", [write_steady, write_timed])
+def test_any_number_of_workers_gives_the_same_bits(tmp_path, write, start_cluster):
+    path = write(tmp_path)
+    path.write_text(path.read_text() + SHORT.replace("3", "12"))
     serial = calibrate(in_partitions(path, 400))
-    several = calibrate(in_partitions(path, 400, scheduler=cluster.address))
-    cluster.kill_worker(1)
-    single = calibrate(in_partitions(path, 400, scheduler=cluster.address))
-    for result in (several, single):
-        assert np.array_equal(values_of(result), values_of(serial))
-        assert result.cost_after == serial.cost_after
-        assert result.quality == serial.quality
-        assert all(np.array_equal(result.trust.deviation[n], serial.trust.deviation[n]) for n in serial.trust.deviation)
+    for result in on_two_workers_and_on_the_last(path, 400, start_cluster(2)):
+        assert_same_bits(result, serial)
 
 
-def test_choices_of_smoothness_and_shift_are_the_same_bits(tmp_path, cluster, monkeypatch):
-    monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.SCANNED_SAMPLES", 900)
-    monkeypatch.setattr("kennfeld.optimize.partitions.LEAST_STRETCH", 300)
-    path = write_shifted(tmp_path, text=SHIFTED.replace("smoothness = 1e-4", 'smoothness = "auto"'))
+def scan_a_part(monkeypatch, samples):
+    monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.SCANNED_SAMPLES", samples)
+    monkeypatch.setattr("kennfeld.optimize.partitions.LEAST_STRETCH", samples // 3)
+
+
+AUTOMATIC = SHIFTED.replace("smoothness = 1e-4", 'smoothness = "auto"')
+
+
+def test_a_choice_of_shifts_is_the_same_bits(tmp_path, shared_cluster, monkeypatch):
+    scan_a_part(monkeypatch, 200)
+    monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.WINDOW", 6)
+    path = write_shifted(tmp_path, "none", text=SHIFTED + SHORT, files=2, samples=200)
+    serial, remote = (
+        calibrate(in_partitions(path, 250, scheduler=address)) for address in ("", shared_cluster.address)
+    )
+    assert remote.shifts == serial.shifts
+    assert remote.message == serial.message
+    assert "Shifts were scanned on " in serial.message
+    assert_same_bits(remote, serial)
+
+
+def write_automatic(folder):
+    text = FEW.replace("1.0\nsmoothness = 0.01", '1.0\nsmoothness = "auto"') + SHORT.replace("= 3", "= 2")
+    return write_steady(folder, files=2, samples=120, text=text)
+
+
+def test_a_choice_of_smoothness_is_the_same_bits(tmp_path, shared_cluster):
+    path = write_automatic(tmp_path)
+    serial, remote = (
+        calibrate(in_partitions(path, 300, scheduler=address)) for address in ("", shared_cluster.address)
+    )
+    assert remote.smoothness == serial.smoothness
+    assert remote.smoothness["C"]["x"] > 0
+    assert_same_bits(remote, serial)
+
+
+@pytest.mark.slow
+def test_choices_of_smoothness_and_shift_are_the_same_bits(tmp_path, start_cluster, monkeypatch):
+    scan_a_part(monkeypatch, 900)
+    path = write_shifted(tmp_path, text=AUTOMATIC)
     serial = calibrate(in_partitions(path, 1000))
-    several = calibrate(in_partitions(path, 1000, scheduler=cluster.address))
-    cluster.kill_worker(1)
-    single = calibrate(in_partitions(path, 1000, scheduler=cluster.address))
-    for result in (several, single):
+    for result in on_two_workers_and_on_the_last(path, 1000, start_cluster(2)):
         assert result.shifts == serial.shifts
         assert result.smoothness == serial.smoothness
         assert result.message == serial.message
@@ -80,59 +126,65 @@ def test_choices_of_smoothness_and_shift_are_the_same_bits(tmp_path, cluster, mo
     assert "Shifts were scanned on " in serial.message
 
 
-def test_a_scheduler_that_dies_while_smoothness_is_chosen_ends_with_the_best_values(tmp_path, cluster):
-    path = write_steady(tmp_path, text=STEADY.replace("smoothness = 0.01", 'smoothness = "auto"'))
-    stages = []
+def test_a_scheduler_that_dies_while_smoothness_is_chosen_ends_with_the_best_values(tmp_path, start_cluster):
+    path, cluster, stages = write_automatic(tmp_path), start_cluster(1), []
 
     def kill_scheduler(line):
         stages.append(line.stage)
         if line.stage == "smoothness 2":
             cluster.scheduler.kill()
 
-    result = calibrate(in_partitions(path, 600, scheduler=cluster.address), kill_scheduler)
+    result = calibrate(in_partitions(path, 300, scheduler=cluster.address), kill_scheduler)
     assert result.status == "stopped"
     assert f"the scheduler at {cluster.address} is gone" in result.message
     assert result.cost_after < result.cost_before
     assert stages[-1] == "smoothness 2"
 
 
-def test_limits_of_outputs_give_the_same_bits(tmp_path, cluster):
-    limit = '\n[[limit]]\nnode = "Lagged"\nmax = 2.0\nwhere = "u > 0.1"\n'
-    path = write_timed(tmp_path, text=TIMED + limit + SHORT + "tolerance = 1e-3\n")
-    serial = calibrate(in_partitions(path, 400))
+LIMIT = '\n[[limit]]\nnode = "Lagged"\nmax = 2.0\nwhere = "u > 0.1"\n'
+
+
+def test_limits_of_outputs_give_the_same_bits(tmp_path, shared_cluster):
+    text = TIMED.replace("count = 5", "count = 3") + LIMIT + SHORT + "tolerance = 1e-2\n"
+    path = write_timed(tmp_path, files=2, samples=120, text=text)
+    serial = calibrate(in_partitions(path, 120))
     assert any(line.stage.startswith("limits") for line in serial.trace)
-    several = calibrate(in_partitions(path, 400, scheduler=cluster.address, folder=str(tmp_path / "several")))
-    cluster.kill_worker(1)
-    single = calibrate(in_partitions(path, 400, scheduler=cluster.address))
-    for result in (several, single):
-        assert np.array_equal(values_of(result), values_of(serial))
-        assert result.cost_after == serial.cost_after
+    remote = calibrate(in_partitions(path, 120, scheduler=shared_cluster.address, folder=str(tmp_path / "remote")))
+    assert_same_bits(remote, serial)
+    assert remote.trust.holdings == serial.trust.holdings
+
+
+@pytest.mark.slow
+def test_limits_of_outputs_give_the_same_bits_on_any_number_of_workers(tmp_path, start_cluster):
+    path = write_timed(tmp_path, text=TIMED + LIMIT + SHORT.replace("3", "12") + "tolerance = 1e-3\n")
+    serial = calibrate(in_partitions(path, 400))
+    for result in on_two_workers_and_on_the_last(path, 400, start_cluster(2)):
+        assert_same_bits(result, serial)
         assert result.trust.holdings == serial.trust.holdings
 
 
-def test_a_search_that_begins_with_some_recordings_gives_the_same_bits(tmp_path, cluster, monkeypatch):
-    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 1500)  # read in this process only
-    path = write_timed(tmp_path, files=24, samples=100, text=TIMED)
-    serial = calibrate(in_partitions(path, 2000))
+def test_a_search_that_begins_with_some_recordings_gives_the_same_bits(tmp_path, shared_cluster, monkeypatch):
+    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 300)  # read in this process only
+    monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECES", 4)
+    path = write_timed(tmp_path, files=10, samples=80, text=TIMED + SHORT, growth=10)
+    serial = calibrate(in_partitions(path, 400))
     assert {line.stage for line in serial.trace} == {"plain", "final"}
-    several = calibrate(in_partitions(path, 2000, scheduler=cluster.address))
-    assert np.array_equal(values_of(several), values_of(serial))
-    assert several.cost_after == serial.cost_after
+    assert_same_bits(calibrate(in_partitions(path, 400, scheduler=shared_cluster.address)), serial)
 
 
-def test_a_simulation_on_workers_gives_the_same_table(tmp_path, cluster):
+def test_a_simulation_on_workers_gives_the_same_table(tmp_path, shared_cluster):
     path, tables = write_short_drives(tmp_path), []
-    for project in (Project.read(path), in_partitions(path, 400, scheduler=cluster.address)):
+    for project in (Project.read(path), in_partitions(path, SIZE, scheduler=shared_cluster.address)):
         file = write_simulation(project.simulation(), tmp_path / "simulation.parquet")
         project.close()
         tables.append(parquet.read_table(file))
     assert tables[0].to_pydict() == tables[1].to_pydict()
 
 
-def test_a_report_on_workers_has_the_same_figures(tmp_path, cluster):
+def test_a_report_on_workers_has_the_same_figures(tmp_path, shared_cluster):
     path, figures = write_short_drives(tmp_path), []
-    result = calibrate(in_partitions(path, 400))
-    for project in (in_partitions(path, 400), in_partitions(path, 400, scheduler=cluster.address)):
+    result = calibrate(in_partitions(path, SIZE))
+    for project in (in_partitions(path, SIZE), in_partitions(path, SIZE, scheduler=shared_cluster.address)):
         figures.append(Page(document(project, result)).data["figures"])
         project.close()
     assert figures[1] == figures[0]
@@ -140,48 +192,49 @@ def test_a_report_on_workers_has_the_same_figures(tmp_path, cluster):
 
 def test_processes_of_this_machine_give_the_same_bits(tmp_path):
     path = write_short(tmp_path)
-    serial = calibrate(in_partitions(path, 400))
+    serial = calibrate(in_partitions(path, SIZE))
     lines = []
-    project = in_partitions(path, 400).on_cluster(workers=2, report=lines.append)
-    assert np.array_equal(values_of(calibrate(project)), values_of(serial))
+    with import_module("dask").config.set({"distributed.worker.multiprocessing-method": start_method()}):
+        project = in_partitions(path, SIZE).on_cluster(workers=2, report=lines.append)
+        assert np.array_equal(values_of(calibrate(project)), values_of(serial))
     assert lines[0].startswith("cluster: 2 workers at tcp://")
     assert "dashboard http://" in lines[0]
     assert [line.split(":")[0] for line in lines[1:]] == ["worker 0", "worker 1"]
 
 
-def test_a_killed_worker_costs_its_tasks_only(tmp_path, cluster):
-    path = write_short(tmp_path)
-    serial = calibrate(in_partitions(path, 400))
+def test_a_killed_worker_costs_its_tasks_only(tmp_path, start_cluster):
+    path, cluster = write_short(tmp_path), start_cluster(2)
+    serial = calibrate(in_partitions(path, SIZE))
     killed = []
 
-    def kill_one(line):
+    def kill_first_worker(line):
         if not killed:
             killed.append(cluster.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    result = calibrate(in_partitions(path, 400, scheduler=cluster.address), kill_one)
+    result = calibrate(in_partitions(path, SIZE, scheduler=cluster.address), kill_first_worker)
     assert killed
-    assert np.array_equal(values_of(result), values_of(serial))
+    assert_same_bits(result, serial)
 
 
-def test_all_workers_may_be_replaced(tmp_path, cluster):
-    path = write_short(tmp_path)
-    serial = calibrate(in_partitions(path, 400))
-    done = []
+def test_all_workers_may_be_replaced(tmp_path, start_cluster):
+    path, cluster = write_short(tmp_path), start_cluster(1)
+    serial = calibrate(in_partitions(path, SIZE))
+    replacements = []
 
-    def replace_all(line):
-        if not done:
-            done.append(line)
-            for worker in cluster.workers:
-                worker.kill()
-            threading.Timer(1.0, lambda: cluster.workers.append(cluster.add_worker("later"))).start()
+    def replace_worker(line):
+        if not replacements:
+            cluster.kill_worker(0)
+            replacements.append(threading.Timer(0.5, lambda: cluster.workers.append(cluster.add_worker("later"))))
+            replacements[0].start()
 
-    result = calibrate(in_partitions(path, 400, scheduler=cluster.address), replace_all)
-    assert np.array_equal(values_of(result), values_of(serial))
+    result = calibrate(in_partitions(path, SIZE, scheduler=cluster.address), replace_worker)
+    assert len(cluster.workers) == 2
+    assert_same_bits(result, serial)
 
 
-def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, cluster):
-    path = write_short(tmp_path)
+def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, start_cluster):
+    path, cluster = write_short(tmp_path), start_cluster(1)
     costs = []
 
     def kill_scheduler(line):
@@ -189,26 +242,22 @@ def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, cluster):
         if line.stage == "plain" and line.iteration == 2:
             cluster.scheduler.kill()
 
-    result = calibrate(in_partitions(path, 400, scheduler=cluster.address), kill_scheduler)
+    result = calibrate(in_partitions(path, SIZE, scheduler=cluster.address), kill_scheduler)
     assert result.status == "stopped"
     assert f"the scheduler at {cluster.address} is gone" in result.message
     assert result.cost_after == costs[-1]
     assert not np.array_equal(
         values_of(result), np.concatenate([np.ravel(result.start[n].values) for n in result.start])
     )
-    serial = in_partitions(path, 400)
-    compiled = CompiledProblem(serial.problem())
-    objective = compiled.sums.cost(compiled.values.pack(result.parameters))
-    assert (
-        objective + compiled.roughness.cost(compiled.values.pack(result.parameters)[: compiled.values.free])
-        == costs[-1]
-    )
+    compiled = CompiledProblem(in_partitions(path, SIZE).problem())
+    values = compiled.values.pack(result.parameters)
+    assert compiled.sums.cost(values) + compiled.roughness.cost(values[: compiled.values.free]) == costs[-1]
 
 
-def test_a_killed_scheduler_leaves_results(tmp_path, cluster, capsys):
-    path = write_short(tmp_path)
-    settings = f'save_every = 1\n[cluster]\nscheduler = "{cluster.address}"\npartition = 400\n'
-    path.write_text(path.read_text() + settings)
+def test_a_killed_scheduler_leaves_results(tmp_path, start_cluster, capsys):
+    path, cluster = write_short(tmp_path), start_cluster(1)
+    text = path.read_text().replace("max_iterations = 3", "max_iterations = 100\nsave_every = 1")
+    path.write_text(f'{text}\n[cluster]\nscheduler = "{cluster.address}"\npartition = {SIZE}\n')
     out = tmp_path / "out"
     threading.Thread(target=_kill_after_first_step, args=(out, cluster), daemon=True).start()
     assert run(["calibrate", str(path), "-o", str(out)]) == 1
@@ -222,13 +271,11 @@ def _kill_after_first_step(folder, cluster):
     cluster.scheduler.kill()
 
 
-def test_a_scheduler_that_dies_while_files_are_read_is_an_error(tmp_path, cluster, capsys, monkeypatch):
-    path, map_tasks = write_short(tmp_path), DaskRunner.map
-    for worker in range(2):
-        cluster.kill_worker(worker)
+def test_a_scheduler_that_dies_while_files_are_read_is_an_error(tmp_path, start_cluster, capsys, monkeypatch):
+    path, cluster, map_tasks = write_short(tmp_path), start_cluster(0), DaskRunner.map
 
     def map_and_kill(self, *arguments):
-        threading.Timer(1.0, cluster.scheduler.kill).start()
+        threading.Timer(0.3, cluster.scheduler.kill).start()
         return map_tasks(self, *arguments)
 
     monkeypatch.setattr(DaskRunner, "map", map_and_kill)
@@ -236,20 +283,20 @@ def test_a_scheduler_that_dies_while_files_are_read_is_an_error(tmp_path, cluste
     assert f"the scheduler at {cluster.address} is gone" in capsys.readouterr().err
 
 
-def test_a_file_that_fails_on_a_worker_names_file_worker_and_reason(tmp_path, cluster):
+def test_a_file_that_fails_on_a_worker_names_file_worker_and_reason(tmp_path, shared_cluster):
     path = write_short(tmp_path)
-    (tmp_path / "bench_2.csv").write_bytes(b"PK\x03\x04 damaged")
-    project = in_partitions(path, 400, scheduler=cluster.address)
+    (tmp_path / "bench_1.csv").write_bytes(b"PK\x03\x04 damaged")
+    project = in_partitions(path, SIZE, scheduler=shared_cluster.address)
     messages = [str(finding) for finding in project.check() if finding.severity == "error"]
     project.close()
     (message,) = messages
-    assert "bench_2.csv" in message
+    assert "bench_1.csv" in message
     assert "(on worker worker-" in message
 
 
-def test_a_file_that_vanishes_while_a_calibration_runs_names_it(tmp_path, cluster):
+def test_a_file_that_vanishes_while_a_calibration_runs_names_it(tmp_path, shared_cluster):
     path = write_short(tmp_path)
-    project = in_partitions(path, 400, scheduler=cluster.address)
+    project = in_partitions(path, SIZE, scheduler=shared_cluster.address)
     problem = project.problem()
     (tmp_path / "bench_1.csv").unlink()
     for entry in (tmp_path / ".kennfeld" / "partitions").iterdir():
@@ -262,23 +309,21 @@ def test_a_file_that_vanishes_while_a_calibration_runs_names_it(tmp_path, cluste
 def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path, monkeypatch):
     monkeypatch.setattr("kennfeld.dask_runner.CONNECT_TIMEOUT", 1.0)
     address = f"tcp://127.0.0.1:{free_port()}"
-    (finding,) = in_partitions(write_short(tmp_path), 400, scheduler=address).check()
+    (finding,) = in_partitions(write_short(tmp_path), SIZE, scheduler=address).check()
     assert str(finding).startswith(f"scheduler {address}: does not answer")
 
 
 def test_without_the_library_the_remedy_is_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    (finding,) = in_partitions(write_short(tmp_path), 400, scheduler="tcp://127.0.0.1:1").check()
+    (finding,) = in_partitions(write_short(tmp_path), SIZE, scheduler="tcp://127.0.0.1:1").check()
     assert str(finding) == '[cluster]: the package distributed is not installed. Run: pip install "kennfeld[cluster]"'
 
 
-def test_the_command_joins_the_scheduler_that_it_is_given(tmp_path, cluster, capsys):
-    path = write_short(tmp_path)
-    assert (
-        run(["calibrate", str(path), "--scheduler", cluster.address, "-o", str(tmp_path / "out")]) == 1
-    )  # max_iterations
-    assert f"at {cluster.address}; dashboard" in capsys.readouterr().err
-    assert (tmp_path / "out" / "report.html").is_file()
+def test_the_command_joins_the_scheduler_that_it_is_given(tmp_path, shared_cluster, capsys):
+    path, address, out = write_short(tmp_path), shared_cluster.address, tmp_path / "out"
+    assert run(["calibrate", str(path), "--scheduler", address, "-o", str(out)]) == 1  # max_iterations
+    assert f"at {address}; dashboard" in capsys.readouterr().err
+    assert (out / "report.html").is_file()
 
 
 def whole_on(path, address):
@@ -286,34 +331,34 @@ def whole_on(path, address):
     return in_partitions(path, 0, scheduler=address)
 
 
-def test_starts_are_tasks_of_a_cluster(tmp_path, cluster):
-    path = write_steady(tmp_path, text=STEADY + SHORT + "starts = 3\nsave_every = 4\n")
+def test_starts_are_tasks_of_a_cluster(tmp_path, shared_cluster):
+    path = write_steady(tmp_path, files=2, samples=200, text=STEADY + SHORT + "starts = 3\nsave_every = 2\n")
     local = Project.read(path).calibrate(workers=1)
     lines = []
-    project = whole_on(path, cluster.address)
-    result = calibrate(project, lines.append)
+    result = calibrate(whole_on(path, shared_cluster.address), lines.append)
     assert np.array_equal(values_of(result), values_of(local))
     assert [row.cost_after for row in result.starts] == [row.cost_after for row in local.starts]
     assert {line.start for line in lines} == {1, 2, 3}
     assert list((tmp_path / "results" / "saves").glob("3-*.json"))
 
 
-def test_starts_on_a_cluster_stop_at_their_best_values(tmp_path, cluster):
-    path = write_steady(tmp_path, text=STEADY + SHORT.replace("12", "200") + "starts = 3\n")
+def test_starts_on_a_cluster_stop_at_their_best_values(tmp_path, shared_cluster):
+    text = STEADY + SHORT.replace("= 3", "= 200") + "starts = 3\n"
+    path = write_steady(tmp_path, files=2, samples=200, text=text)
 
     def stop(line):
         if line.iteration >= 3:
             raise Stop
 
-    result = calibrate(whole_on(path, cluster.address), stop)
+    result = calibrate(whole_on(path, shared_cluster.address), stop)
     assert result.status == "stopped"
     assert result.cost_after < result.cost_before
 
 
-def test_folds_are_tasks_of_a_cluster(tmp_path, cluster):
+def test_folds_are_tasks_of_a_cluster(tmp_path, shared_cluster):
     path = write_short(tmp_path)
     local = cross_validate(Project.read(path).problem(), folds=3, options=Project.read(path).options)
-    project = whole_on(path, cluster.address)
+    project = whole_on(path, shared_cluster.address)
     lines = []
     remote = cross_validate(project.problem(), folds=3, options=project.options, progress=lines.append)
     project.close()

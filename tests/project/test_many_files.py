@@ -124,19 +124,23 @@ def test_points_may_lie_in_one_file_or_in_many(project):
     assert others.drop_columns(["file", "piece"]).equals(simulation.drop_columns(["file", "piece"]))
 
 
-def test_memory_is_that_of_the_data(project, monkeypatch):
+@pytest.mark.parametrize(
+    ("use", "samples", "files"),
+    [(Project.calibrate, 10_000, 20), pytest.param(run, 20_000, 30, marks=pytest.mark.slow)],
+    ids=["calibration", "all"],
+)
+def test_memory_is_that_of_the_data(project, monkeypatch, use, samples, files):
     """Beside the channels and their time there is a copy of the target for the search, and room for a few parts."""
-    samples, files = 20_000, 30
     monkeypatch.setattr(threads, "available_cores", lambda: 2)  # each core has a part of its own
     monkeypatch.setattr(strip_details, "TOTAL_NUMBERS", 30_000)  # the room of a page does not grow with the data
     monkeypatch.setattr(bound_parts, "SAMPLES_PER_BLOCK", samples)
     drives = [drive(samples, seed) for seed in range(files)]
     few, many = project("few", drives[:2]), project("many", drives)
-    run(few)  # what is imported and compiled only once
+    use(few)  # what is imported and compiled only once
     peaks = []
     for each in (Project.read(few.path), many):
         tracemalloc.start()
-        run(each)
+        use(each)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     data = 8 * samples * (files - 2) * 3  # Load, Flow and Measured in double precision

@@ -3,7 +3,6 @@
 import os
 import shutil
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +13,17 @@ from kennfeld.errors import InputError
 from kennfeld.preprocessing.recording_sources import find_addresses, find_sources, local_file
 from kennfeld.project import Project
 from kennfeld.report.provenance import sources
-from tests.project.cluster_processes import SHORT, calibrate, values_of
+from tests.project.cluster_processes import SHORT, SIZE, calibrate, values_of, write_short
 from tests.project.partitioned_projects import STEADY, in_partitions, write_steady
 
 fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: pip install kennfeld[cluster]")
 
-PARTITIONS = "\n[cluster]\npartition = 400\n"
+PARTITIONS = f"\n[cluster]\npartition = {SIZE}\n"
 
 
 def write_stored(folder: Path, protocol: str = "file", text: str = STEADY + SHORT + PARTITIONS) -> Path:
     """Write a project whose recordings are addresses of a store."""
-    path = write_steady(folder, files=3, samples=500, text=text)
+    path = write_steady(folder, files=2, samples=250, text=text)
     store = f"{protocol}://{folder}" if protocol != "memory" else "memory://fleet"
     if protocol == "memory":
         for file in folder.glob("*.csv"):
@@ -48,35 +47,34 @@ def stored(request, tmp_path):
 
 
 def test_a_calibration_ends_at_the_values_of_local_files(stored, tmp_path_factory):
-    local = write_steady(tmp_path_factory.mktemp("local"), files=3, samples=500, text=STEADY + SHORT)
-    assert np.array_equal(values_of(calibrate(Project.read(stored))), values_of(calibrate(in_partitions(local, 400))))
+    local = in_partitions(write_short(tmp_path_factory.mktemp("local")), SIZE)
+    assert np.array_equal(values_of(calibrate(Project.read(stored))), values_of(calibrate(local)))
 
 
 def test_check_and_calibrate_run_from_the_command_line(stored, capsys):
     assert run(["check", str(stored)]) == 0
-    assert "training samples in 6 partitions" in capsys.readouterr().out
+    assert "training samples in 4 partitions" in capsys.readouterr().out
     assert run(["calibrate", str(stored)]) == 1  # max_iterations
     assert (stored.parent / "results" / "report.html").is_file()
     files = {file.name: file for file in sources(Project.read(stored))}
     (bench,) = (file for name, file in files.items() if name.endswith("bench_0.csv"))
     assert (bench.role, bench.digest) == ("data, training", "")
-    assert bench.size > 10_000
+    assert bench.size > 5_000
 
 
 def test_info_describes_a_file_of_a_store(tmp_path, capsys):
     path = write_stored(tmp_path)
     assert run(["info", f"file://{path.parent}/bench_0.csv"]) == 0
-    assert "4 channels over 500 samples" in capsys.readouterr().out
+    assert "4 channels over 250 samples" in capsys.readouterr().out
     assert run(["info", f"file://{path.parent}/bench_*.csv"]) == 2
-    assert "matches 3 files. Name one file." in capsys.readouterr().err
+    assert "matches 2 files. Name one file." in capsys.readouterr().err
     assert run(["info", f"file://{path.parent}/none.csv"]) == 2
     assert f"file://{path.parent}/none.csv: file not found" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(find_spec("distributed") is None, reason="dask.distributed is not installed")
-def test_other_processes_read_addresses(tmp_path):
+def test_other_processes_read_addresses(tmp_path, shared_cluster):
     path = write_stored(tmp_path)
-    remote = calibrate(Project.read(path).on_cluster(workers=2))
+    remote = calibrate(in_partitions(path, SIZE, scheduler=shared_cluster.address))
     assert np.array_equal(values_of(remote), values_of(calibrate(Project.read(path))))
 
 

@@ -19,9 +19,28 @@ from kennfeld.preprocessing.prepared_files import ENDING, PreparedFiles
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.project.results import write_simulation
 from kennfeld.task_runner import SerialRunner
-from tests.project.partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
+from tests.project.partitioned_projects import FEW, OFF, STEADY, TIMED, in_partitions, write_steady, write_timed
 
 WRITERS = [write_steady, write_timed]
+
+
+def write_few(folder, text=FEW + OFF):
+    return write_steady(folder, files=2, samples=200, text=text)
+
+
+def write_few_drives(folder):
+    return write_timed(folder, files=2, samples=150)
+
+
+SIZES = [300, pytest.param(1000, marks=pytest.mark.slow), 10**6]  # all files are cut, some are, none is
+
+# written files, and the size of partitions
+FITTED = [
+    (write_few, 150),
+    (write_few_drives, 150),
+    pytest.param(write_steady, 600, marks=pytest.mark.slow),
+    pytest.param(write_timed, 600, marks=pytest.mark.slow),
+]
 
 
 def close(left, right, tolerance=1e-10):
@@ -34,7 +53,7 @@ def compiled_pair(folder, write, size):
 
 
 @pytest.mark.parametrize("write", WRITERS)
-@pytest.mark.parametrize("size", [300, 1000, 10**6])
+@pytest.mark.parametrize("size", SIZES)
 def test_sums_are_those_of_all_data(tmp_path, write, size):
     plain, parted = compiled_pair(tmp_path, write, size)
     values = plain.start * 1.01
@@ -86,10 +105,10 @@ def test_derivatives_of_faint_values_are_judged_alike(tmp_path, write):
     assert np.array_equal(other.faint(other.start), one.faint(one.start))
 
 
-@pytest.mark.parametrize("write", WRITERS)
-def test_a_calibration_ends_at_the_same_values(tmp_path, write):
+@pytest.mark.parametrize(("write", "size"), FITTED)
+def test_a_calibration_ends_at_the_same_values(tmp_path, write, size):
     path = write(tmp_path)
-    plain, parted = Project.read(path).calibrate(), in_partitions(path, 600).calibrate()
+    plain, parted = Project.read(path).calibrate(), in_partitions(path, size).calibrate()
     assert parted.status == plain.status == "converged"
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-7)
     assert parted.cost_before == pytest.approx(plain.cost_before, rel=1e-12)
@@ -107,8 +126,8 @@ def test_a_calibration_ends_at_the_same_values(tmp_path, write):
 
 
 def test_uncertainties_are_those_of_all_data(tmp_path):
-    path = write_steady(tmp_path)
-    plain, parted = Project.read(path).calibrate().trust, in_partitions(path, 600).calibrate().trust
+    path = write_few(tmp_path)
+    plain, parted = Project.read(path).calibrate().trust, in_partitions(path, 150).calibrate().trust
     assert parted.noise["TorqueModel"] == pytest.approx(plain.noise["TorqueModel"], rel=1e-4)
     for name in plain.deviation:
         assert np.array_equal(parted.samples[name], plain.samples[name])
@@ -116,21 +135,21 @@ def test_uncertainties_are_those_of_all_data(tmp_path):
 
 
 def test_sample_weights_have_groups_of_their_own(tmp_path):
-    text = STEADY + 'regions = [{ where = "n > 3000", weight = 4.0 }]\n'
-    path = write_steady(tmp_path, text=text)
-    plain, parted = Project.read(path).calibrate(), in_partitions(path, 600).calibrate()
+    text = FEW + 'regions = [{ where = "n > 3000", weight = 4.0 }]\n' + OFF
+    path = write_few(tmp_path, text)
+    plain, parted = Project.read(path).calibrate(), in_partitions(path, 150).calibrate()
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-7)
     assert parted.trust.noise["TorqueModel"] == pytest.approx(plain.trust.noise["TorqueModel"], rel=1e-4)
     assert len(parted.trust.estimate.groups) == len(plain.trust.estimate.groups) == 2
 
 
 def test_results_do_not_depend_on_what_is_kept_on_disk(tmp_path):
-    path = write_steady(tmp_path)
-    first = in_partitions(path, 600).calibrate()
-    again = in_partitions(path, 600).calibrate()
+    path = write_few(tmp_path, FEW + OFF + "max_iterations = 3\n")
+    first = in_partitions(path, 150).calibrate()
+    again = in_partitions(path, 150).calibrate()
     for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
         entry.unlink()
-    afresh = in_partitions(path, 600).calibrate()
+    afresh = in_partitions(path, 150).calibrate()
     for result in (again, afresh):
         assert result.cost_after == first.cost_after
         assert all(np.array_equal(result.parameters[n].values, first.parameters[n].values) for n in first.parameters)
@@ -208,26 +227,26 @@ def test_smoothed_lookups_use_samples_of_all_partitions(tmp_path):
 
 
 def test_searches_are_compared_with_samples_of_all_partitions(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 500)
+    monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 300)
     monkeypatch.setattr(compiled_form, "SAMPLES_PER_VALUE", 0)
-    path = write_steady(tmp_path)
-    parted = CompiledProblem(in_partitions(path, 600).problem())
+    path = write_steady(tmp_path, files=2, samples=500, text=FEW + OFF)
+    parted = CompiledProblem(in_partitions(path, 400).problem())
     thinned = parted.thinned()
     assert thinned.samples.count == thinned.sample_count
-    assert thinned.samples.count == pytest.approx(500, rel=0.1)  # fewer, as only scored samples are laid out
+    assert thinned.samples.count == pytest.approx(300, rel=0.1)  # fewer, as only scored samples are laid out
     assert thinned.weights == pytest.approx(parted.weights, rel=0.05)
     assert thinned.sums.cost(parted.start) == pytest.approx(parted.sums.cost(parted.start), rel=0.2)
     assert parted.with_start(parted.problem).thinned().samples is thinned.samples
     assert Continuation.of(parted)._smooth.samples.count == thinned.samples.count
-    result = in_partitions(path, 600).calibrate()
+    result = in_partitions(path, 400).calibrate()
     assert result.converged
     assert result.cost_after == pytest.approx(Project.read(path).calibrate().cost_after, rel=1e-2)
 
 
 def test_the_best_step_of_a_search_is_one_on_all_samples(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 100)
+    monkeypatch.setattr(compiled_form, "SEARCH_SAMPLES", 60)
     monkeypatch.setattr(compiled_form, "SAMPLES_PER_VALUE", 0)
-    project = in_partitions(write_steady(tmp_path), 600)
+    project = in_partitions(write_few(tmp_path), 150)
     run = FitRun(project.problem(), project.options, None, Seconds(0.0, 0.0, 0.0, 0.0))
     result = run.result()
     cost, values = run.best
@@ -236,8 +255,8 @@ def test_the_best_step_of_a_search_is_one_on_all_samples(tmp_path, monkeypatch):
 
 
 def test_several_starts_and_steps_run_in_partitions(tmp_path):
-    path = write_steady(tmp_path, text=STEADY + "\n[[step]]\ngrid_reduction = 2\n[[step]]\n[optimizer]\nstarts = 2\n")
-    plain, parted = Project.read(path).calibrate(workers=1), in_partitions(path, 600).calibrate()
+    path = write_few(tmp_path, f"{FEW}\n[[step]]\ngrid_reduction = 2\n[[step]]\n{OFF}starts = 2\nmax_iterations = 8\n")
+    plain, parted = Project.read(path).calibrate(workers=1), in_partitions(path, 150).calibrate()
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-5)
     assert len(parted.starts) == 2
 
@@ -317,9 +336,10 @@ def test_files_of_an_object_store_are_copied_to_where_they_are_read(tmp_path):
 def test_the_folder_of_prepared_files_keeps_to_its_size(tmp_path):
     path = write_steady(tmp_path)
     whole = in_partitions(path, 600)
-    cost = CompiledProblem(whole.problem()).sums.cost(CompiledProblem(whole.problem()).start)
+    compiled = CompiledProblem(whole.problem())
+    cost = compiled.sums.cost(compiled.start)
     small = in_partitions(path, 600, folder="small", folder_size=1e-4)
-    assert CompiledProblem(small.problem()).sums.cost(CompiledProblem(small.problem()).start) == cost
+    assert CompiledProblem(small.problem()).sums.cost(compiled.start) == cost
     sizes = [entry.stat().st_size for entry in (tmp_path / "small").glob(f"*{ENDING}")]
     assert sum(sizes) <= max(100_000, max(sizes))
 
@@ -338,8 +358,7 @@ def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path):
 
 
 def test_folds_hold_out_partitions(tmp_path):
-    text = STEADY + "[optimizer]\nmax_iterations = 10\n"
-    parted = in_partitions(write_steady(tmp_path, text=text), 600)
+    parted = in_partitions(write_few(tmp_path, FEW + OFF + "max_iterations = 10\n"), 150)
     validation = cross_validate(parted.problem(), folds=2, options=parted.options)
     rows = {row.fold: row for row in validation.folds}
     assert sum(row.samples for row in rows.values()) == sum(
@@ -362,7 +381,7 @@ def test_a_simulation_of_partitions_in_memory_is_an_error(tmp_path):
 
 
 @pytest.mark.parametrize("write", WRITERS)
-@pytest.mark.parametrize("size", [300, 1000, 10**6])
+@pytest.mark.parametrize("size", SIZES)
 def test_a_simulation_is_that_of_all_data(tmp_path, write, size):
     path = write(tmp_path)
     simulations = [project.simulation() for project in (Project.read(path), in_partitions(path, size))]
@@ -375,7 +394,7 @@ def test_a_simulation_is_that_of_all_data(tmp_path, write, size):
 
 
 @pytest.mark.parametrize("write", WRITERS)
-@pytest.mark.parametrize("size", [300, 1000, 10**6])
+@pytest.mark.parametrize("size", SIZES)
 def test_errors_by_recording_are_those_of_all_data(tmp_path, write, size):
     path = write(tmp_path)
     plain, parted = (project.problem() for project in (Project.read(path), in_partitions(path, size)))
@@ -415,16 +434,17 @@ def test_a_simulation_continues_pieces_that_are_cut(tmp_path, pause):
 
 @pytest.fixture
 def few_recordings(monkeypatch):
-    monkeypatch.setattr(compiled_form, "SEARCH_PIECE_SAMPLES", 1500)
+    monkeypatch.setattr(compiled_form, "SEARCH_PIECE_SAMPLES", 300)
+    monkeypatch.setattr(compiled_form, "SEARCH_PIECES", 4)
 
 
 def write_many(folder, text=TIMED):
-    return write_timed(folder, files=24, samples=100, text=text)
+    return write_timed(folder, files=10, samples=80, text=text, growth=10)
 
 
 def test_a_search_of_a_model_with_memory_begins_with_the_recordings_of_one_without_partitions(tmp_path, few_recordings):
     path = write_many(tmp_path)
-    plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 2000)))
+    plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 600)))
     one, other = plain.thinned(), parted.thinned()
     assert other.problem.partitions.samples == sum(piece.last - piece.first for piece in one.samples.pieces)
     assert 2 * other.problem.partitions.samples < parted.problem.partitions.samples
@@ -434,7 +454,7 @@ def test_a_search_of_a_model_with_memory_begins_with_the_recordings_of_one_witho
     assert other.weights == pytest.approx(parted.weights, rel=1e-12)
 
 
-@pytest.mark.parametrize("size", [400, 5000])
+@pytest.mark.parametrize("size", [300, pytest.param(5000, marks=pytest.mark.slow)])
 def test_a_search_that_begins_with_some_recordings_ends_on_all_samples(tmp_path, few_recordings, size):
     path = write_many(tmp_path)
     plain, parted = Project.read(path).calibrate(), in_partitions(path, size).calibrate()
@@ -446,9 +466,9 @@ def test_a_search_that_begins_with_some_recordings_ends_on_all_samples(tmp_path,
 
 
 def test_smoothed_lookups_of_a_model_with_memory_use_the_same_recordings(tmp_path, few_recordings):
-    path = write_many(tmp_path)
+    path = write_many(tmp_path, TIMED + "\n[optimizer]\nmax_iterations = 2\n")
     (tmp_path / "lag.kf").write_text("input u\nLagged = K(PT1(u, T))\n")
-    plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 2000)))
+    plain, parted = (CompiledProblem(p.problem()) for p in (Project.read(path), in_partitions(path, 600)))
     one, other = (Continuation.of(compiled) for compiled in (plain, parted))
     assert one.thinned
     assert other.thinned
@@ -457,12 +477,14 @@ def test_smoothed_lookups_of_a_model_with_memory_use_the_same_recordings(tmp_pat
     assert close(other._smooth.sums.cost(plain.start), one._smooth.sums.cost(plain.start))
     again = other.with_start(parted.with_start(parted.problem))
     assert again._smooth.problem.partitions is other._smooth.problem.partitions
-    assert in_partitions(path, 2000).calibrate().converged
+    result = in_partitions(path, 600).calibrate()
+    assert {"smooth 1", "final"} <= {line.stage for line in result.trace}
+    assert result.cost_after < result.cost_before
 
 
 def test_starts_of_a_search_begin_with_the_same_recordings(tmp_path, few_recordings):
     path = write_many(tmp_path, TIMED + "\n[optimizer]\nstarts = 2\n")
-    result = in_partitions(path, 2000).calibrate()
+    result = in_partitions(path, 600).calibrate()
     assert result.converged
     assert [row.status for row in result.starts] == ["converged", "converged"]
     assert {(line.start, line.stage) for line in result.trace} == {
@@ -477,7 +499,7 @@ def test_recordings_weigh_the_same_if_nothing_is_kept_on_disk(tmp_path, few_reco
     path = write_many(tmp_path)
     costs = []
     for _ in range(2):
-        compiled = CompiledProblem(in_partitions(path, 2000).problem())
+        compiled = CompiledProblem(in_partitions(path, 600).problem())
         thinned = compiled.thinned()
         assert thinned is not compiled
         costs.append(thinned.sums.cost(thinned.start))

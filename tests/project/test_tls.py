@@ -2,12 +2,13 @@
 
 import shutil
 import subprocess
+from importlib import import_module
 
 import numpy as np
 import pytest
 
 from kennfeld.cli import run
-from tests.project.cluster_processes import Cluster, calibrate, values_of, write_short
+from tests.project.cluster_processes import SIZE, Cluster, calibrate, values_of, write_short
 from tests.project.partitioned_projects import in_partitions
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
@@ -45,6 +46,8 @@ def cluster(certificates):
     authority, certificate, key = (str(certificates / name) for name in RIGHT)
     options = ("--tls-ca-file", authority, "--tls-cert", certificate, "--tls-key", key)
     started = Cluster(certificates, 2, "tls", options)
+    files = {"tls_ca_file": authority, "tls_client_cert": certificate, "tls_client_key": key}
+    started.wait_for_workers(security=import_module("distributed").Security(**files, require_encryption=True))
     yield started
     started.close()
 
@@ -52,8 +55,8 @@ def cluster(certificates):
 def test_a_calibration_through_tls_gives_the_same_bits(tmp_path, cluster, certificates):
     path = write_short(tmp_path)
     names = dict(zip(KEYS, (str(certificates / name) for name in RIGHT), strict=True))
-    remote = calibrate(in_partitions(path, 400, scheduler=cluster.address, **names))
-    assert np.array_equal(values_of(remote), values_of(calibrate(in_partitions(path, 400))))
+    remote = calibrate(in_partitions(path, SIZE, scheduler=cluster.address, **names))
+    assert np.array_equal(values_of(remote), values_of(calibrate(in_partitions(path, SIZE))))
 
 
 def test_certificates_are_named_relative_to_the_project_file(tmp_path, cluster, certificates, capsys):
@@ -67,7 +70,7 @@ def test_certificates_are_named_relative_to_the_project_file(tmp_path, cluster, 
 
 def add_cluster(path, address, files):
     lines = [f'{key} = "{name}"\n' for key, name in zip(KEYS, files, strict=True) if name]
-    path.write_text(f'{path.read_text()}\n[cluster]\nscheduler = "{address}"\npartition = 400\n{"".join(lines)}')
+    path.write_text(f'{path.read_text()}\n[cluster]\nscheduler = "{address}"\npartition = {SIZE}\n{"".join(lines)}')
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,13 @@
 import pytest
 
+from tests.app.browser import close_browser
 from tests.report.report_projects import PROJECTS, Page, Workshop
+
+
+@pytest.fixture(scope="session", autouse=True)
+def end_browser():
+    yield
+    close_browser()
 
 
 @pytest.fixture

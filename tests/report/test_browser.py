@@ -1,5 +1,6 @@
 """A report in a browser: what pointer, keys, printing and the theme do to its figures."""
 
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -7,34 +8,27 @@ import pytest
 
 from kennfeld.project import Project
 from kennfeld.report import document
-from tests.app.browser import browser
+from tests.app.browser import tab
 from tests.report.report_projects import a_cube, a_map, a_network, scattered
 
-SIZE = {"width": 1300, "height": 900}
+SIZE = (1300, 900)
 IMAGE = "canvas => canvas.toDataURL()"
 
 
 @pytest.fixture
 def show(tmp_path):
     """Open the report of a project; a message on the console fails the test."""
-    contexts, problems = [], []
+    with ExitStack() as stack:
 
-    def show(project: Project, theme: str = "light") -> Any:
-        path = tmp_path / "report.html"
-        path.write_text(document(project, project.calibrate(), project.check()), encoding="utf-8")
-        context = browser().new_context(viewport=SIZE, color_scheme=theme)
-        contexts.append(context)
-        page = context.new_page()
-        page.on("pageerror", lambda error: problems.append(str(error)))
-        page.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)
-        page.goto(path.as_uri())
-        page.wait_for_selector("html[data-ready=yes]")
-        return page
+        def show(project: Project, theme: str = "light") -> Any:
+            path = tmp_path / "report.html"
+            path.write_text(document(project, project.calibrate(), project.check()), encoding="utf-8")
+            page = stack.enter_context(tab(SIZE, theme))
+            page.goto(path.as_uri())
+            page.wait_for_selector("html[data-ready=yes]")
+            return page
 
-    yield show
-    for context in contexts:
-        context.close()
-    assert problems == []
+        yield show
 
 
 def canvas_of(page: Any, kind: str) -> Any:

@@ -82,7 +82,7 @@ def test_training_for_free_run_helps_where_one_step_is_misled_by_noise():
 
 def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out():
     told = []
-    data = [tank_recording("a", 0, samples=200), tank_recording("b", 1, noise=0.0, use="test")]
+    data = [tank_recording("a", 0, samples=130), tank_recording("b", 1, samples=130, noise=0.0, use="test")]
     made = train_surrogate(data, tank_settings(hold=None, centres=8), told.append)
     assert sum("blocks left out" in line for line in told) >= 3
     assert rows(made)["b", "free run"].rmse < 0.03
@@ -110,8 +110,8 @@ def test_a_stopped_static_training_returns_the_best_so_far(method, times):
 
 def test_a_training_that_is_stopped_at_once_is_shorter_than_a_whole_one():
     whole, asked = After(10**6), After(0)
-    settings = tank_settings(hold=None, lags="auto", output_lags="auto", centres=8, longest_lag=3)
-    data = [tank_recording("a", 0, samples=200), tank_recording("b", 1, noise=0.0, use="test")]
+    settings = tank_settings(hold=None, lags="auto", output_lags="auto", centres=3, longest_lag=1)
+    data = [tank_recording("a", 0, samples=60), tank_recording("b", 1, samples=60, noise=0.0, use="test")]
     told = []
     model = train_surrogate(data, settings, told.append, asked)
     assert (model.output_lags, model.lags) == ((1,), ((1,),))
@@ -124,9 +124,9 @@ def test_a_training_that_is_stopped_at_once_is_shorter_than_a_whole_one():
 @pytest.mark.parametrize("words", ["blocks left out", "free run over 30 samples, step 2"])
 def test_a_stop_ends_the_selection_and_the_training_for_free_run(words):
     told = []
-    data = [tank_recording("a", 0, samples=200), tank_recording("b", 1, noise=0.0, use="test")]
+    data = [tank_recording("a", 0, samples=90), tank_recording("b", 1, samples=90, noise=0.0, use="test")]
     model = train_surrogate(
-        data, tank_settings(hold=None, centres=8), told.append, lambda: any(words in line for line in told)
+        data, tank_settings(hold=None, centres=4), told.append, lambda: any(words in line for line in told)
     )
     assert sum(words in line for line in told) == 1
     later = told[[words in line for line in told].index(True) + 1 :]
@@ -141,14 +141,14 @@ def test_a_single_low_among_high_ones_is_not_chosen():
 
 def test_a_dead_time_is_found_among_the_lags():
     rng = np.random.default_rng(0)
-    u = np.repeat(rng.uniform(-1, 1, 40), 6)
-    y = np.zeros(240)
-    for k in range(6, 240):
-        y[k] = 0.7 * y[k - 1] + u[k - 6]
-    data = Dataset.of("delayed", {"u": u, "y": y + 0.01 * rng.normal(size=240)}, time=0.1 * np.arange(240))
-    lags = select_lags(split_recordings(data, ("u",), "y", 0.1), 1, TrainingSettings(), longest=7, output_lags=(1,))
+    u = np.repeat(rng.uniform(-1, 1, 20), 6)
+    y = np.zeros(120)
+    for k in range(3, 120):
+        y[k] = 0.7 * y[k - 1] + u[k - 3]
+    data = Dataset.of("delayed", {"u": u, "y": y + 0.01 * rng.normal(size=120)}, time=0.1 * np.arange(120))
+    lags = select_lags(split_recordings(data, ("u",), "y", 0.1), 1, TrainingSettings(), longest=4, output_lags=(1,))
     assert lags.output == (1,)
-    assert 6 in lags.inputs[0]
+    assert 3 in lags.inputs[0]
 
 
 def test_a_gap_ends_a_run_and_a_short_one_is_bridged():

@@ -8,11 +8,17 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from kennfeld import cli
+from kennfeld.errors import Location
 from kennfeld.machine_code.call_record import ForeignCall, read_calls
+from kennfeld.machine_code.crash_report import describe_end
+from kennfeld.task_runner import WorkersDiedError
 from kennfeld.terminal.watched_commands import call_limit
+from kennfeld.watch_folder import FOLDER
 from tests.terminal.foreign_projects import (
     environment,
     run_command,
@@ -23,6 +29,14 @@ from tests.terminal.foreign_projects import (
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")
 LATE = "if (m->time > 5) "  # neither at the start nor at the points that a check evaluates
+HANGING = "for (;;) pause()"
+ABORTING_STEP = ["-DIN_STEP=if (t > 4.95) abort()"]
+HANGING_STEP = ["-include", "unistd.h", f"-DIN_STEP=if (t > 4.95) {HANGING}"]
+CRASHING_END = ["-DNO_RESET", "-DIN_FREE=*(volatile int *)0 = 1"]
+
+
+def slow(*values: object) -> Any:
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def leftovers(folder: Path) -> list[str]:
@@ -32,25 +46,37 @@ def leftovers(folder: Path) -> list[str]:
     return [path.name for place in (folder, folder / "temporary") for path in place.iterdir() if path.name not in own]
 
 
+def shorten_timeout(project: Path) -> None:
+    text = project.read_text(encoding="utf-8")
+    project.write_text(text.replace("timeout = 5", "timeout = 1"), encoding="utf-8")
+
+
 @POSIX
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        (f"-DIN_GET={LATE}*(volatile int *)0 = 1", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segm"),
-        (f"-DIN_GET={LATE}abort()", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: aborted (SIGABRT)"),
-        (f"-DIN_GET={LATE}exit(3)", "ended the program with exit status 3 in fmi2GetDerivatives, instance 1, at t = 5"),
+        slow(
+            f"-DIN_GET={LATE}*(volatile int *)0 = 1", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segm"
+        ),
+        slow(f"-DIN_GET={LATE}abort()", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: aborted (SIGABRT)"),
+        slow(f"-DIN_GET={LATE}exit(3)", "ended the program with exit status 3 in fmi2GetDerivatives, instance 1, at"),
         (f"-DIN_GET={LATE}exit(0)", "ended the program with exit status 0 in fmi2GetDerivatives"),
-        (f"-DIN_GET={LATE}m->k = overflow(0)", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segment"),
-        (f"-DIN_GET={LATE}raise(SIGFPE)", "(SIGFPE)"),
-        (f"-DIN_GET={LATE}kill(getpid(), SIGKILL)", "the system ended the program in fmi2GetDerivatives, instance 1"),
-        (f"-DIN_GET={LATE}for (;;)", "did not return within 5 s in fmi2GetDerivatives, instance 1, at t = 5.05 s"),
-        ("-DIN_INSTANTIATE=*(volatile int *)0 = 1", "crashed in fmi2Instantiate: segmentation fault (SIGSEGV)"),
-        ("-DIN_INSTANTIATE=for (;;)", "did not return within 5 s in fmi2Instantiate"),
+        slow(f"-DIN_GET={LATE}m->k = overflow(0)", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segment"),
+        slow(f"-DIN_GET={LATE}raise(SIGFPE)", "(SIGFPE)"),
+        slow(
+            f"-DIN_GET={LATE}kill(getpid(), SIGKILL)", "the system ended the program in fmi2GetDerivatives, instance 1"
+        ),
+        (f"-DIN_GET={LATE}{HANGING}", "did not return within 1 s in fmi2GetDerivatives, instance 1, at t = 5.05 s"),
+        slow("-DIN_INSTANTIATE=*(volatile int *)0 = 1", "crashed in fmi2Instantiate: segmentation fault (SIGSEGV)"),
+        slow(f"-DIN_INSTANTIATE={HANGING}", "did not return within 1 s in fmi2Instantiate"),
         ("-DIN_LOADING=abort()", "crashed while loading its library: aborted (SIGABRT)"),
     ],
 )
 def test_a_fault_of_an_fmu_is_one_message(tmp_path: Path, fault: str, message: str) -> None:
-    status, out, err = run_command(write_fmu_project(tmp_path, fault), "simulate", "--quiet")
+    project = write_fmu_project(tmp_path, fault)
+    if HANGING in fault:
+        shorten_timeout(project)
+    status, out, err = run_command(project, "simulate", "--quiet")
     assert (status, out) == (2, "")
     [line] = [line for line in err.splitlines() if "runs code of" not in line]
     assert line.startswith("lag.fmu: ")
@@ -59,31 +85,38 @@ def test_a_fault_of_an_fmu_is_one_message(tmp_path: Path, fault: str, message: s
 
 
 @POSIX
-@pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("version", "options", "message"),
     [
-        (["-DIN_STEP=if (t > 4.95) abort()"], "crashed in fmi{}DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
-        (["-DIN_STEP=if (t > 4.95) for (;;)"], "did not return within 5 s in fmi{}DoStep, instance 1, at t = 5.1 s"),
-        (["-DNO_RESET", "-DIN_FREE=*(volatile int *)0 = 1"], "crashed in fmi{}FreeInstance, instance 1"),
+        (3, ABORTING_STEP, "crashed in fmi3DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
+        slow(2, ABORTING_STEP, "crashed in fmi2DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
+        *(
+            slow(version, HANGING_STEP, f"did not return within 1 s in fmi{version}DoStep, instance 1, at t = 5.1 s")
+            for version in (2, 3)
+        ),
+        slow(2, CRASHING_END, "crashed in fmi2FreeInstance, instance 1"),
+        slow(3, CRASHING_END, "crashed in fmi3FreeInstance, instance 1"),
     ],
 )
 def test_a_fault_of_co_simulation_is_one_message(
     tmp_path: Path, version: int, options: list[str], message: str
 ) -> None:
-    status, out, err = run_command(write_tank_project(tmp_path, version, *options), "simulate", "--quiet")
+    project = write_tank_project(tmp_path, version, *options)
+    if options is HANGING_STEP:
+        shorten_timeout(project)
+    status, out, err = run_command(project, "simulate", "--quiet")
     assert (status, out) == (2, "")
     [line] = [line for line in err.splitlines() if "runs code of" not in line]
-    assert line.startswith(f"tank.fmu: its code {message.format(version)}")
+    assert line.startswith(f"tank.fmu: its code {message}")
     assert leftovers(tmp_path) == []
 
 
 @POSIX
-@pytest.mark.parametrize("command", ["check", "calibrate", "simulate", "report"])
+@pytest.mark.parametrize("command", [slow("check"), "calibrate", slow("simulate"), slow("report")])
 def test_every_command_that_evaluates_is_watched(tmp_path: Path, command: str) -> None:
-    status, _, err = run_command(write_fmu_project(tmp_path, f"-DIN_GET={LATE}abort()"), command)
+    status, _, err = run_command(write_fmu_project(tmp_path, f"-DIN_GET={LATE}*(volatile int *)0 = 1"), command)
     assert status == 2
-    assert "lag.fmu: its code crashed" in err
+    assert "lag.fmu: its code crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segmentation fault" in err
     assert "Traceback" not in err
     assert leftovers(tmp_path) == []
 
@@ -92,13 +125,16 @@ def test_every_command_that_evaluates_is_watched(tmp_path: Path, command: str) -
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        ("os.abort()", "table.py: its code crashed in table: aborted (SIGABRT)"),
+        slow("os.abort()", "table.py: its code crashed in table: aborted (SIGABRT)"),
         ("os._exit(3)", "table.py: its code ended the program with exit status 3 in table"),
-        ("while True:\n    pass", "table.py: its code did not return within 5 s in table"),
+        slow("import time\nwhile True:\n    time.sleep(9)", "table.py: its code did not return within 1 s in table"),
     ],
 )
 def test_a_fault_of_python_is_one_message(tmp_path: Path, body: str, message: str) -> None:
-    status, out, err = run_command(write_python_project(tmp_path, body), "simulate", "--quiet")
+    project = write_python_project(tmp_path, body)
+    if "while" in body:
+        shorten_timeout(project)
+    status, out, err = run_command(project, "simulate", "--quiet")
     assert (status, out) == (2, "")
     assert message in err.splitlines()[-1]
     assert leftovers(tmp_path) == []
@@ -123,18 +159,16 @@ def test_a_crash_after_the_work_is_a_warning(tmp_path: Path) -> None:
 
 
 @POSIX
-def test_output_and_exit_status_are_those_of_the_command(tmp_path: Path) -> None:
+def test_output_and_exit_status_are_those_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     project = write_fmu_project(tmp_path)
     watched = run_command(project, "check")
-    line = [sys.executable, "-c", f"from kennfeld import cli; raise SystemExit(cli.run(['check', {str(project)!r}]))"]
-    own = subprocess.run(line, env=environment(tmp_path), capture_output=True, text=True, check=False)
-    assert watched.status == own.returncode == 0
-    assert watched.out == own.stdout
+    assert watched.status == cli.run(["check", str(project)]) == 0
+    assert watched.out == capsys.readouterr().out
     assert leftovers(tmp_path) == []
 
 
 @POSIX
-@pytest.mark.parametrize("whole_group", [True, False])
+@pytest.mark.parametrize("whole_group", [slow(True), False])
 def test_ctrl_c_writes_the_best_values_so_far(tmp_path: Path, whole_group: bool) -> None:
     project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
     running = subprocess.Popen(
@@ -160,7 +194,7 @@ def test_ctrl_c_writes_the_best_values_so_far(tmp_path: Path, whole_group: bool)
 
 
 @POSIX
-@pytest.mark.parametrize("closes", [True, False])
+@pytest.mark.parametrize("closes", [slow(True), False])
 def test_a_terminal_is_that_of_the_command(tmp_path: Path, closes: bool) -> None:
     project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
     terminal, other_end = os.openpty()
@@ -209,7 +243,7 @@ def wait_for_lasting_call(folder: Path) -> None:
 
 @POSIX
 def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}for (;;)")
+    project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}{HANGING}")
     project.write_text(project.read_text().replace("timeout = 5", "timeout = 1000"))
     code = "from kennfeld.terminal import watching; watching.PATIENCE = 0.1; from kennfeld.cli import main; main()"
     running = subprocess.Popen(
@@ -243,6 +277,7 @@ def test_a_process_does_not_outlive_the_one_that_watches_it(tmp_path: Path) -> N
 
 
 @POSIX
+@pytest.mark.slow
 def test_a_worker_that_crashes_costs_its_start_only(tmp_path: Path) -> None:
     project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 5 && m->k * m->k > 100) abort()")
     text = project.read_text().replace("max_iterations = 2", "max_iterations = 2\nstarts = 4")
@@ -256,6 +291,24 @@ def test_a_worker_that_crashes_costs_its_start_only(tmp_path: Path) -> None:
 
 
 @POSIX
+def test_a_worker_that_ended_in_a_call_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise WorkersDiedError.of(Location("cluster"), "all workers have ended", "Start others.")
+
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    monkeypatch.setattr("kennfeld.project.Project.read", fail)
+    record = "from kennfeld.machine_code.call_record import CallRecord; CallRecord('lag.fmu', ['fmi2DoStep']).begin(1)"
+    worker = subprocess.Popen([sys.executable, "-c", f"{record}; import os; os.abort()"])
+    status = worker.wait()
+    assert describe_end(worker.pid, status) == "lag.fmu: its code crashed in fmi2DoStep: aborted (SIGABRT)"
+    assert cli.run(["check", str(write_python_project(tmp_path, "pass"))]) == 2
+    assert capsys.readouterr().err.startswith("lag.fmu: a process ended while its code ran in fmi2DoStep. No results")
+
+
+@POSIX
+@pytest.mark.slow
 def test_workers_of_a_cluster_that_crash_are_one_message(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     in_worker = (
@@ -275,6 +328,9 @@ def test_workers_of_a_cluster_that_crash_are_one_message(tmp_path: Path) -> None
     [
         (["calibrate", "kennfeld.toml"], 2.0),
         (["calibrate", "-q", "kennfeld.toml", "--workers", "2"], 2.0),
+        (["check", "kennfeld.toml"], 2.0),
+        (["simulate", "kennfeld.toml"], 2.0),
+        (["report", "kennfeld.toml"], 2.0),
         (["app", "kennfeld.toml"], 2.0),
         (["app"], 60.0),
         (["check", "--no-run", "kennfeld.toml"], None),

@@ -1,6 +1,7 @@
 """Random ESDL classes with the same class in Python beside them, as Hypothesis strategies."""
 
 from dataclasses import dataclass
+from functools import cache
 
 from hypothesis import strategies as st
 
@@ -111,6 +112,7 @@ def join(form, python, *parts):
     )
 
 
+@cache
 def reals(depth):
     leaves = st.one_of(
         _QUARTERS,
@@ -137,6 +139,7 @@ def reals(depth):
     )
 
 
+@cache
 def integers(depth):
     leaves = st.one_of(_WHOLE, st.sampled_from([element(name) for name in ("i", "j", "N")]))
     if depth == 0:
@@ -152,6 +155,7 @@ def integers(depth):
     )
 
 
+@cache
 def truths(depth):
     leaves = st.sampled_from([element("p"), element("q"), pair("on"), Pair("true", "True")])
     if depth == 0:
@@ -169,6 +173,7 @@ def truths(depth):
     )
 
 
+@cache
 def statements(depth):
     plain = st.one_of(
         *(join(f"{name} = {{}};", f"s.{name} = {{}}", reals(2)) for name in "ab"),
@@ -212,6 +217,7 @@ def statements(depth):
     )  # fmt: skip
 
 
+@cache
 def blocks(depth):
     return st.lists(statements(depth), min_size=1, max_size=3).map(
         lambda items: Pair("".join(x.esdl for x in items), "".join(x.python for x in items))

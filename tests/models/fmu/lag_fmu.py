@@ -2,7 +2,9 @@
 
 import shutil
 import subprocess
+import tempfile
 import zipfile
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -87,13 +89,21 @@ def pack(path, description, members=(), library=None, version=2):
 
 
 def compile_library(source, library, version, *options):
-    """Compile a library; skip the test if there is no compiler."""
+    """Write the library of a C source; skip the test if there is no compiler."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("needs a C compiler")
-    command = [compiler, "-shared", "-fPIC", "-O1", "-w", f"-DFMI={version}", *options, "-o", library, source]
-    subprocess.run(command, check=True)
+    library.write_bytes(_compiled(compiler, source, f"-DFMI={version}", *options))
     return library
+
+
+@cache
+def _compiled(compiler, source, *options):
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "library.so"
+        command = [compiler, "-shared", "-fPIC", "-O1", "-w", *options, "-o", library, source, "-lm"]
+        subprocess.run(command, check=True)
+        return library.read_bytes()
 
 
 def build(folder, version, *options, **description):

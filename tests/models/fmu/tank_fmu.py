@@ -1,14 +1,12 @@
 """The FMU of `tank_fmu.c`: its model descriptions, its build by the C compiler of this machine, and its formulas."""
 
-import shutil
-import subprocess
 import zipfile
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from kennfeld.models.fmu.fmu_archive import platform_folder
+from tests.models.fmu.lag_fmu import compile_library
 
 SOURCE = Path(__file__).with_name("tank_fmu.c")
 STEP, COUNT = 0.1, 40
@@ -72,12 +70,7 @@ DESCRIPTIONS = {2: description_2, 3: description_3}
 
 def build(folder, version, *options, head='canHandleVariableCommunicationStepSize="true"'):
     """Compile the FMU; skip the test if there is no compiler."""
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        pytest.skip("needs a C compiler")
-    library, path = folder / "tank.so", folder / "tank.fmu"
-    command = [compiler, "-shared", "-fPIC", "-O1", "-w", f"-DFMI={version}", *options, "-o", library, SOURCE, "-lm"]
-    subprocess.run(command, check=True)
+    library, path = compile_library(SOURCE, folder / "tank.so", version, *options), folder / "tank.fmu"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", DESCRIPTIONS[version](head))
         archive.write(library, f"binaries/{platform_folder(f'{version}.0')}/{library.name}")

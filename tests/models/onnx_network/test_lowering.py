@@ -1,8 +1,10 @@
 """The test networks of the package onnx give the outputs that come with them, and slopes of differences."""
 
 import importlib.util
+import pkgutil
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +12,18 @@ import pytest
 
 pytest.importorskip("onnx", reason="the package onnx is not installed")
 
-from onnx import helper
+from onnx import ModelProto, helper
+from onnx.backend.test.case import base as exporter
+from onnx.backend.test.case import node as operators
 
 from kennfeld.graph import OPERATIONS
 from tests.models.onnx_network.networks import save
 
 SCRIPT = Path(__file__).parents[3] / "scripts" / "onnx_table.py"
 LARGEST = 400  # elements of the inputs; `scripts/onnx_table.py` runs all
+SMALL = 36  # of single operators
+SMALL_STORED = 80
+IMAGES = {"averagepool", "image_decoder", "lppool", "maxpool"}  # modules of onnx that compute large images for seconds
 DIFFERENT = {
     # infinite numbers, which docs/functions.md states
     "test_mod_float_edge_cases_fmod_0_float16",
@@ -38,21 +45,93 @@ def table():
     sys.path.remove(str(SCRIPT.parent))
 
 
-@pytest.mark.parametrize(
-    ("group", "least", "sloping"),
-    [("node", 900, 700), ("simple", 5, 5), ("pytorch-converted", 30, 30), ("pytorch-operator", 28, 25)],
-)
-def test_networks_of_the_package_give_their_stated_outputs_and_slopes_of_differences(
-    table, tmp_path, group, least, sloping
-):
-    cases = [case for case in table.cases(group) if case.name not in DIFFERENT]
-    if not cases:
-        pytest.skip("this package onnx has no stored networks")
-    verdicts = {case.name: table.verdict(case, tmp_path) for case in cases if 0 < case.size <= LARGEST}
+@cache
+def single_operators(table, module):
+    """The networks that a module of onnx makes when it is imported, which happens once in a process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(operators, "_NodeTestCases", [])
+        patch.setattr(operators, "import_recursive", lambda package: importlib.import_module(module))
+        patch.setattr(exporter, "process_snippet", lambda *_: ("", ""))  # reads the source, for documents
+        return list(table.cases("node"))
+
+
+def modules():
+    """The modules of single operators, and how their names begin."""
+    start = f"{operators.__name__}."
+    names = [module.name for module in pkgutil.walk_packages(operators.__path__, start)]
+    return {name: name.removeprefix(start) for name in names}
+
+
+def smallest(cases, largest):
+    """The smallest network of each set of operators."""
+    networks = {}
+    for case in sorted(cases, key=lambda case: case.size):
+        kinds = frozenset(node.op_type for node in ModelProto.FromString(case.model).graph.node)
+        if 0 < case.size <= largest:
+            networks.setdefault(kinds, case)
+    return networks.values()
+
+
+def check(table, tmp_path, cases, least, sloping):
+    """No network is wrong; `least` have the stated outputs, `sloping` the slopes of differences."""
+    verdicts = {case.name: table.verdict(case, tmp_path) for case in cases if case.name not in DIFFERENT}
     assert [name for name, verdict in verdicts.items() if verdict.outputs == table.WRONG] == []
     assert sum(verdict.outputs in (table.EQUAL, table.BOUND) for verdict in verdicts.values()) >= least
     assert [name for name, verdict in verdicts.items() if verdict.slopes == table.DIFFERENT] == []
     assert sum(verdict.slopes == table.SAME for verdict in verdicts.values()) >= sloping
+
+
+@pytest.mark.parametrize(
+    ("initials", "least", "sloping"),
+    [("ab", 13, 9), ("cd", 12, 12), ("efghijkl", 30, 23), ("mnopq", 14, 12), ("r", 6, 6), ("stuvwxyz", 34, 30)],
+)
+def test_the_smallest_networks_of_single_operators(table, tmp_path, initials, least, sloping):
+    names = [name for name, short in modules().items() if short[0] in initials and short not in IMAGES]
+    cases = [case for name in names for case in single_operators(table, name)]
+    check(table, tmp_path, smallest(cases, SMALL), least, sloping)
+
+
+@pytest.mark.parametrize(
+    ("group", "least", "sloping"), [("simple", 4, 4), ("pytorch-converted", 12, 11), ("pytorch-operator", 22, 21)]
+)
+def test_the_smallest_stored_networks(table, tmp_path, group, least, sloping):
+    cases = list(table.cases(group))
+    if not cases:
+        pytest.skip("this package onnx has no stored networks")
+    check(table, tmp_path, smallest(cases, SMALL_STORED), least, sloping)
+
+
+@pytest.mark.slow
+def test_all_networks_of_single_operators(table, tmp_path):
+    cases = [case for name in modules() for case in single_operators(table, name) if 0 < case.size <= LARGEST]
+    check(table, tmp_path, cases, 900, 700)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("group", "least", "sloping"), [("pytorch-converted", 30, 30), ("pytorch-operator", 28, 25)])
+def test_all_stored_networks(table, tmp_path, group, least, sloping):
+    cases = [case for case in table.cases(group) if 0 < case.size <= LARGEST]
+    if not cases:
+        pytest.skip("this package onnx has no stored networks")
+    check(table, tmp_path, cases, least, sloping)
+
+
+@pytest.mark.parametrize(
+    ("kind", "pool", "attributes"),
+    [
+        ("MaxPool", np.nanmax, {}),
+        ("AveragePool", np.nanmean, {}),
+        ("AveragePool", lambda windows, axis: np.nansum(windows, axis) / 9, {"count_include_pad": 1}),
+    ],
+)
+def test_pools_of_a_padded_image(table, tmp_path, kind, pool, attributes):
+    image = np.random.default_rng(0).standard_normal((4, 5))
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(image, 1, constant_values=np.nan), (3, 3))[::2, ::2]
+    expected = pool(windows, axis=(2, 3))[None, None]
+    node = helper.make_node(kind, ["x"], ["y"], kernel_shape=[3, 3], strides=[2, 2], pads=[1, 1, 1, 1], **attributes)
+    path = save(tmp_path / "net.onnx", [node], {"x": [1, 1, 4, 5]}, {"y": list(expected.shape)})
+    case = table.Case(kind, path.read_bytes(), [([image[None, None]], [expected])])
+    assert table.verdict(case, tmp_path) == (table.EQUAL, table.SAME)
 
 
 def slopes_of(table, tmp_path, kind, x):

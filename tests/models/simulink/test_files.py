@@ -351,9 +351,9 @@ def test_lines_to_blocks_that_are_not_there_count_as_loose_and_are_told():
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_ten_thousand_blocks_are_read(layout):
+def test_two_thousand_blocks_are_read(layout):
     model = Model()
-    for number in range(100):
+    for number in range(20):
         inner = model.subsystem(f"S{number}")
         inner.inport("u")
         for gain in range(98):
@@ -361,8 +361,8 @@ def test_ten_thousand_blocks_are_read(layout):
         inner.outport("y")
         inner.chain("u", *(f"K{gain}" for gain in range(98)), "y")
     read = document(model.written(layout), Path("m.slx"))
-    assert Counter(block.type for block in read.root.every())["Gain"] == 9800
-    assert sum(len(block.system.lines) for block in read.root.blocks) == 9900
+    assert Counter(block.type for block in read.root.every())["Gain"] == 1960
+    assert sum(len(block.system.lines) for block in read.root.blocks) == 1980
 
 
 def read_or_refused(raw):
@@ -374,12 +374,16 @@ def read_or_refused(raw):
     return True
 
 
+GARBLED = [pytest.param(60, id="few"), pytest.param(300, id="many", marks=pytest.mark.slow)]  # copies
+
+
+@pytest.mark.parametrize("garbled", GARBLED)
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_garbled_copies_are_read_or_refused_but_never_crash(layout):
+def test_garbled_copies_are_read_or_refused_but_never_crash(layout, garbled):
     whole = engine().written(layout)
     assert read_or_refused(whole)
     chance = random.Random(6)
-    for _ in range(300):
+    for _ in range(garbled):
         raw = bytearray(whole)
         for _ in range(chance.choice((1, 3, 30))):
             raw[chance.randrange(len(raw))] = chance.randrange(256)
@@ -388,14 +392,15 @@ def test_garbled_copies_are_read_or_refused_but_never_crash(layout):
         read_or_refused(bytes(raw))
 
 
+@pytest.mark.parametrize("garbled", GARBLED)
 @pytest.mark.parametrize("layout", ["slx inline", "slx parts", "slx json"])
-def test_garbled_parts_of_whole_archives_are_read_or_refused(layout, tmp_path):
+def test_garbled_parts_of_whole_archives_are_read_or_refused(layout, garbled, tmp_path):
     """The zip's own checks would stop garbled bytes before any of ours."""
     chance = random.Random(7)
     with zipfile.ZipFile(engine().write(tmp_path, layout)) as archive:
         whole = {name: archive.read(name) for name in archive.namelist()}
     names = [name for name in whole if name.startswith("simulink/")]
-    for _ in range(300):
+    for _ in range(garbled):
         parts = dict(whole)
         name = chance.choice(names)
         raw = bytearray(parts[name])

@@ -18,11 +18,12 @@ JUNK = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("draws", [pytest.param(5, id="few"), pytest.param(25, id="many", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", sorted(BLOCK_TYPES))
-def test_every_block_with_settings_that_make_no_sense(kind, tmp_path):
+def test_every_block_with_settings_that_make_no_sense(kind, draws, tmp_path):
     chance = random.Random(kind)
     defaults = BLOCK_TYPES[kind].defaults
-    for _ in range(25):
+    for _ in range(draws):
         parameters = {name: chance.choice(JUNK) for name in defaults if chance.random() < 0.5}
         inputs = chance.choice([0, 1, 2, 3])
         solver = chance.choice(["ode3", "FixedStepDiscrete", "ode45"])

@@ -1,5 +1,6 @@
 """Public models, whole or with the reason why not; those that can be are compared with what scipy makes of them."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importable_subsystems import inspect_simulink
 from kennfeld.models.simulink.importing import import_simulink, simulink
-from tests.models.simulink.simulink_runs import run
+from tests.models.simulink.simulink_runs import run, run_natively
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"needs the public models in {DATA}")
@@ -85,7 +86,7 @@ def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
     assert any("ode15s -> ode4" in one for one in found.report.substitutions)
     samples = 900
     columns = {name: np.full(samples, 8.8 if "hrottle" in name else 1000.0) for name in found.model.graph.inputs}
-    values = run(found.model, columns)
+    values = run_natively(found.model, columns)
     assert values["mode"][0] == 0
     assert abs(values["mu"][-1]) < 1e-3
     if ratio:
@@ -141,7 +142,7 @@ def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_a
     [
         ("VentilatorModel_v8_5.slx", "36 more: it links to the library Simple_pneu_library"),
         ("controller.slx", "it links to the library dspfdesign"),
-        ("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS"),
+        pytest.param("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS", marks=pytest.mark.slow),
         ("GasTurbine_Dyn_Template.mdl", "it links to the library Lib_"),
         ("Autotrans_Model.mdl", "variable TWAIT: undefined; used by ShiftLogic"),
     ],
@@ -164,7 +165,7 @@ GEARS = {
     ("file", "given", "largest"),
     [
         ("controller.slx", {}, "Controller/Pressure Control/Init Input Shaping"),
-        ("Dyn_Vol_Line.slx", {}, "System Model/SystemModel/Subsystem"),
+        pytest.param("Dyn_Vol_Line.slx", {}, "System Model/SystemModel/Subsystem", marks=pytest.mark.slow),
         ("automatic_transmission.slx", GEARS, ""),
         ("Autotrans_Model.mdl", {}, "Transmission/TransmissionRatio"),
         ("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg"),
@@ -268,15 +269,21 @@ class Transmission:
         return np.array(found).T
 
 
+@cache
+def drive():
+    """Throttle, brake, and how the transmission moves."""
+    time = 0.01 * np.arange(1800)
+    throttle = np.interp(time, [0, 4, 8, 8.1, 13, 18], [60, 60, 40, 5, 5, 95])
+    brake = np.interp(time, [0, 8, 8.1, 13, 13.1, 18], [0, 0, 1900, 1900, 0, 0])
+    return throttle, brake, Transmission().run(throttle, brake)
+
+
 @pytest.mark.parametrize(("file", "count"), [("automatic_transmission.slx", 1800), ("Autotrans_Model.mdl", 300)])
 def test_the_transmission_shifts_as_when_it_is_written_out(file, count):
     found = import_simulink(DATA / file, parameters=[GEARS])
     assert found.report.whole
-    time = 0.01 * np.arange(1800)
-    throttle = np.interp(time, [0, 4, 8, 8.1, 13, 18], [60, 60, 40, 5, 5, 95])
-    brake = np.interp(time, [0, 8, 8.1, 13, 13.1, 18], [0, 0, 1900, 1900, 0, 0])
-    moved = run(found.model, {"throttle": throttle[:count], "brake": brake[:count]})
-    expected = Transmission().run(throttle, brake)
+    throttle, brake, expected = drive()
+    moved = run_natively(found.model, {"throttle": throttle[:count], "brake": brake[:count]})
     assert set(expected[2]) == {1.0, 2.0, 3.0, 4.0}
     assert np.sum(np.diff(expected[2]) < 0) >= 2
     for name, values in zip(("speed", "RPM", "gear"), expected, strict=True):

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
-from tests.optimize.repetitions import agree, repeated
+from tests.optimize.repetitions import agree, counts, repeated
 
-NOISE, REPETITIONS = 0.5, 400
+NOISE = 0.5
 GRID, LINE = np.arange(6.0), np.arange(10.0)
 SURFACE = 10 + 2 * GRID[:, None] + 2 * np.sin(GRID) + 0.3 * np.outer(GRID, GRID)
 FALL = 1 - 0.01 * LINE**1.5
@@ -46,17 +46,19 @@ CASES = {
 }
 
 
+@counts
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
-def test_values_scatter_over_repeated_measurements_as_said(case):
+def test_values_scatter_over_repeated_measurements_as_said(case, count):
     problem, truth = product(**case)
     trust = run(problem, kf.Options()).trust
-    ends = repeated(problem, truth, draw, REPETITIONS)
+    ends = repeated(problem, truth, draw, count)
     assert agree(trust.covariance(scatter=True), ends) >= 35
     if "smoothness" not in case:
         assert trust.covariance() == pytest.approx(trust.covariance(scatter=True), rel=1e-6, abs=1e-12)
 
 
-def test_a_state_is_accounted_for():
+@counts
+def test_a_state_is_accounted_for(count):
     rng = np.random.default_rng(1)
     time = np.arange(3000) * 0.1
     u, load = np.repeat(rng.uniform(0, 10, 60), 50), np.repeat(rng.uniform(0, 4, 30), 100)
@@ -70,7 +72,7 @@ def test_a_state_is_accounted_for():
     trust = run(problem, kf.Options()).trust
     assert trust.noise["m"] == pytest.approx(NOISE, rel=0.05)
     assert trust.persistence["m"] == pytest.approx(1.0, abs=0.25)
-    assert agree(trust.covariance() / trust.persistence["m"], repeated(problem, truth, draw, REPETITIONS)) == 9
+    assert agree(trust.covariance() / trust.persistence["m"], repeated(problem, truth, draw, count)) == 9
 
 
 def test_the_error_covers_the_truth_where_smoothness_decides_too():

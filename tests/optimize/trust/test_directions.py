@@ -200,10 +200,10 @@ def test_a_whole_table_that_no_sample_reaches_is_told():
 
 
 def test_a_threshold_that_a_search_without_gradients_has_found_is_told():
-    u = np.linspace(0.0, 10.0, 400)
+    u = np.linspace(0.0, 10.0, 100)
     data = {"u": u, "z": 2.0 * (u > 4.0)}
     start = kf.ParameterSet([kf.Scalar("a", 1.0, lower=0.0, upper=10.0), kf.Scalar("T", 5.0, lower=0.0, upper=10.0)])
-    options = kf.Options(method="global")
+    options = kf.Options(method="global", max_evaluations=300)
     result = kf.calibrate("y = a * (u > T)", data, start, target="z", options=options)
     assert result.quality[0].rmse_after < 0.1
     (direction,) = found(result.trust, "moved T", "its uncertainty is unknown")

@@ -12,12 +12,12 @@ from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.project.results import write_trust
-from tests.optimize.repetitions import agree, own_targets
+from tests.optimize.repetitions import agree, counts, own_targets
 
 KINKS, HEIGHTS = np.array([0, 1.2, 2.1, 6.5, 10.0]), np.array([0, 4.0, 1.0, 2.0, 8.0])
 X = np.random.default_rng(0).uniform(0, 10, 800)
 CLEAN = np.interp(X, KINKS, HEIGHTS)
-NOISE, REPETITIONS = 0.1, 300
+NOISE = 0.1
 
 
 def bent(points=KINKS, heights=HEIGHTS, **axis):
@@ -35,13 +35,13 @@ def noisy(target=CLEAN, seed=1, noise=NOISE):
     return target + noise * np.random.default_rng(seed).standard_normal(X.size)
 
 
-def repeated(made):
+def repeated(made, count):
     """Values and breakpoints from many measurements, in the order of the trust."""
     compiled = CompiledProblem(made)
     targets = own_targets(compiled)
     objective, limits = LeastSquaresObjective(compiled), linear_limits(made, compiled.values)
     start, rng, ends = objective.start, np.random.default_rng(7), []
-    for _ in range(REPETITIONS):
+    for _ in range(count):
         targets[:] = CLEAN + NOISE * rng.standard_normal(X.size)
         compiled.reread_targets()
         ends.append(
@@ -53,13 +53,14 @@ def repeated(made):
     return np.array(ends)[:, np.r_[first : first + 5, axis : axis + 5]]
 
 
+@counts
 @pytest.mark.parametrize("smoothness", [{}, {"C": 1e-3}], ids=["plain", "smooth"])
-def test_breakpoints_and_values_scatter_as_said(smoothness):
+def test_breakpoints_and_values_scatter_as_said(smoothness, count):
     made = problem(bent(), noisy(), smoothness=smoothness)
     trust = run(made, kf.Options()).trust
     assert list(trust.deviation) == ["C", "C.x"]
     assert trust.covariance(["C", "C.x"]).shape == (10, 10)
-    assert agree(trust.covariance(scatter=True), repeated(made)) == 8
+    assert agree(trust.covariance(scatter=True), repeated(made, count)) == 8
     assert trust.deviation["C.x"][[0, -1]].tolist() == [0.0, 0.0]  # the ends stay
 
 

@@ -36,12 +36,12 @@ def test_outliers_do_not_enter_the_noise_of_a_robust_loss(loss, delta):
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
 def test_robust_fits_scatter_as_said(loss):
     rng = np.random.default_rng(0)
-    ends, said = [], []
-    for _ in range(30):
-        scatter = np.where(rng.random((12, 60)) < 0.1, 4.0, 0.5) * rng.normal(size=(12, 60))
+    groups, ends, said = np.arange(120.0), [], []
+    for _ in range(3):
+        scatter = np.where(rng.random((groups.size, 60)) < 0.1, 4.0, 0.5) * rng.normal(size=(groups.size, 60))
         x = rng.uniform(-1, 1, 60)
-        columns = {"x": np.tile(x, 12), "group": np.repeat(np.arange(12.0), 60), "y": (2 + scatter).ravel()}
-        start = kf.ParameterSet([kf.Curve("A", np.arange(12.0), np.full(12, 2.0)), kf.Scalar("b", 0.0)])
+        columns = {"x": np.tile(x, groups.size), "group": np.repeat(groups, 60), "y": (2 + scatter).ravel()}
+        start = kf.ParameterSet([kf.Curve("A", groups, np.full(groups.size, 2.0)), kf.Scalar("b", 0.0)])
         criteria = [kf.Criterion("m", "y", loss=loss, delta=0.8, scale=0.5)]
         result = kf.calibrate("m = A(group) + b * x", columns, start, criteria=criteria)
         ends.append(result.parameters["A"].values)

@@ -15,10 +15,12 @@ from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.trust.active_limits import multipliers
 from tests.optimize.repetitions import agree
+from tests.optimize.trust.dense_covariance import DenseCovariance, slopes
 
 GRID = np.linspace(0, 10, 11)
 U = np.random.default_rng(3).uniform(0, 10, 400)
 WAVE = 3 * np.sin(GRID)
+WEIGHTS = np.array([np.interp(U, GRID, unit) for unit in np.eye(GRID.size)]).T  # of each value at each sample
 REPETITIONS = 300
 
 
@@ -56,6 +58,26 @@ def repeated_within(problem, truth, noise, count=REPETITIONS):
     return np.array(ends)
 
 
+def dense_within(result, lower, upper, *, pinned=(), smoothness=0.0):
+    """The covariance of the curve whose samples at a limit stay there."""
+    outputs = WEIGHTS @ result.parameters["C"].values
+    reached = np.isclose(outputs, lower, atol=1e-4) | np.isclose(outputs, upper, atol=1e-4)
+    holding = np.vstack([WEIGHTS[reached], np.eye(GRID.size)[list(pinned)]])
+    bends = np.diff(np.eye(GRID.size), 2, axis=0) * np.sqrt(smoothness / GRID.size)
+    return DenseCovariance(WEIGHTS, holding, bends)
+
+
+def test_samples_at_a_limit_stay_there():
+    """Two flat tops, of which many neighbouring samples are at the limit, and a lone sample at the lower one."""
+    result = result_of(curve_problem(Limit("w", -2.5, 2.0)))
+    trust, noise = result.trust, result.trust.noise["w"]
+    assert noise == pytest.approx(0.3, rel=0.1)  # not what the limits cost
+    assert np.all(trust.deviation["C"][[1, 2, 7, 8]] < 1e-6)
+    assert trust.deviation["C"][5] < 1e-3
+    assert trust.covariance() == pytest.approx(dense_within(result, -2.5, 2.0).error(noise), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.slow
 def test_values_within_limits_scatter_as_said():
     """Two flat tops, of which many neighbouring samples are at the limit, and a lone sample at the lower one."""
     problem = curve_problem(Limit("w", -2.5, 2.0))
@@ -68,7 +90,6 @@ def test_values_within_limits_scatter_as_said():
     rest = np.setdiff1d(np.arange(11), [*flat, 5])
     agree(covariance[np.ix_(rest, rest)], ends[:, rest])
     assert trust.deviation["C"][5] < 1e-3
-    assert trust.noise["w"] == pytest.approx(0.3, rel=0.1)  # not what the limits cost
 
 
 STEP = "y = PT1(PT1(k * u, 0.3) + overshoot * (u - PT1(u, 0.4)), 0.1)"
@@ -88,22 +109,37 @@ def step_problem(upper):
 
 
 def test_a_limit_of_a_peak_ties_the_gains_together():
+    problem, _ = step_problem(0.97)
+    result = result_of(problem)
+    trust = result.trust
+    (holding,) = trust.holdings
+    assert holding.directions == 1
+    assert set(holding.parameters) == {"k", "overshoot"}
+    assert trust.correlation()[0, 1] == pytest.approx(-1.0, abs=1e-3)
+    (data,) = problem.datasets
+    jacobian = slopes(STEP, data, result.parameters, "y")
+    highest = kf.simulate(STEP, data, result.parameters)["y"].values.argmax()
+    dense = DenseCovariance(jacobian, jacobian[[highest]], np.zeros((0, 2)))
+    said = trust.covariance(scatter=True)
+    assert said == pytest.approx(
+        dense.scatter(trust.noise["y"]) * trust.persistence["y"], rel=0.05
+    )  # its neighbours hold a little
+    loose = result_of(step_problem(1.5)[0]).trust
+    assert np.all(said.diagonal() < loose.covariance().diagonal())
+
+
+@pytest.mark.slow
+def test_the_gains_tied_by_the_limit_of_a_peak_scatter_a_little_less_than_said():
     """Which sample is the highest changes with the noise; what is held is the height.
 
     Along the tie, neighbours of the highest sample hold a little as well: what is said is on the safe side.
     """
     problem, clean = step_problem(0.97)
     trust = result_of(problem).trust
-    (holding,) = trust.holdings
-    assert holding.directions == 1
-    assert set(holding.parameters) == {"k", "overshoot"}
-    assert trust.correlation()[0, 1] == pytest.approx(-1.0, abs=1e-3)
     said = trust.covariance(scatter=True)
     ends = repeated_within(problem, clean, 0.03)
     ratio = np.std(ends, axis=0, ddof=1) / np.sqrt(np.diag(said)) * np.sqrt(trust.persistence["y"])
     assert np.all((ratio > 0.7) & (ratio < 1.1))
-    loose = result_of(step_problem(1.5)[0]).trust
-    assert np.all(said.diagonal() < loose.covariance().diagonal())
 
 
 def test_a_limit_that_the_data_keep_holds_nothing():
@@ -134,11 +170,24 @@ def test_a_limit_met_by_chance_holds_nothing_but_is_told():
     assert trust.deviation["C"] == pytest.approx(free.trust.deviation["C"], rel=1e-3)
 
 
-def test_smoothness_and_pins_and_limits_together():
-    pins = (kf.Pin("C", (3.0,), 0.5),)
-    problem = curve_problem(Limit("w", -2.5, 2.0), pins=pins, smoothness={"C": 0.5})
-    trust = result_of(problem).trust
+def smooth_and_pinned(smoothness):
+    return curve_problem(Limit("w", -2.5, 2.0), pins=(kf.Pin("C", (3.0,), 0.5),), smoothness={"C": smoothness})
+
+
+def test_smoothness_and_pins_and_limits_hold_together():
+    result = result_of(smooth_and_pinned(50.0))
+    trust, noise = result.trust, result.trust.noise["w"]
+    dense = dense_within(result, -2.5, 2.0, pinned=[3], smoothness=50.0)
     assert trust.deviation["C"][3] == 0
+    assert trust.covariance() == pytest.approx(dense.error(noise), rel=1e-9, abs=1e-12)
+    assert trust.covariance(scatter=True) == pytest.approx(dense.scatter(noise), rel=1e-9, abs=1e-12)
+    assert np.abs(dense.error(noise) - dense.scatter(noise)).max() > 1e-4
+
+
+@pytest.mark.slow
+def test_values_that_are_smoothed_and_pinned_and_limited_scatter_as_said():
+    problem = smooth_and_pinned(0.5)
+    trust = result_of(problem).trust
     ends = repeated_within(problem, np.interp(U, GRID, WAVE), 0.3, 60)
     rest = np.setdiff1d(np.arange(11), [1, 2, 3, 5, 7, 8])
     assert trust.scatter["C"][rest] == pytest.approx(np.std(ends, axis=0)[rest], rel=0.35)

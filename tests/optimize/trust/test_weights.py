@@ -13,9 +13,9 @@ from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.trust.noise import classes, groups, rescore
-from tests.optimize.repetitions import agree, own_targets
+from tests.optimize.repetitions import agree, counts, own_targets
 
-SIZE, REPETITIONS = 400, 400
+SIZE = 400
 RANDOM = np.random.default_rng(0)
 X = RANDOM.uniform(0, 5, SIZE)
 W = 10 ** RANDOM.uniform(-1, 1, SIZE)
@@ -33,13 +33,13 @@ def problem(spread, seed=1, channels=None, **criterion):
     return Problem(kf.formula(TEXT, parameters=["C", "k"]), (data,), TRUTH, criteria)
 
 
-def repeated(made, spread):
+def repeated(made, spread, count):
     """Values from many measurements of noise `spread`, in the order of the parameters."""
     compiled = CompiledProblem(made)
     targets = own_targets(compiled)
     objective, limits = LeastSquaresObjective(compiled), linear_limits(made, compiled.values)
     start, rng, ends = compiled.values.pack(TRUTH)[: compiled.values.free], np.random.default_rng(7), []
-    for _ in range(REPETITIONS):
+    for _ in range(count):
         targets[:] = CLEAN + spread * rng.standard_normal(SIZE)
         compiled.reread_targets()
         ends.append(levenberg_marquardt(objective, start, limits, SolverSettings(tolerance=1e-6)).values)
@@ -61,20 +61,21 @@ CASES = {
 }
 
 
+@counts
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
-def test_weighted_fits_scatter_as_said(case):
+def test_weighted_fits_scatter_as_said(case, count):
     spread, criterion = case
     said = np.mean(
         [run(problem(spread, seed, **criterion), kf.Options()).trust.covariance() for seed in range(6)], axis=0
     )
-    assert agree(said, repeated(problem(spread, **criterion), spread)) == 7
+    assert agree(said, repeated(problem(spread, **criterion), spread, count)) == 7
 
 
 def deviations(trust):
     return np.concatenate([np.ravel(trust.deviation[name]) for name in trust.deviation])
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=5)
 @given(st.floats(1e-6, 1e6), st.floats(1e-3, 1e3))
 def test_only_the_ratios_of_weights_matter(factor, scale):
     spread = 0.5 / np.sqrt(W)
