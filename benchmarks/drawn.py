@@ -56,8 +56,8 @@ def _drawn(project: Path, layout: str) -> str:
 
 def _drawing() -> ModuleType:
     """The drawing stands with the tests, which check that it gives the formula's answer."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "models" / "simulink"))
-    import torque_drawing
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    from tests.models.simulink import torque_drawing
 
     return torque_drawing
 

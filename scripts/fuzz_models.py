@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from simulink_files import Model
+    from tests.models.simulink.simulink_files import Model
 from fuzz_sample import Sample
 
 STORED_NETWORKS = 12
@@ -16,8 +16,8 @@ STORED_NETWORKS = 12
 
 def models(seed: int) -> Iterator[Sample]:
     """Models in every layout, each beside its script, and dictionaries of both formats beside a model."""
-    from simulink_data import entry, sldd, thing
-    from simulink_files import ENDINGS, LAYOUTS
+    from tests.models.simulink.simulink_data import entry, sldd, thing
+    from tests.models.simulink.simulink_files import ENDINGS, LAYOUTS
 
     drawings = {"blocks": _blocks, "chart": _chart, "function": _function}
     for layout in LAYOUTS:
@@ -55,7 +55,7 @@ def stored_networks(seed: int) -> Iterator[Sample]:
 
 def _blocks(draw: random.Random, dictionary: str = "") -> "Model":
     """Algebra, a table, dynamics, a masked and an enabled subsystem."""
-    from simulink_files import Mask, Model
+    from tests.models.simulink.simulink_files import Mask, Model
 
     model = Model("blocks", step="0.1", code="" if dictionary else f"k = {draw.random():.3f};\nT = [1 2 4];")
     model.dictionary = dictionary
@@ -78,7 +78,7 @@ def _blocks(draw: random.Random, dictionary: str = "") -> "Model":
 
 def _chart(draw: random.Random) -> "Model":
     """A chart of states within states and a junction."""
-    from simulink_files import Chart, Model
+    from tests.models.simulink.simulink_files import Chart, Model
 
     states = {"A": "A\nen: y = 1;", "B": "B\nen: y = u;\ndu: c = c + 1;", "B1": "B1", "B2": "B2\nex: y = c;"}
     ways = [
@@ -99,7 +99,7 @@ def _chart(draw: random.Random) -> "Model":
 
 def _function(draw: random.Random) -> "Model":
     """A MATLAB Function with a memory, a loop and a function of its own."""
-    from simulink_files import Model
+    from tests.models.simulink.simulink_files import Model
 
     model = Model("function", step="0.1", solver="FixedStepDiscrete")
     model.inport("u")
@@ -145,8 +145,8 @@ _DICTIONARY = b"""{"__MW_TEXT_COREPROPERTIES__": {}, "__MW_TEXT_PARTS__": {
 
 def classes(seed: int) -> Iterator[Sample]:
     """ESDL classes, with an application beside them, and the messages that they read."""
-    from esdl_projects import BATTERY, LIBRARY, MACHINE, VEHICLE
-    from random_programs import HEAD
+    from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, MACHINE, VEHICLE
+    from tests.models.ascet.random_programs import HEAD
 
     body = "public real calc(real in x, integer in k, boolean in on) {\n" + _STATEMENTS + "}\n}\n"
     flat = {Path(name).name: text for name, text in {**LIBRARY, **BATTERY}.items()}
@@ -181,8 +181,8 @@ schedule {
 
 def components(seed: int) -> Iterator[Sample]:
     """Components of ASCET 6: archives, and each file of a component with the others beside it."""
-    from amd_files import archive
-    from component_samples import LOW_PASS, machine_component, plant_component
+    from tests.models.ascet.amd_files import archive
+    from tests.models.ascet.component_samples import LOW_PASS, machine_component, plant_component
 
     plant, machine = plant_component(), machine_component()
     yield Sample(".axl", "Engine.axl", {"Engine.axl": archive(plant, LOW_PASS)})

@@ -59,8 +59,8 @@ def recordings(seed: int) -> Iterator[Sample]:
 
 def diadem(seed: int) -> Iterator[Sample]:
     """Descriptions of DIAdem, each beside its values, and the values beside their description."""
-    import test_diadem as dat
-    import test_tdm_header as tdm
+    from tests.measurement import test_diadem as dat
+    from tests.measurement import test_tdm_header as tdm
 
     numbers = np.random.default_rng([seed, 7])
     values = numbers.normal(size=12).astype("<f8").tobytes()
@@ -99,7 +99,7 @@ def diadem(seed: int) -> Iterator[Sample]:
 
 def bus_logs(seed: int) -> Iterator[Sample]:
     """Logs of a bus, each beside its database, and the database beside a log."""
-    from bus_files import DBC, Frame, drive, eec1, write_log, write_mf4
+    from tests.measurement.bus_files import DBC, Frame, drive, eec1, write_log, write_mf4
 
     draw = random.Random(f"{seed}bus")
     frames = drive(40)
@@ -157,7 +157,7 @@ def _zipped(write: Callable[[Path, np.random.Generator], None]) -> Callable[[Pat
 
 
 def _xls(path: Path, numbers: np.random.Generator) -> None:
-    from xls_files import Formula, xls
+    from tests.measurement.xls_files import Formula, xls
 
     columns = _columns(numbers, int(numbers.integers(5, 400)))
     rows = [["time", "Speed", "Load"], ["s", "rpm", "%"], *zip(*(c.tolist() for c in columns.values()), strict=True)]
@@ -211,7 +211,8 @@ def _hdf5(path: Path, numbers: np.random.Generator) -> None:
 
 def _stored_frame(path: Path, numbers: np.random.Generator) -> None:
     import h5py
-    from test_hdf5 import fixed_frame
+
+    from tests.measurement.test_hdf5 import fixed_frame
 
     with h5py.File(path, "w") as file:
         fixed_frame(file, "datetime64[us]")
@@ -219,7 +220,8 @@ def _stored_frame(path: Path, numbers: np.random.Generator) -> None:
 
 def _stored_table(path: Path, numbers: np.random.Generator) -> None:
     import h5py
-    from test_hdf5 import stored_table
+
+    from tests.measurement.test_hdf5 import stored_table
 
     with h5py.File(path, "w") as file:
         stored_table(file, ["Speed", "Load"])
@@ -265,7 +267,7 @@ def _mdf(version: str) -> Callable[[Path, np.random.Generator], None]:
 
 
 def _mlg(path: Path, numbers: np.random.Generator) -> None:
-    from mlg_files import bits, mark, mlg, number, record
+    from tests.measurement.mlg_files import bits, mark, mlg, number, record
 
     version = int(numbers.integers(1, 3))
     fields = [
@@ -319,7 +321,7 @@ def _mat(path: Path, numbers: np.random.Generator) -> None:
 
 
 def _mat73(path: Path, numbers: np.random.Generator) -> None:
-    from matlab_files import save73
+    from tests.measurement.matlab_files import save73
 
     columns = _columns(numbers)
     save73(path, {**columns, "group": {"time": columns["time"][:7], "data": columns["Load"][:7]}, "note": "a text"})

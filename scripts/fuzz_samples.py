@@ -14,16 +14,13 @@ from fuzz_sample import Sample
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar, Text
 
-WRITERS = [
-    str(Path(__file__).parents[1] / "tests" / room)
-    for room in ("measurement", "calfiles", "models/ascet", "models/simulink")
-]
+ROOT = Path(__file__).parents[1]
 LARGEST = 300_000  # bytes of a real file that is damaged as well
 
 
 def samples(seed: int, folder: Path | None = None) -> list[Sample]:
     """Some files a kind, and the small ones of a folder as kind `real`."""
-    sys.path += WRITERS  # what writes files for the tests
+    sys.path.append(str(ROOT))  # for `tests`, which write files
     collected = [sample for maker in _MAKERS for sample in maker(seed)]
     return collected + ([] if folder is None else list(_real(folder)))
 
@@ -68,7 +65,7 @@ def _calibrations(seed: int) -> Iterator[Sample]:
 
 def _tunes(seed: int) -> Iterator[Sample]:
     """A tune of TunerStudio, alone and beside the file that defines its tables."""
-    from test_msq import INI, TUNE
+    from tests.calfiles.test_msq import INI, TUNE
 
     tune = TUNE.encode("latin-1")
     yield Sample("calibration .msq", "tune.msq", {"tune.msq": tune})
@@ -78,8 +75,8 @@ def _tunes(seed: int) -> Iterator[Sample]:
 
 def _loggers(seed: int) -> Iterator[Sample]:
     """Exports of loggers, and a parameter file of CANape."""
-    from test_loggers import ALL
-    from test_par import text
+    from tests.calfiles.test_par import text
+    from tests.measurement.test_loggers import ALL
 
     for name, content in ALL.items():
         file = f"log.{'vbo' if name == 'vbo' else 'csv'}"
