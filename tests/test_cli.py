@@ -555,8 +555,9 @@ class TestSeveralStarts:
         assert cli.run(["calibrate", str(growth), "--workers", str(workers)]) == 0
         out, err = capsys.readouterr()
         assert "Best of 3 starts" in out
-        at = out.splitlines().index("start  status     cost before  cost after  iterations  distance")
-        assert [line.split()[0] for line in out.splitlines()[at + 1 : at + 4]] == ["1", "2", "3"]
+        rows = [line.split() for line in out.splitlines()]
+        at = rows.index(["start", "status", "cost", "before", "cost", "after", "iterations", "distance"])
+        assert [row[0] for row in rows[at + 1 : at + 4]] == ["1", "2", "3"]
         assert {line[:8] for line in err.splitlines()} == {"start  1", "start  2", "start  3"}
         assert [row["start"] for row in results_of(growth)["starts"]] == [1, 2, 3]
         starts = [line.split(",")[1] for line in (growth.parent / "results" / "trace.csv").read_text().splitlines()[1:]]

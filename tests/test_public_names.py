@@ -112,6 +112,7 @@ def test_the_help_text_loads_nothing_heavy():
     assert loaded_by("from kennfeld.cli import run\nrun(['--help'])").isdisjoint(heavy)
 
 
+@pytest.mark.slow  # test_startup.py asks the same of calibrate, without the demo
 def test_a_calibration_loads_no_table_library(tmp_path):
     code = f"from kennfeld.cli import run\nrun(['demo', '--dir', {str(tmp_path / 'demo')!r}])"
     assert "pandas" not in loaded_by(code)

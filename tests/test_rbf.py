@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -29,6 +29,7 @@ def test_values_and_expansion_are_the_same_numbers(inputs, size, seed):
     np.testing.assert_array_equal(parameter.values[at.widths].reshape(inputs, size).T, parameter.expansion.widths)
 
 
+@settings(max_examples=40)
 @given(st.integers(1, 4), st.integers(0, 5), st.integers(0, 99))
 def test_slopes_of_the_values_are_those_of_differences(inputs, size, seed):
     parameter = rbf(inputs, size, seed)

@@ -49,12 +49,11 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write("torque", tmp_path_factory.mktemp("startup"))
 
 
-def modules_after(code: str) -> list[str]:
-    """Return the modules that a fresh interpreter holds after running some code."""
-    done = subprocess.run(
-        [sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"], capture_output=True, text=True, check=True
-    )
-    return done.stdout.splitlines()[-1].split()
+def modules_after(*codes: str) -> list[list[str]]:
+    """Return the modules that a fresh interpreter holds after running each of some pieces of code."""
+    script = "\n".join(["import sys", *(f"{code}\nprint('modules:', *sys.modules)" for code in codes)])
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("modules: ")]
 
 
 def those_in(modules: list[str], packages: set[str]) -> list[str]:
@@ -63,7 +62,7 @@ def those_in(modules: list[str], packages: set[str]) -> list[str]:
 
 @pytest.mark.parametrize("command", UNNEEDED)
 def test_a_command_loads_what_it_needs(command: str, project: Path) -> None:
-    modules = modules_after(f"from kennfeld.cli import run\nassert run([{command!r}, {str(project)!r}]) == 0")
+    [modules] = modules_after(f"from kennfeld.cli import run\nassert run([{command!r}, {str(project)!r}]) == 0")
     assert "kennfeld.project.project" in modules
     assert those_in(modules, LIBRARIES | UNNEEDED_LIBRARIES.get(command, set())) == []
     own = OTHER_LANGUAGES | OTHER_FORMATS | UNNEEDED[command]
@@ -73,10 +72,9 @@ def test_a_command_loads_what_it_needs(command: str, project: Path) -> None:
 @pytest.mark.parametrize("face", FACES)
 def test_the_face_of_a_package_loads_its_modules_when_they_are_used(face: str) -> None:
     package = f"kennfeld.{face}"
-    modules = modules_after(f"import {package}")
+    modules, used = modules_after(f"import {package} as face", "[getattr(face, name) for name in face.__all__]")
     assert len(those_in(modules, {package})) < 8
-    names = modules_after(f"import {package} as face\nprint([getattr(face, name) for name in face.__all__])")
-    assert set(modules) < set(names)
+    assert set(modules) < set(used)
 
 
 @pytest.mark.parametrize("face", FACES)

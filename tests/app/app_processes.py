@@ -1,7 +1,7 @@
-"""Processes that serve the app, forked from one that has loaded it: a new interpreter takes more than a second for that.
+"""Processes that serve the app or run a calibration, forked from one that has loaded what they need.
 
-A forked process is as independent as a new one. It has its own memory, working directory and home, and can be killed.
-Where nothing can be forked safely, each is a new interpreter.
+A new interpreter takes more than a second for that. A forked process is as independent as a new one: it has its own
+memory, working directory and home, and can be killed. Where forking is not safe, each is a new interpreter.
 """
 
 import json
@@ -11,32 +11,33 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib import import_module
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import Any
 
+FORKS = sys.platform == "linux"
 COMMAND = "import sys; sys.path[:] = {path!r}; from tests.app import app_processes; app_processes.{call}"
-LIMIT = 65536  # bytes of a request
-
-
-class AppProcess(Protocol):
-    """A process that serves the app."""
-
-    pid: int
-
-    def kill(self) -> None: ...
-    def terminate(self) -> None: ...
-    def wait(self) -> int: ...
+LIMIT = 1_000_000  # bytes of a request
 
 
 class ForkedProcess:
-    """A process that another one has forked, which can wait for its end."""
+    """A process that another one has forked, with the part of `subprocess.Popen` that is used of it."""
 
-    def __init__(self, source: "ForkingProcess", pid: int) -> None:
-        self.pid, self._source, self._status = pid, source, None
+    def __init__(self, source: "ForkingProcess", command: Sequence[str]) -> None:
+        """Run a command `python -c code arguments` without a new interpreter."""
+        theirs_in, stdin = os.pipe()
+        stdout, theirs_out = os.pipe()
+        self.pid = source.ask({"arguments": command[2:]}, theirs_in, theirs_out)
+        os.close(theirs_in)
+        os.close(theirs_out)
+        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
+        self.returncode: int | None = None
+        self._source = source
 
     def kill(self) -> None:
         self._send(signal.SIGKILL)
@@ -45,34 +46,30 @@ class ForkedProcess:
         self._send(signal.SIGTERM)
 
     def wait(self) -> int:
-        if self._status is None:
-            self._status = self._source.ask({"wait": self.pid})
-        return self._status
+        if self.returncode is None:
+            self.returncode = os.waitstatus_to_exitcode(self._source.ask({"wait": self.pid}))
+        return self.returncode
 
     def _send(self, number: signal.Signals) -> None:
-        if self._status is None:  # else the number may be that of another process
+        if self.returncode is None:  # else the number may be that of another process
             os.kill(self.pid, number)
 
 
 class ForkingProcess:
-    """A process that has loaded the app, and forks. It ends, and what it has forked, if the connection to it is closed."""
+    """A process that has loaded the app, and forks. It ends, with what it has forked, if the connection is closed."""
 
     def __init__(self) -> None:
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = COMMAND.format(path=sys.path, call=f"fork_on_request({other.fileno()})")
         self._process = subprocess.Popen([sys.executable, "-c", command], pass_fds=[other.fileno()])
+        self._lock = threading.Lock()
         other.close()
 
-    def start(self, **settings: str | None) -> tuple[AppProcess, IO[str]]:
-        reader, writer = os.pipe()
-        pid = self.ask(settings, writer)
-        os.close(writer)
-        return ForkedProcess(self, pid), os.fdopen(reader, encoding="utf-8")
-
     def ask(self, request: dict[str, Any], *descriptors: int) -> int:
-        socket.send_fds(self._socket, [json.dumps(request).encode()], descriptors)
-        answer = self._socket.recv(LIMIT)
-        assert answer, "the process that forks those of the app has ended"
+        with self._lock:
+            socket.send_fds(self._socket, [json.dumps(request).encode()], descriptors)
+            answer = self._socket.recv(LIMIT)
+        assert answer, "the process that forks has ended"
         return int(answer)
 
     def close(self) -> None:
@@ -92,6 +89,19 @@ def end_forking_process() -> None:
         forking_process.cache_clear()
 
 
+class ForkingSubprocess:
+    """Takes the place of the module `subprocess` where workers are started by `python -c`."""
+
+    PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
+
+    @staticmethod
+    def Popen(command: Sequence[str], **_: object) -> ForkedProcess:
+        return ForkedProcess(forking_process(), command)
+
+
+AppProcess = ForkedProcess | subprocess.Popen[bytes]
+
+
 @contextmanager
 def app_process(
     project: Path | None, folder: Path, home: Path, prelude: str = "", *, fresh: bool = False
@@ -106,19 +116,21 @@ def app_process(
         fresh: start a new interpreter, as a user does.
     """
     settings = {"project": project and str(project), "folder": str(folder), "home": str(home), "prelude": prelude}
-    if fresh or sys.platform != "linux":
-        command = [sys.executable, "-c", COMMAND.format(path=sys.path, call=f"run_app(**{settings!r})")]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8")
-        output = process.stdout
-        assert output is not None
+    command = [sys.executable, "-c", COMMAND.format(path=sys.path, call=f"run_app(**{settings!r})")]
+    process: AppProcess
+    if FORKS and not fresh:
+        process = ForkedProcess(forking_process(), command)
     else:
-        process, output = forking_process().start(**settings)
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdin is not None
+    assert process.stdout is not None
     try:
-        yield output.readline(), process
+        yield process.stdout.readline().decode(), process
     finally:
         process.kill()
         process.wait()
-        output.close()
+        process.stdin.close()
+        process.stdout.close()
 
 
 def run_app(project: str | None, folder: str, home: str, prelude: str) -> None:
@@ -128,16 +140,17 @@ def run_app(project: str | None, folder: str, home: str, prelude: str) -> None:
     os.environ.update(HOME=home, USERPROFILE=home)
     os.chdir(folder)
     exec(prelude)
-    launch(project and Path(project), 0, browser=False)
+    launch(Path(project) if project else None, 0, browser=False)
 
 
 def fork_on_request(descriptor: int) -> None:
     """Fork a process for each request, or wait for the end of one, until the connection is closed."""
     load_app()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the tests, which close the connection
     connection = socket.socket(fileno=descriptor)
     running: set[int] = set()
     while True:
-        content, descriptors, _, _ = socket.recv_fds(connection, LIMIT, 1)
+        content, descriptors, _, _ = socket.recv_fds(connection, LIMIT, 2)
         if not content:
             break
         request = json.loads(content)
@@ -145,46 +158,55 @@ def fork_on_request(descriptor: int) -> None:
             _, answer = os.waitpid(request["wait"], 0)
             running.discard(request["wait"])
         elif answer := os.fork():
-            os.close(*descriptors)
             running.add(answer)
         else:
             connection.close()
-            run_forked(request, *descriptors)
+            run_forked(request["arguments"], *descriptors)
+        for each in descriptors:
+            os.close(each)
         connection.send(str(answer).encode())
     for pid in running:
         os.kill(pid, signal.SIGKILL)
 
 
-def run_forked(settings: dict[str, Any], output: int) -> None:
-    """Run the app in a process that was just forked, and end it."""
+def run_forked(arguments: list[str], stdin: int, stdout: int) -> None:
+    """Run code in a process that was just forked, and end it."""
     status = 1
     try:
-        os.dup2(output, sys.stdout.fileno())
-        os.close(output)
-        run_app(**settings)
+        os.setsid()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number, descriptor in enumerate((stdin, stdout)):
+            os.dup2(descriptor, number)
+            os.close(descriptor)
+        sys.argv = ["-c", *arguments[1:]]
+        exec(arguments[0], {"__name__": "__main__"})
         status = 0
     except BaseException:
         traceback.print_exc()
     finally:
-        sys.stdout.flush()
+        with suppress(OSError):
+            sys.stdout.flush()
         os._exit(status)
 
 
 def load_app() -> None:
-    """Load what the app needs to serve projects of each kind, by serving them."""
+    """Load what the app and its workers need, by serving a project and running a small one."""
+    from kennfeld import calibrate
     from kennfeld.app.questions import QUESTIONS
     from kennfeld.app.server.server import serve
     from kennfeld.app.workspace import AppWorkspace
     from kennfeld.errors import KennfeldError
     from kennfeld.project.demo import write
 
+    for module in ("run_job", "surrogate_training"):
+        import_module(f"kennfeld.app.session.{module}")
     with tempfile.TemporaryDirectory() as folder:
         os.environ.update(HOME=folder, USERPROFILE=folder)
-        for demo in ("torque", "exhaust"):
-            workspace = AppWorkspace(write(demo, Path(folder) / demo))
-            workspace.snapshot()
-            for question in QUESTIONS:
-                with suppress(KennfeldError, LookupError):  # most need arguments; their modules are loaded
-                    workspace.answer(question, {})
+        workspace = AppWorkspace(write("torque", Path(folder) / "torque"))
+        workspace.snapshot()
+        for question in QUESTIONS:
+            with suppress(KennfeldError, LookupError):  # most need arguments; their modules are loaded
+                workspace.answer(question, {})
         with suppress(KeyboardInterrupt):
             serve(workspace, 0, lambda _: signal.raise_signal(signal.SIGINT))
+    _ = calibrate("y = a * x", {"x": [1.0, 2.0, 3.0], "z": [1.0, 2.0, 4.0]}, {"a": 0.0}, target="z").trust

@@ -11,7 +11,7 @@ import pytest
 
 from tests.app.app_processes import AppProcess, app_process
 
-ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-threaded-compositing"]
+ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu"]
 READY = "html[data-state=ready]"
 ENDED = ("WebSocket", "ERR_CONNECTION_REFUSED")  # what the console says of a server that a test has ended
 
@@ -117,14 +117,5 @@ def browser_page(address: str, size: Sequence[int] = (1280, 800)) -> Iterator[An
     """Open an address of the app."""
     with tab(size, expected=ENDED) as page:
         page.goto(address)
-        page.wait_for_selector(READY)
-        yield page
-
-
-@contextmanager
-def function_screen(project: Path) -> Iterator[Any]:
-    """Open the Function screen of a project."""
-    with started(project, project.parent) as (address, _), browser_page(address) as page:
-        page.click("[data-screen=function]")
         page.wait_for_selector(READY)
         yield page

@@ -7,14 +7,16 @@ from pathlib import Path
 import pytest
 
 from kennfeld.project.demo import write
-from tests.app.app_processes import end_forking_process
+from tests.app.app_processes import FORKS, ForkingSubprocess, end_forking_process
 from tests.app.browser import close_browser
+from tests.app.shared_app import end_shared_app
 
 
 @pytest.fixture(scope="session", autouse=True)
 def end_shared_processes() -> Iterator[None]:
     yield
     close_browser()
+    end_shared_app()
     end_forking_process()
 
 
@@ -38,3 +40,11 @@ def exhaust(demo_folder: Path, tmp_path: Path) -> Path:
     """Return the project file of a fresh copy of the exhaust demo."""
     shutil.copytree(demo_folder / "exhaust", tmp_path / "exhaust")
     return tmp_path / "exhaust" / "kennfeld.toml"
+
+
+@pytest.fixture
+def forked_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Start the processes of calibrations and trainings without new interpreters."""
+    if FORKS:
+        monkeypatch.setattr("kennfeld.optimize.search.worker_process.subprocess", ForkingSubprocess)
+        monkeypatch.setattr("kennfeld.app.session.surrogate_training.subprocess", ForkingSubprocess)

@@ -100,15 +100,18 @@ class Page:
 
 
 @contextmanager
-def served(path: Path, home: Path | None = None, prelude: str = "") -> Iterator[Served]:
+def served(path: Path | None, home: Path | None = None, prelude: str = "") -> Iterator[Served]:
     """Serve a project.
 
     Args:
-        path: the project file.
+        path: the project file; None shows the start page.
         home: folder of the user; one of its own keeps what one server leaves for the next.
         prelude: a statement that the process of the server runs first.
     """
-    with app_process(path, Path.cwd(), home or path.parent, prelude) as (line, process):
+    if home is None:
+        assert path is not None
+        home = path.parent
+    with app_process(path, home, home, prelude) as (line, process):
         match = re.fullmatch(r"Kennfeld runs at http://127\.0\.0\.1:(\d+)/\?token=(\S+)\n", line)
         assert match is not None
         yield Served(int(match[1]), match[2], process)

@@ -9,7 +9,9 @@ import pytest
 
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.session.session import Session
-from tests.app.browser import browser_page, started
+from tests.app.shared_app import project_page
+
+pytestmark = pytest.mark.usefixtures("forked_workers")
 
 PROJECT = """
 [model]
@@ -72,7 +74,7 @@ def test_before_a_run_there_is_nothing_to_list(tmp_path: Path) -> None:
 @pytest.mark.parametrize("files", [1, 3])
 def test_the_table_is_folded_if_there_is_only_one_file(tmp_path: Path, files: int) -> None:
     project = write_project(tmp_path, files)
-    with started(project, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(project) as page:
         page.click("#run")
         page.wait_for_selector("#job-state.converged", timeout=60_000)
         page.click("[data-screen=results]")

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tests.app.browser import browser_page, started
+from tests.app.shared_app import project_page
 from tests.measurement.bus_files import drive, write_mf4
 
 PROJECT = """
@@ -30,7 +30,7 @@ def write_project(folder: Path, *datasets: str) -> Path:
 
 
 def test_the_range_of_an_input_is_that_over_all_files(tmp_path: Path) -> None:
-    with started(write_project(tmp_path), tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(write_project(tmp_path)) as page:
         page.click("[data-screen=data]")
         page.wait_for_selector(".mapping td:has-text('1.000 … 9.000')")
 
@@ -38,7 +38,7 @@ def test_the_range_of_an_input_is_that_over_all_files(tmp_path: Path) -> None:
 def test_the_error_of_a_log_without_a_database_fits_the_page(tmp_path: Path) -> None:
     write_mf4(tmp_path / "drive.mf4", drive())
     project = write_project(tmp_path, '[[dataset]]\nfiles = ["drive.mf4"]\n')
-    with started(project, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(project) as page:
         page.click("[data-screen=data]")
         box = page.wait_for_selector("td.fault:has-text('in the app, drop it on the page')").bounding_box()
         assert box["x"] + box["width"] <= 1280

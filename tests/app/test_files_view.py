@@ -7,6 +7,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.project import Project
 from tests.app.browser import READY, browser_page, started
+from tests.app.shared_app import project_page
 
 
 @pytest.fixture
@@ -19,8 +20,8 @@ def bench(torque: Path) -> Path:
     return path
 
 
-def test_a_file_is_compared_and_its_values_are_taken(torque: Path, bench: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_file_is_compared_and_its_values_are_taken(torque: Path, bench: Path) -> None:
+    with project_page(torque) as page:
         page.click("[data-screen=files]")
         page.click("[data-file='bench.dcm']")
         page.wait_for_selector("#differences [data-name=MapOptTorque]:has-text('3.000')")
@@ -35,7 +36,7 @@ def test_a_dropped_file_is_merged_and_converted(torque: Path, bench: Path, tmp_p
     own = kf.read_parameters(bench)
     outside = tmp_path / "tuned.json"
     own.with_parameters(own["MapOptTorque"].with_values(own["MapOptTorque"].values * 2)).save(outside)
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(torque) as page:
         page.click("[data-screen=files]")
         page.set_input_files(".fl input[type=file]", str(outside))
         page.wait_for_selector("[data-file='tuned.json'].on")
@@ -65,10 +66,10 @@ def test_a_file_that_is_dropped_on_the_start_page_makes_a_project(tmp_path: Path
     assert (tmp_path / "bench" / "bench.csv").is_file()
 
 
-def test_a_file_name_with_markup_is_shown_as_text(torque: Path, bench: Path, tmp_path: Path) -> None:
+def test_a_file_name_with_markup_is_shown_as_text(torque: Path, bench: Path) -> None:
     name = "<img src=x onerror=document.title='hit'>.dcm"
     bench.rename(bench.with_name(name))
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(torque) as page:
         page.click("[data-screen=files]")
         page.wait_for_selector(".file-row:has-text('<img')")
         page.click(".file-row:has-text('<img')")
@@ -77,8 +78,8 @@ def test_a_file_name_with_markup_is_shown_as_text(torque: Path, bench: Path, tmp
         assert page.query_selector("main img") is None
 
 
-def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path) -> None:
+    with project_page(torque) as page:
         page.click("#run")
         page.wait_for_selector("#job-state.converged", timeout=60_000)
         page.click("[data-screen=results]")
@@ -91,8 +92,8 @@ def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path, tmp_path: P
         assert download.value.suggested_filename == "torque.zip"
 
 
-def test_values_that_are_not_accepted_keep_their_start(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_values_that_are_not_accepted_keep_their_start(torque: Path) -> None:
+    with project_page(torque) as page:
         page.click("#run")
         page.wait_for_selector("#job-state.converged", timeout=60_000)
         page.click("[data-screen=results]")

@@ -1,14 +1,27 @@
 """Functions in files of other tools on the Function screen in a browser, and the consent to run their code."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.app.browser import READY, browser_page, function_screen, started
+from tests.app.browser import READY, browser_page, started
 from tests.app.function_samples import C_FILE, write_functions
+from tests.app.shared_app import project_page
 from tests.models.fmu.lag_fmu import build
 
 ALLOW = ".consent button.primary"
+
+
+@contextmanager
+def function_screen(project: Path) -> Iterator[Any]:
+    """Open the Function screen of a project in a server of its own, whose user has allowed nothing."""
+    with started(project, project.parent) as (address, _), browser_page(address) as page:
+        page.click("[data-screen=function]")
+        page.wait_for_selector(READY)
+        yield page
 
 
 def test_a_project_begins_with_a_c_file_whose_function_is_chosen(tmp_path: Path) -> None:
@@ -31,7 +44,7 @@ def test_a_project_begins_with_a_c_file_whose_function_is_chosen(tmp_path: Path)
 def test_an_error_in_a_c_file_is_shown_at_its_line(tmp_path: Path) -> None:
     project = write_functions(tmp_path, file="engine.c:twice")
     (tmp_path / "engine.c").write_text(C_FILE.replace("return 2 * x;", "goto end; end: return x;"))
-    with function_screen(project) as page:
+    with project_page(project, "function") as page:
         page.wait_for_selector(".ascet .blocks .ln.wrong:has-text('goto end')")
         page.click(".import .note.bad button:has-text('goto')")
         page.wait_for_selector(".ascet .blocks .ln.wrong.lit-line:has-text('goto end')")
@@ -76,7 +89,7 @@ def test_a_network_is_chosen_and_its_layers_are_listed(tmp_path: Path) -> None:
 
     project = write_functions(tmp_path)
     perceptron(tmp_path / "net.onnx", random_layers([2, 3, 1]))
-    with function_screen(project) as page:
+    with project_page(project, "function") as page:
         page.select_option("[aria-label='File of the function']", "net.onnx")
         page.wait_for_selector(".ascet .facts:has-text('2 operators')")
         page.fill("[aria-label='Channel of x[0]']", "u")
@@ -90,7 +103,7 @@ def test_a_file_is_added_and_its_function_is_called_by_completion(tmp_path: Path
     project = write_functions(tmp_path / "project")
     (tmp_path / "shape.py").write_text("def shape(x, width=2.0):\n    return x / width\n")
     (tmp_path / "filters.c").write_text(C_FILE)
-    with function_screen(project) as page:
+    with project_page(project, "function") as page:
         page.click("[data-fold=functions] > button")
         page.set_input_files(
             "[aria-label='Files of functions']", [str(tmp_path / "shape.py"), str(tmp_path / "filters.c")]

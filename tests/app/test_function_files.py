@@ -17,6 +17,8 @@ from tests.app.function_samples import write_functions
 from tests.models.fmu import tank_fmu
 from tests.models.fmu.lag_fmu import build
 
+pytestmark = pytest.mark.usefixtures("forked_workers")
+
 CALLS = '[functions]\ntable = "table.py:table"'
 
 

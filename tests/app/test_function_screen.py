@@ -4,7 +4,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from tests.app.browser import READY, browser_page, function_screen, started
+from tests.app.browser import READY, browser_page, started
+from tests.app.shared_app import project_page
 from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, write_project
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "simulink"
@@ -16,7 +17,7 @@ def row(page: Any, table: str) -> list[str]:
 
 
 def test_the_error_at_the_worst_point_is_split(torque: Path) -> None:
-    with function_screen(torque) as page:
+    with project_page(torque, "function") as page:
         page.wait_for_selector("[data-split=error]")
         page.click("button:text-is('Worst')")
         page.wait_for_selector("[data-worst] tr.on")
@@ -34,7 +35,7 @@ def test_the_error_at_the_worst_point_is_split(torque: Path) -> None:
 
 
 def test_a_misspelt_table_is_underlined_and_corrected(torque: Path) -> None:
-    with function_screen(torque) as page:
+    with project_page(torque, "function") as page:
         editor = page.locator(".cm-content")
         editor.click()
         page.keyboard.press("Control+End")
@@ -51,7 +52,7 @@ def test_a_misspelt_table_is_underlined_and_corrected(torque: Path) -> None:
 
 def test_a_simulink_model_is_unbound_bound_and_converted(tmp_path: Path) -> None:
     shutil.copytree(EXAMPLE, tmp_path / "sensor")
-    with function_screen(tmp_path / "sensor" / "kennfeld.toml") as page:
+    with project_page(tmp_path / "sensor" / "kennfeld.toml", "function") as page:
         page.click("[data-block='Sensor/Radiation']")
         page.wait_for_selector(".lit-line:has-text('Radiation = 0.15 * (t_wand - 20)')")
         page.click("[aria-label='Remove the binding of Sensor/Radiation']")
@@ -85,7 +86,7 @@ def test_a_simulink_model_is_unbound_bound_and_converted(tmp_path: Path) -> None
 def test_a_broken_model_is_one_message_and_the_page_lives_on(torque: Path) -> None:
     broken = torque.parent / "engine.slx"
     broken.write_text("not a model")
-    with function_screen(torque) as page:
+    with project_page(torque, "function") as page:
         page.select_option("[aria-label='File of the function']", "engine.slx")
         page.wait_for_selector(".import .note.bad")
         assert "is not a Simulink file" in page.inner_text(".import .note.bad")
@@ -94,7 +95,7 @@ def test_a_broken_model_is_one_message_and_the_page_lives_on(torque: Path) -> No
 
 
 def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
-    with function_screen(torque) as page:
+    with project_page(torque, "function") as page:
         page.set_input_files(".choice input[type=file]", EXAMPLE / "exhaust.mdl")
         page.wait_for_selector("[data-blocking='Sensor/Radiation']")
         assert page.locator("[data-missing]").count() == 5
@@ -155,7 +156,7 @@ def test_a_class_shows_its_values_at_the_cursor_and_its_errors_at_the_line(tmp_p
         '[[criterion]]\nnode = "charge"\ntarget = "wanted"\n'
     )
     source = folder / "Battery/Cell/Accu.esdl"
-    with function_screen(folder / "kennfeld.toml") as page:
+    with project_page(folder / "kennfeld.toml", "function") as page:
         value = page.locator(".ascet .blocks .ln:has-text('real charge') .num").last
         value.wait_for()
         page.wait_for_function("node => node.textContent !== ''", arg=value.element_handle())
@@ -173,7 +174,7 @@ def test_tasks_are_chosen_by_boxes(tmp_path: Path) -> None:
     slow = "task Slow priority 1 period 50ms { process Cell.Sensor.calc }"
     path.write_text(path.read_text().replace("\t\tprocess Cell.Sensor.calc\n\t}\n", f"\t}}\n\t{slow}\n"))
     (folder / "kennfeld.toml").write_text('[model]\nfile = "Battery/Battery.app"\n')
-    with function_screen(folder / "kennfeld.toml") as page:
+    with project_page(folder / "kennfeld.toml", "function") as page:
         page.wait_for_selector(".import .note.bad:has-text('several tasks')")
         page.click(".ascet button:text-is('All')")
         page.wait_for_selector(".ascet .tag.g")
@@ -186,7 +187,7 @@ def test_tasks_are_chosen_by_boxes(tmp_path: Path) -> None:
 
 
 def test_a_data_driven_model_is_trained(torque: Path) -> None:
-    with function_screen(torque) as page:
+    with project_page(torque, "function") as page:
         page.click("[data-fold=surrogates] > button")
         page.click("text=New data-driven model")
         page.fill("[aria-label='Name of the model']", "engine")

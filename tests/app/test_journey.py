@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import kennfeld as kf
-from kennfeld.project.demo import write
 from tests.app.browser import READY, browser_page, started
+from tests.app.shared_app import project_page
 
 
 def rows_of_bench() -> str:
@@ -50,17 +50,17 @@ def test_from_a_csv_to_a_dcm(tmp_path: Path) -> None:
     assert again.problem().parameters["MapTorque"].values == pytest.approx(values["MapTorque"].values, abs=1e-3)
 
 
-def test_the_same_project_on_the_command_line_gives_the_same_numbers(exhaust: Path, tmp_path: Path) -> None:
+def test_the_same_project_on_the_command_line_gives_the_same_numbers(exhaust: Path) -> None:
     expected = kf.Project.read(exhaust).calibrate()
     training = next(row for row in expected.quality if row.use == "training")
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(exhaust) as page:
         page.click("#run")
         page.wait_for_selector("#job-state.converged", timeout=60_000)
         assert page.inner_text("#rmse-training") == f"{training.rmse_after:.3f} degC"
 
 
-def test_typing_into_the_table_and_undo(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_typing_into_the_table_and_undo(torque: Path) -> None:
+    with project_page(torque) as page:
         page.click("[data-parameter=MapOptTorque]")
         before = page.inner_text("#rmse-training")
         page.click("[data-cell='3,4']")
@@ -74,10 +74,10 @@ def test_typing_into_the_table_and_undo(torque: Path, tmp_path: Path) -> None:
         page.wait_for_selector("#undo[disabled]")
 
 
-def test_two_tabs_agree(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_two_tabs_agree(torque: Path) -> None:
+    with project_page(torque) as page:
         other = page.context.new_page()
-        other.goto(address.partition("?")[0])
+        other.goto(page.url)
         other.wait_for_selector(READY)
         page.click("[data-cell='0,0']")
         page.keyboard.type("120")
@@ -86,8 +86,8 @@ def test_two_tabs_agree(torque: Path, tmp_path: Path) -> None:
         assert other.inner_text("#rmse-training") == page.inner_text("#rmse-training")
 
 
-def test_a_file_that_changes_on_disk_is_noticed(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_file_that_changes_on_disk_is_noticed(torque: Path) -> None:
+    with project_page(torque) as page:
         torque.write_text(
             torque.read_text(encoding="utf-8")
             .replace("smoothness = 10 ", "smoothness = 20 ")
@@ -107,7 +107,7 @@ def test_unsaved_edits_survive_the_end_of_the_server(torque: Path, tmp_path: Pat
         page.wait_for_selector("small.dirty")
         process.kill()
         page.wait_for_selector("text=does not answer")
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(torque) as page:
         page.click("text=Recover")
         page.wait_for_selector("[data-cell='1,1']:has-text('99')")
 
@@ -115,11 +115,10 @@ def test_unsaved_edits_survive_the_end_of_the_server(torque: Path, tmp_path: Pat
 SCREENS = ("data", "function", "parameters", "optimization", "results", "plots", "files", "start")
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
-def test_every_screen_opens_and_the_page_never_scrolls(tmp_path: Path, size: tuple[int, int]) -> None:
-    project = write("exhaust", tmp_path / "exhaust")
-    with started(project, tmp_path) as (address, _), browser_page(address, size) as page:
-        for _ in ("light", "dark"):
+def test_every_screen_opens_and_the_page_never_scrolls(exhaust: Path) -> None:
+    with project_page(exhaust) as page:
+        for size in ((1280, 800), (1920, 1080)):  # one in each theme
+            page.set_viewport_size({"width": size[0], "height": size[1]})
             page.click("#theme")
             for screen in SCREENS:
                 page.click(f"[data-screen={screen}]")
@@ -128,8 +127,8 @@ def test_every_screen_opens_and_the_page_never_scrolls(tmp_path: Path, size: tup
                 assert page.inner_text("main").strip() != ""
 
 
-def test_the_palette_finds_a_parameter(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_the_palette_finds_a_parameter(torque: Path) -> None:
+    with project_page(torque) as page:
         page.keyboard.press("Control+k")
         page.wait_for_selector("[aria-label='Command or parameter']:focus")
         page.keyboard.type("eta")

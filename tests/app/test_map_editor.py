@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from kennfeld.project import Project
-from tests.app.browser import READY, browser_page, started
+from tests.app.browser import READY
+from tests.app.shared_app import project_page
 
 # the middle of the dot: the pixels of its colour that lie in the midst of such
 DOT = """
@@ -44,9 +45,9 @@ CHANGED_CELLS = """
 
 
 @pytest.fixture
-def editor(exhaust: Path, tmp_path: Path) -> Iterator[Any]:
+def editor(exhaust: Path) -> Iterator[Any]:
     """Open MapSettled of the exhaust demo."""
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(exhaust) as page:
         page.click("[data-screen=parameters]")
         page.click("[data-parameter=MapSettled]")
         page.wait_for_selector("[data-cell='11,11']")

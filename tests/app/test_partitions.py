@@ -22,6 +22,8 @@ from kennfeld.report import document
 from tests.project.partitioned_projects import STEADY, in_partitions, write_steady
 from tests.report.report_projects import Page
 
+pytestmark = pytest.mark.usefixtures("forked_workers")
+
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 6\n'
 SAMPLES = 5 * 800 + 90 * (1 + 2 + 3 + 4)  # of five files
 PARTITIONS = "\n[cluster]\npartition = 600\n"
@@ -83,6 +85,7 @@ def test_a_run_evaluates_all_partitions_as_the_command_does(tmp_path: Path) -> N
     assert session.job.trace
 
 
+@pytest.mark.slow  # processes of a run are started below too; their bits are those of `project/test_clusters.py`
 @needs_dask
 def test_a_run_uses_the_processes_of_the_project(tmp_path: Path) -> None:
     path = write_project(tmp_path)

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from kennfeld.app.session.session import Session
-from tests.app.browser import READY, browser_page, started
+from tests.app.browser import READY
+from tests.app.shared_app import project_page
 
 STRIPS = ".stack > .canvas"
 
@@ -27,8 +28,8 @@ def titles(page: Any) -> list[str]:
     return page.locator("[data-strip] .nm b").all_inner_texts()
 
 
-def test_a_signal_is_searched_and_added_and_kept_for_the_project(exhaust: Path, tmp_path: Path) -> None:
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_signal_is_searched_and_added_and_kept_for_the_project(exhaust: Path) -> None:
+    with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
         page.wait_for_selector("[data-strip='4']")
         before = titles(page)
@@ -62,9 +63,9 @@ def test_a_signal_is_searched_and_added_and_kept_for_the_project(exhaust: Path, 
         assert titles(page) == before[:4]
 
 
-def test_a_kept_signal_that_is_gone_does_not_hide_the_others(exhaust: Path, tmp_path: Path) -> None:
+def test_a_kept_signal_that_is_gone_does_not_hide_the_others(exhaust: Path) -> None:
     strips = [{"weight": 1, "lines": [{"kind": "channel", "name": name}]} for name in ("Gone", "Speed")]
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(exhaust) as page:
         script = "([key, value]) => localStorage.setItem(key, value)"
         page.evaluate(script, [f"kennfeld.plots:{exhaust}", json.dumps({"strips": strips})])
         page.reload()
@@ -76,8 +77,8 @@ def test_a_kept_signal_that_is_gone_does_not_hide_the_others(exhaust: Path, tmp_
         page.wait_for_function("() => Number(document.querySelector(`[data-strip='1'] .v b`).innerText) > 500")
 
 
-def test_strips_are_moved_and_resized_by_the_mouse(exhaust: Path, tmp_path: Path) -> None:
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+def test_strips_are_moved_and_resized_by_the_mouse(exhaust: Path) -> None:
+    with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
         page.wait_for_selector("[data-strip='4']")
         page.drag_and_drop("[data-strip='4'] .nm b", "[data-strip='0'] .nm b")
@@ -91,10 +92,10 @@ def test_strips_are_moved_and_resized_by_the_mouse(exhaust: Path, tmp_path: Path
         assert page.locator("[data-strip='1']").bounding_box()["height"] > high + 20
 
 
-def test_keys_zoom_and_move_the_cursor_sample_by_sample(exhaust: Path, tmp_path: Path) -> None:
+def test_keys_zoom_and_move_the_cursor_sample_by_sample(exhaust: Path) -> None:
     recording = Session(exhaust).require_view().model.recordings[0]
     speed = recording.channel("Speed")
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
         page.wait_for_selector("[data-strip='4']")
         whole = page.inner_text(".tool .span")
@@ -115,8 +116,8 @@ def test_keys_zoom_and_move_the_cursor_sample_by_sample(exhaust: Path, tmp_path:
             page.wait_for_function(shown, arg=float(speed[sample]))
 
 
-def test_a_range_shows_its_length_and_the_statistics_of_each_signal(exhaust: Path, tmp_path: Path) -> None:
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_range_shows_its_length_and_the_statistics_of_each_signal(exhaust: Path) -> None:
+    with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
         page.wait_for_selector("[data-strip='4']")
         page.keyboard.press("r")
@@ -131,8 +132,8 @@ def test_a_range_shows_its_length_and_the_statistics_of_each_signal(exhaust: Pat
         assert least < mean < rms < greatest
 
 
-def test_a_rectangle_in_a_scatter_becomes_a_condition_a_weight_and_a_view(exhaust: Path, tmp_path: Path) -> None:
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_rectangle_in_a_scatter_becomes_a_condition_a_weight_and_a_view(exhaust: Path) -> None:
+    with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
         page.click("text=x, y")
         page.select_option("[aria-label='Signal upwards']", "channel:Injection")
@@ -162,8 +163,8 @@ def test_a_rectangle_in_a_scatter_becomes_a_condition_a_weight_and_a_view(exhaus
     assert view.start.scores[0].samples <= brushed
 
 
-def test_what_cannot_be_a_condition_says_why(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_what_cannot_be_a_condition_says_why(torque: Path) -> None:
+    with project_page(torque) as page:
         page.click("[data-screen=plots]")
         page.wait_for_selector("[data-strip='0']")
         page.keyboard.press("b")
@@ -172,8 +173,8 @@ def test_what_cannot_be_a_condition_says_why(torque: Path, tmp_path: Path) -> No
         assert page.locator("text=As where").count() == 0
 
 
-def test_a_clicked_sample_shows_its_error_and_corrections(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_clicked_sample_shows_its_error_and_corrections(torque: Path) -> None:
+    with project_page(torque) as page:
         page.click("[data-screen=plots]")
         page.wait_for_selector("[data-strip='0']")
         page.wait_for_selector(READY)
@@ -186,9 +187,9 @@ def test_a_clicked_sample_shows_its_error_and_corrections(torque: Path, tmp_path
         page.wait_for_selector(".sample dt:has-text('dragTorque')")
 
 
-def test_a_grid_point_lights_up_its_samples_in_the_plots(exhaust: Path, tmp_path: Path) -> None:
+def test_a_grid_point_lights_up_its_samples_in_the_plots(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(exhaust) as page:
         page.click("[data-cell='6,4']")
         page.wait_for_selector("text=Show in Plots")
         page.wait_for_selector(READY)
@@ -198,10 +199,10 @@ def test_a_grid_point_lights_up_its_samples_in_the_plots(exhaust: Path, tmp_path
         assert page.get_attribute("[data-brushed]", "data-brushed") == str(part.samples.size)
 
 
-def test_overlays_colour_the_cells_by_samples_and_mean_error(exhaust: Path, tmp_path: Path) -> None:
+def test_overlays_colour_the_cells_by_samples_and_mean_error(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
     counts = view.samples["MapSettled"]
-    with started(exhaust, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(exhaust) as page:
         page.click("[data-parameter=MapSettled]")
         page.click("button.chip:has-text('samples')")
         page.wait_for_selector("[data-cell='6,4'] .cv")

@@ -13,6 +13,8 @@ from kennfeld.app.session.session import Session
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.project import Project
 
+pytestmark = pytest.mark.usefixtures("forked_workers")
+
 
 def ask(session: Session, question: str, **given: Any) -> Answer:
     return (QUESTIONS.get(question) or COMMANDS[question])(session, given)

@@ -3,8 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from kennfeld.project.key_descriptions import describe_sections
-from tests.app.browser import READY, browser_page, started
+from tests.app.browser import READY
+from tests.app.shared_app import project_page
 
 
 def jump(page: Any, key: str) -> None:
@@ -20,29 +23,63 @@ def enter(page: Any, label: str, text: str) -> None:
     page.keyboard.press("Enter")
 
 
-def test_the_palette_finds_the_field_of_every_key(torque: Path, tmp_path: Path) -> None:
-    before, missing = torque.read_bytes(), []
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
-        for section in describe_sections():
-            for key in section["form"].get("keys", ()):
-                name = f"{section['name']}.{key['name']}"
-                if section["name"] == "axes":
-                    continue  # the project has none, see below
-                if section["name"] == "parameters" and key["name"] in ("z", "w"):
-                    continue  # the open table is a map
-                jump(page, name)
-                row = page.locator(f"[data-setting='{name}']:focus-within")
-                help_line = row.locator(".help")
-                if help_line.count() and key["help"] not in help_line.inner_text():
-                    missing.append(name)
-        assert missing == []
+# For each key: open the palette, enter the key, press Enter, and return the help beside the field that has the focus,
+# null if no field of the key gets it. All in the page: keys pressed from outside take half a second for each key.
+JUMPS = """
+async keys => {
+  const press = (target, key, ctrlKey) =>
+    target.dispatchEvent(new KeyboardEvent("keydown", { key, ctrlKey, bubbles: true, cancelable: true }));
+  const wait = async condition => {
+    for (const end = Date.now() + 5000; !condition() && Date.now() < end; ) await new Promise(done => setTimeout(done));
+  };
+  const helps = {};
+  for (const key of keys) {
+    document.activeElement.blur();
+    press(document.body, "k", true);
+    await wait(() => document.activeElement.matches("input"));
+    const field = document.activeElement;
+    field.value = key;
+    field.dispatchEvent(new InputEvent("input", { bubbles: true }));
+    await new Promise(done => setTimeout(done));
+    press(field, "Enter", false);
+    const row = () => document.querySelector(`[data-setting='${key}']:focus-within`);
+    await wait(row);
+    helps[key] = row() && (row().querySelector(".help")?.innerText ?? "");
+  }
+  return helps;
+}
+"""
+
+
+def keys_with_help(every: bool) -> dict[str, str]:
+    """Return the help of every key, or of the first and the last one of each section."""
+    helps = {}
+    for section in describe_sections():
+        keys = section["form"].get("keys", ())
+        if section["name"] == "axes":
+            continue  # the project has none, see below
+        if section["name"] == "parameters":
+            keys = [key for key in keys if key["name"] not in ("z", "w")]  # the open table is a map
+        chosen = keys if every else [*keys[:1], *keys[-1:]]
+        helps |= {f"{section['name']}.{key['name']}": key["help"] for key in chosen}
+    return helps
+
+
+@pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["outer", "all"])
+def test_the_palette_finds_the_field_of_every_key(torque: Path, every: bool) -> None:
+    before, expected = torque.read_bytes(), keys_with_help(every)
+    with project_page(torque) as page:
+        page.set_viewport_size({"width": 480, "height": 320})  # quickly drawn
+        helps = page.evaluate(JUMPS, list(expected))
+        wrong = [name for name, text in helps.items() if text is None or (text and expected[name] not in text)]
+        assert wrong == []
         assert page.is_disabled("#save")
     assert torque.read_bytes() == before
 
 
-def test_a_value_set_and_reset_in_the_page_leaves_the_file_byte_for_byte(torque: Path, tmp_path: Path) -> None:
+def test_a_value_set_and_reset_in_the_page_leaves_the_file_byte_for_byte(torque: Path) -> None:
     before = torque.read_bytes()
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(torque) as page:
         jump(page, "optimizer.spread")
         page.keyboard.type("0,25")
         page.keyboard.press("Enter")
@@ -62,8 +99,8 @@ def test_a_value_set_and_reset_in_the_page_leaves_the_file_byte_for_byte(torque:
     assert torque.read_bytes() == before
 
 
-def test_a_comment_has_paragraphs(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_comment_has_paragraphs(torque: Path) -> None:
+    with project_page(torque) as page:
         jump(page, "report.comment")
         page.keyboard.type("Bench 3.")
         page.keyboard.press("Enter")
@@ -77,8 +114,8 @@ def test_a_comment_has_paragraphs(torque: Path, tmp_path: Path) -> None:
     assert b'comment = "Bench 3.\\n\\nSecond paragraph."' in torque.read_bytes()
 
 
-def test_a_message_stands_at_its_field(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_message_stands_at_its_field(torque: Path) -> None:
+    with project_page(torque) as page:
         jump(page, "dataset.where")
         page.keyboard.type("Sped > 1000")
         page.keyboard.press("Enter")
@@ -91,9 +128,9 @@ def test_a_message_stands_at_its_field(torque: Path, tmp_path: Path) -> None:
         page.wait_for_selector("[data-setting='dataset.where'] .remark", state="detached")
 
 
-def test_a_criterion_is_added_selected_and_removed(torque: Path, tmp_path: Path) -> None:
+def test_a_criterion_is_added_selected_and_removed(torque: Path) -> None:
     before = torque.read_text(encoding="utf-8")
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(torque) as page:
         first = page.inner_text("#rmse-training")
         page.click("[data-screen=optimization]")
         page.click("[data-add=criterion]")
@@ -111,8 +148,8 @@ def test_a_criterion_is_added_selected_and_removed(torque: Path, tmp_path: Path)
     assert torque.read_text(encoding="utf-8") == before
 
 
-def test_shared_axes_locks_and_pins_of_a_table(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_shared_axes_locks_and_pins_of_a_table(torque: Path) -> None:
+    with project_page(torque) as page:
         jump(page, "parameters.lock")
         page.select_option("[aria-label='Kind of parameters.lock']", "ranges")
         page.click("[aria-label='Add to parameters.lock']")
@@ -140,8 +177,8 @@ def test_shared_axes_locks_and_pins_of_a_table(torque: Path, tmp_path: Path) -> 
     assert "breakpoints = [700, 2000.5, 6000]" in text
 
 
-def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path, tmp_path: Path) -> None:
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path) -> None:
+    with project_page(torque) as page:
         jump(page, "parameters.bounds")
         page.select_option("[aria-label='Kind of parameters.bounds']", "by value")
         enter(page, "parameters.bounds, as TOML", "[0, 'high']")
@@ -154,13 +191,13 @@ def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path, tmp_path: 
         page.wait_for_selector("[data-setting='parameters.bounds'] [role=alert]", state="detached")
 
 
-def test_steps_are_moved_and_unknown_keys_removed(torque: Path, tmp_path: Path) -> None:
+def test_steps_are_moved_and_unknown_keys_removed(torque: Path) -> None:
     text = torque.read_text(encoding="utf-8")
     torque.write_text(
         text + '\n[[step]]\nname = "fine"\ncolour = 3\n\n[[step]]\nname = "coarse"\ngrid_reduction = 2\n',
         encoding="utf-8",
     )
-    with started(torque, tmp_path) as (address, _), browser_page(address) as page:
+    with project_page(torque) as page:
         page.click("[data-screen=optimization]")
         page.click("[data-section=step] [data-entry='1'] .fold")
         page.wait_for_selector("[data-setting='step.colour'] .remark:has-text('unknown key')")

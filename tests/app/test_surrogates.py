@@ -12,6 +12,8 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText
 from kennfeld.errors import ArgumentError
 
+pytestmark = pytest.mark.usefixtures("forked_workers")
+
 WAIT = 60.0  # s, at most
 
 

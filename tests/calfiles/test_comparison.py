@@ -40,10 +40,15 @@ def test_one_changed_number_is_the_only_difference(drawn):
         at = data.draw(st.integers(0, chosen.size - 1))
         values = chosen.values.ravel().copy()
         values[at] = np.nextafter(values[at], 0.0 if values[at] else 1.0)
-        [found] = compare(members, members.with_parameters(chosen.with_values(values))).differences
-        assert (found.name, found.aspect, found.count, found.total) == (chosen.name, "values", 1, chosen.size)
-        assert float(found.left) == chosen.values[found.index]
-        assert float(found.right) == values[at]
+        [difference] = compare(members, members.with_parameters(chosen.with_values(values))).differences
+        assert (difference.name, difference.aspect, difference.count, difference.total) == (
+            chosen.name,
+            "values",
+            1,
+            chosen.size,
+        )
+        assert float(difference.left) == chosen.values[difference.index]
+        assert float(difference.right) == values[at]
 
     check()
 

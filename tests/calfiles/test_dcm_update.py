@@ -267,7 +267,7 @@ def test_any_change_is_read_back_and_touches_no_other_word(tmp_path_factory, dra
         write(moved, folder / "c.dcm")
         assert read(folder / "c.dcm") == moved
         words = [(folder / name).read_bytes().split() for name in ("a.dcm", "c.dcm")]
-        assert sum(one != other for one, other in zip(*words, strict=True)) <= 1
+        assert sum(word != moved_word for word, moved_word in zip(*words, strict=True)) <= 1
 
     check()
 

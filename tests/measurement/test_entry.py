@@ -32,7 +32,9 @@ def test_every_bit_comes_back(drawn):
         assert [(c.name, c.unit, c.description) for c in back.channels] == [
             (c.name, c.unit, c.description) for c in channels
         ]
-        assert all(bits(one.values) == bits(other.values) for one, other in zip(back.channels, channels, strict=True))
+        assert all(
+            bits(again.values) == bits(channel.values) for again, channel in zip(back.channels, channels, strict=True)
+        )
         assert (back.time is None) == (data.time is None)
         assert back.time is None or bits(back.time) == bits(data.time)
 

@@ -32,7 +32,7 @@ def close(got, expected, tolerance):
 @both
 @pytest.mark.parametrize("loss", LOSSES)
 def test_sums_are_those_of_the_interpreters_rows(model, loss):
-    made = compiled(case(MODELS[model](), 120, (0, 1, 50), loss=loss))
+    made = compiled(case(MODELS[model](), 50, (0, 1, 20), loss=loss))
     direct = sums(made.case, made.run(made.interpreter()))
     costs, gradient, matrix, *_ = results(made)
     close((costs, gradient, matrix), (direct.costs, direct.gradient, direct.matrix), 1e-12)

@@ -101,7 +101,7 @@ def test_sums_with_delays(case):
     check_sums(compiled(case))
 
 
-@few_or_many(cases(nested=True), st.data(), few=5, many=20)
+@few_or_many(cases(nested=True), st.data(), few=3, many=20)
 def test_sums_of_smoothed_lookups(case, data):
     smooth = data.draw(st.sampled_from([tuple(case.parameters), case.free, ("K", "C", "M", "Q3", "B2")]))
     made = compiled(case, smooth=smooth)
@@ -111,7 +111,7 @@ def test_sums_of_smoothed_lookups(case, data):
     check_sums(made, widths)
 
 
-@few_or_many(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]), few=8, many=40)
+@few_or_many(cases(nested=True), st.sampled_from([(), ("C", "M", "B2")]), few=6, many=40)
 def test_sums_by_a_pull_back(case, smooth):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(derivative, "MAX_VISITS", -1)

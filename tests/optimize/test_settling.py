@@ -121,7 +121,7 @@ def test_points_and_recordings_are_fitted_together():
 
 def test_held_points_go_through_the_continuation():
     """Smoothed lookups see the same samples."""
-    u = np.linspace(0.2, 3.8, 60)
+    u = np.linspace(0.2, 3.8, 20)
     start = kf.ParameterSet([kf.Curve("C", range(5), [0.0, 1, 2, 1, 0]), kf.Curve("D", range(5), [0.0, 1, 2.5, 3, 4])])
     truth = start.with_parameters(start["C"].with_values([0.5, 1, 3, 1, 2]))
     text, data = "y = PT1(C(D(u)), 0.4, 0)", kf.Dataset.of("points", {"u": u}, settling=Settling(1.0, 0.3, 0.1))

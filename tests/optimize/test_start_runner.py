@@ -160,10 +160,10 @@ def test_limits_of_outputs_hold_at_the_end_of_a_sequence():
 
 def test_limits_of_outputs_hold_for_every_start():
     result = kf.calibrate(
-        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=3, workers=2)
+        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=2, workers=2)
     )
     again = kf.calibrate(
-        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=3, workers=1)
+        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=2, workers=1)
     )
     assert kf.simulate(TEXT, DATA, result.parameters)["m"].values.max() <= 2.4 + 1e-5
     assert [row.as_json() for row in result.starts] == [row.as_json() for row in again.starts]
@@ -266,8 +266,8 @@ KINKED = {"x": X, "y": np.abs(X - 1.13)}
     [
         {"steps": [Step(grid_reduction=2), Step()]},
         {"steps": [Step(), Step(free=["k"], lock={"k": False}, max_iterations=1)]},
-        {"starts": 3, "workers": 1},
-        {"starts": 3, "workers": 2},
+        {"starts": 2, "workers": 1},
+        {"starts": 2, "workers": 2},
     ],
 )
 def test_breakpoints_that_move_are_carried_from_step_to_step_and_from_start_to_result(options):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.project.partitioned_projects import STEADY, TIMED, write_steady, write_timed
+from tests.project.partitioned_projects import FEW, STEADY, TIMED, write_steady, write_timed
 
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 3\n'
 SIZE = 200  # samples of a partition: every recording of a short project is cut
@@ -23,8 +23,20 @@ IMPORTED = [
 ]
 
 
+# breakpoints that are not searched in the data
+FIXED = STEADY.replace("count = 6", "begin = 800, end = 4800, count = 4")
+FIXED = FIXED.replace("count = 5", "begin = 10, end = 100, count = 3")
+FIXED = FIXED.replace(
+    '"zw", count = 4', '"zw", begin = 0, end = 12, count = 4'
+)  # breakpoints are not searched in the data
+
+
 def write_short(folder):
-    return write_steady(folder, files=2, samples=250, text=STEADY + SHORT)
+    return write_steady(folder, files=2, samples=250, text=FIXED + SHORT)
+
+
+def write_short_with_quantiles(folder):
+    return write_steady(folder, files=2, samples=250, text=FEW + SHORT)
 
 
 def write_short_drives(folder):
@@ -54,7 +66,9 @@ def run_dask_command(module, arguments, folder, log):
     with Path(log).open("wb") as file:
         for descriptor in (1, 2):
             os.dup2(file.fileno(), descriptor)
-    import_module(f"distributed.cli.{module}").main(arguments)
+    command = import_module(f"distributed.cli.{module}").main
+    with import_module("dask").config.set({"distributed.worker.profile.enabled": False}):  # it runs each 10 ms
+        command(arguments)
 
 
 class Cluster:

@@ -13,7 +13,7 @@ from kennfeld.errors import InputError
 from kennfeld.preprocessing.recording_sources import find_addresses, find_sources, local_file
 from kennfeld.project import Project
 from kennfeld.report.provenance import sources
-from tests.project.cluster_processes import SHORT, SIZE, calibrate, values_of, write_short
+from tests.project.cluster_processes import FIXED, SHORT, SIZE, calibrate, values_of, write_short
 from tests.project.partitioned_projects import STEADY, in_partitions, write_steady
 
 fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: pip install kennfeld[cluster]")
@@ -21,7 +21,7 @@ fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: pip inst
 PARTITIONS = f"\n[cluster]\npartition = {SIZE}\n"
 
 
-def write_stored(folder: Path, protocol: str = "file", text: str = STEADY + SHORT + PARTITIONS) -> Path:
+def write_stored(folder: Path, protocol: str = "file", text: str = FIXED + SHORT + PARTITIONS) -> Path:
     """Write a project whose recordings are addresses of a store."""
     path = write_steady(folder, files=2, samples=250, text=text)
     store = f"{protocol}://{folder}" if protocol != "memory" else "memory://fleet"

@@ -1,7 +1,9 @@
+from functools import cache
+
 import pytest
 
 from tests.app.browser import close_browser
-from tests.report.report_projects import PROJECTS, Page, Workshop
+from tests.report.report_projects import PROJECTS, CalibratedProject, Page, Workshop
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -16,10 +18,16 @@ def shop(tmp_path):
     return Workshop(tmp_path)
 
 
+@pytest.fixture(scope="session")
+def calibrated(tmp_path_factory):
+    """Return the calibrated project of a function that writes one, made once; nothing may change its folder."""
+    return cache(lambda build: CalibratedProject(build(Workshop(tmp_path_factory.mktemp(build.__name__)))))
+
+
 @pytest.fixture(params=PROJECTS, ids=lambda build: build.__name__)
-def project(request, shop):
+def project(request, calibrated):
     """Each of the projects that a report has to cope with."""
-    return request.param(shop)
+    return calibrated(request.param)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.project import Project
+from kennfeld.report import document
 
 CRITERION = '\n[[criterion]]\nnode = "y"\ntarget = { channel = "m" }\n'
 
@@ -144,6 +145,14 @@ PROJECTS = [
     two_criteria,
     kept_values,
 ]
+
+
+class CalibratedProject:
+    """A project, its result and its report."""
+
+    def __init__(self, project: Project) -> None:
+        self.project, self.result = project, project.calibrate()
+        self.report = document(project, self.result, project.check())
 
 
 class Page(HTMLParser):

@@ -1,7 +1,9 @@
 """The report of data in partitions shows the strips, the numbers and the samples that it shows of all data at once."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from kennfeld.analysis.residuals import residuals
 from kennfeld.optimize.partitions import split_files
 from kennfeld.optimize.problem import partitions_of
+from kennfeld.optimize.result import Result
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
 from tests.project.partitioned_projects import (
@@ -77,34 +80,56 @@ def same(left, right):
     return left == pytest.approx(right, rel=2e-4, abs=1e-9) if isinstance(left, float) else left == right
 
 
-def pages(path, size, monkeypatch):
-    """Return the reports on one result: of all data at once, and of partitions of which the client holds little."""
-    plain = Project.read(path)
-    result = plain.calibrate()
+@dataclass
+class Plain:
+    """A project whose data are all evaluated at once, and its result."""
+
+    path: Path
+    result: Result
+
+    @cached_property
+    def page(self) -> Page:
+        return Page(document(Project.read(self.path), self.result))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """Return the result of a function that writes a project, made once."""
+
+    def make(write):
+        path = write(tmp_path_factory.mktemp(write.__name__))
+        return Plain(path, Project.read(path).calibrate())
+
+    return cache(make)
+
+
+def page_of_partitions(plain, size, monkeypatch):
+    """Return the report on the same result, of partitions of which the client holds little."""
     monkeypatch.setattr(partitioned_loading, "EXCERPT", 400)
-    parted = in_partitions(path, size)
-    assert sum(data.samples for data in parted.problem().datasets) < sum(d.samples for d in plain.problem().datasets)
-    return [Page(document(project, result)) for project in (plain, parted)]
+    parted = in_partitions(plain.path, size)
+    whole = Project.read(plain.path).problem().datasets
+    assert sum(data.samples for data in parted.problem().datasets) < sum(data.samples for data in whole)
+    return Page(document(parted, plain.result))
 
 
 @pytest.mark.parametrize("write", WRITERS)
-@pytest.mark.parametrize("size", [300, 1000, 10**6])
-def test_figures_are_those_of_all_data(tmp_path, write, size, monkeypatch):
-    plain, parted = pages(write(tmp_path), size, monkeypatch)
-    assert len(parted.data["figures"]) == len(plain.data["figures"])
-    for figure, other in zip(parted.data["figures"], plain.data["figures"], strict=True):
+@pytest.mark.parametrize("size", [300, pytest.param(1000, marks=pytest.mark.slow), 10**6])
+def test_figures_are_those_of_all_data(plain, write, size, monkeypatch):
+    whole, parted = plain(write).page, page_of_partitions(plain(write), size, monkeypatch)
+    assert len(parted.data["figures"]) == len(whole.data["figures"])
+    for figure, other in zip(parted.data["figures"], whole.data["figures"], strict=True):
         for key in other:
             assert same(figure[key], other[key]), (other["kind"], key)
-    kinds = {figure["kind"] for figure in plain.data["figures"]}
+    kinds = {figure["kind"] for figure in whole.data["figures"]}
     assert {"strip", "scatter", "histograms"} <= kinds
     assert ("cells" in kinds) != (write is write_paused_drives)
     assert ("autocorrelation" in kinds) == (write is not write_steady_points)
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_tables_are_those_of_all_data(tmp_path, write, monkeypatch):
+def test_tables_are_those_of_all_data(plain, write, monkeypatch):
     texts = []
-    for page in pages(write(tmp_path), 300, monkeypatch):
+    for page in (plain(write).page, page_of_partitions(plain(write), 300, monkeypatch)):
         assert "excerpt" not in page.words_in_a_row
         below_contents = page.words_in_a_row.partition("Settings and files")[2]
         texts.append(re.search(r" Result .*? Search Cost", below_contents)[0])
@@ -113,23 +138,25 @@ def test_tables_are_those_of_all_data(tmp_path, write, monkeypatch):
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_strips_and_dots_are_bounded(tmp_path, write, monkeypatch):
+def test_strips_and_dots_are_bounded(plain, write, monkeypatch):
     monkeypatch.setattr("kennfeld.report.drawings.TRACE_POINTS", (40, 100))
     monkeypatch.setattr("kennfeld.report.drawings.SCATTER_POINTS", (20, 50))
-    for page in (texts := pages(write(tmp_path), 300, monkeypatch)):
+    pages = (replace(plain(write)).page, page_of_partitions(plain(write), 300, monkeypatch))
+    for page in pages:
         for strip in page.figures("strip"):
             assert not strip["whole"]
             assert len(strip["x"]) == len(strip["measured"]) <= 102
     for kind in ("strip", "scatter", "histograms"):
-        assert same(texts[1].figures(kind), texts[0].figures(kind)), kind
+        assert same(pages[1].figures(kind), pages[0].figures(kind)), kind
 
 
-@pytest.mark.parametrize("size", [300, 1000])
-def test_estimated_shifts_are_those_of_the_result(tmp_path, size, monkeypatch):
-    plain, parted = pages(write_shifted_drives(tmp_path), size, monkeypatch)
+@pytest.mark.parametrize("size", [300, pytest.param(1000, marks=pytest.mark.slow)])
+def test_estimated_shifts_are_those_of_the_result(plain, size, monkeypatch):
+    whole = plain(write_shifted_drives)
+    parted = page_of_partitions(whole, size, monkeypatch)
     for kind in ("strip", "scatter", "histograms", "autocorrelation", "cells"):
-        assert plain.figures(kind)
-        assert same(parted.figures(kind), plain.figures(kind)), kind
+        assert whole.page.figures(kind)
+        assert same(parted.figures(kind), whole.page.figures(kind)), kind
 
 
 @pytest.mark.parametrize(("node", "sizes"), [("y", [900]), ("PT1(y, 0.5)", [400, 500])])
@@ -147,7 +174,9 @@ def test_ranges_of_limited_outputs_are_those_of_all_data(tmp_path, monkeypatch):
     path = write_paused_drives(tmp_path)
     path.write_text(PAUSED + limits + SHORT)
     pattern = r" range before range after beyond before beyond after y .*? PT1\(y, 0.5\) (\S+ ){10}"
-    tables = [re.search(pattern, page.words_in_a_row)[0] for page in pages(path, 300, monkeypatch)]
+    whole = Plain(path, Project.read(path).calibrate())
+    pages = (whole.page, page_of_partitions(whole, 300, monkeypatch))
+    tables = [re.search(pattern, page.words_in_a_row)[0] for page in pages]
     assert tables[1] == tables[0]
 
 

@@ -1,9 +1,7 @@
 """Structs of generated and of hand-written C code, compared with compiled functions by `scripts/c_functions.py`."""
 
 import shutil
-import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +13,9 @@ from kennfeld.models.model_function import as_model
 from kennfeld.parameter_set import ParameterSet
 
 pytest.importorskip("pycparser")
-SCRIPT = Path(__file__).parents[3] / "scripts" / "c_functions.py"
+
+import c_functions  # of `scripts`
+
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 GENERATED = """
@@ -99,14 +99,14 @@ def _names(ports):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
-def test_structs_are_computed_as_the_compiler_computes_them(tmp_path):
+def test_structs_are_computed_as_the_compiler_computes_them(tmp_path, monkeypatch, capsys):
     for name, text in {"generated": GENERATED, "pointers": POINTERS, "controller": CONTROLLER}.items():
         (tmp_path / f"{name}.c").write_text(text)
-    command = [sys.executable, str(SCRIPT), str(tmp_path), "--calls", "40", "--list"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    agreeing = [line.split(":")[1] for line in done.stdout.splitlines() if ": agree" in line]
+    monkeypatch.setattr(sys, "argv", ["c_functions.py", str(tmp_path), "--calls", "40", "--list"])
+    status = c_functions.main()
+    agreeing = [line.split(":")[1] for line in capsys.readouterr().out.splitlines() if ": agree" in line]
     assert agreeing == ["update", "run", "model_step", "model_initialize", "error_of", "control", "vectors"]
-    assert done.returncode == 0  # nothing differs
+    assert status == 0  # nothing differs
 
 
 def test_members_read_are_inputs_and_structs_named_as_outputs_are_outputs(tmp_path):

@@ -85,7 +85,7 @@ def test_the_exhaust_model_calibrates_to_the_parameters_of_the_formula(name, tmp
         "PT1(settled, CurveTimeConstant(AirMass))",
         "lag(settled, prev(TemperaturePredict, settled), CurveTimeConstant(AirMass), dt)",
     )
-    start, data = exhaust.start(), exhaust._record("drive", 1500, 0, "training")
+    start, data = exhaust.start(), exhaust._record("drive", 600, 0, "training")
     names = list(exhaust.SMOOTHNESS)
     models = [formula(exhaust.FORMULA, parameters=names), formula(text, parameters=names, functions=[function])]
     results = [

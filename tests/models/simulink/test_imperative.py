@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from kennfeld.models.imperative import control_flow, evaluation_context
 from tests.models.simulink.simulink_code import U, V, body, check_slopes, function, outputs, stepwise
 from tests.models.simulink.simulink_files import LAYOUTS
 from tests.models.simulink.simulink_runs import imported, run, slopes
@@ -254,13 +255,13 @@ def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
             "line 3: .*no fixed end within 1000 passes.*Limit the number of passes",
         ),
         ("y = 0;\nfor k = 1:u\n y = y + k;\nend", r"line 3: .*has no bound.*min\(\.\.\., N\)"),
-        ("y = 0;\nfor i = 1:1000\n for k = 1:1000\n  y = y + u;\n end\nend", "unrolls to more than 20000 statements"),
+        ("y = 0;\nfor i = 1:1000\n for k = 1:1000\n  y = y + u;\n end\nend", "unrolls to more than 3000 statements"),
         ("x = zeros(1000, 1000);\ny = u;", "line 2: .*array of 1e\\+06 elements"),
         ("x = zeros(1e200, 1e200);\ny = u;", "line 2: .*array of inf elements"),
         ("y = f(u, v);", "unknown function or variable f"),
         ("x = ones(600, 600);\ny = sum(sum(x*x));", r"line 3: .*array of 2\.16e\+08 elements"),
         ("x = (1:60000) + (1:60000)';\ny = x(1);", r"line 2: .*array of 3\.6e\+09 elements"),
-        ("while true\n y = u;\nend", "unrolls to more than 20000 statements"),
+        ("while true\n y = u;\nend", "unrolls to more than 3000 statements"),
         ("y = g(u);\nend\nfunction y = g(x)\ny = g(x - 1);", "g calls itself"),
         ("y = g(u);\nfunction y = g(x)\ny = x;\nend\n", "line 3, .*nested functions are not supported.*Move it behind"),
         ("y = 3i*u;", "complex numbers are not supported"),
@@ -290,7 +291,9 @@ def test_a_number_of_passes_that_is_a_parameter_is_fixed_and_told(tmp_path):
         ("[a, b] = sin(u);\ny = a;", "sin returns 1 results, but 2 are assigned"),
     ],
 )
-def test_what_is_refused_is_told_with_its_line(code, told, tmp_path):
+def test_what_is_refused_is_told_with_its_line(code, told, tmp_path, monkeypatch):
+    for module in (control_flow, evaluation_context):
+        monkeypatch.setattr(module, "MAX_STATEMENTS", 3000)
     with pytest.raises(InputError, match=told):
         imported(function(body(code)), tmp_path)
 

@@ -41,7 +41,7 @@ TEXTS = (
 )  # fmt: skip
 GIVEN = {text: evaluate(text) for text in TEXTS}
 THREE = ("1", "3", "[1 2 3]", "[1 2;3 4]", "[]", "reshape([1 3 2 4 2 1 3 1],2,2,2)", "'all'", "-2.5")
-PAIRS, TRIPLES = 7, 11  # one of so many is tried; no multiple of the number of arguments
+FEW, MANY = (31, 37), (7, 11)  # one of so many pairs and triples is tried; no multiple of the number of arguments
 
 OF_BITS = {"bitand", "bitor", "bitxor", "bitshift", "bitcmp", "bitget", "bitset"}
 CASTS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
@@ -131,8 +131,9 @@ def in_code(name, arguments, wanted):
         return None
 
 
-def calls(name):
+def calls(name, tried):
     """The arguments of the calls that are tried, as texts, and how many results are wanted."""
+    pairs, triples = tried
     counts = range(
         max(NUMERIC_FUNCTIONS[name].least, SYMBOLIC_FUNCTIONS[name].least),
         min(NUMERIC_FUNCTIONS[name].most, SYMBOLIC_FUNCTIONS[name].most) + 1,
@@ -141,14 +142,14 @@ def calls(name):
         if count < 2:
             yield from itertools.product(itertools.product(TEXTS, repeat=count), (1, 2))
         elif count < 4:
-            every, pool = (PAIRS, TEXTS) if count == 2 else (TRIPLES, THREE)
+            every, pool = (pairs, TEXTS) if count == 2 else (triples, THREE)
             chosen = itertools.islice(itertools.product(pool, repeat=count), SHARED.index(name) % every, None, every)
             yield from ((texts, 1) for texts in chosen)
 
 
-def differences(name):
+def differences(name, tried):
     """The calls of a function that differ, with what each side gives and whether that is intended."""
-    for texts, wanted in calls(name):
+    for texts, wanted in calls(name, tried):
         arguments = [GIVEN[text] for text in texts]
         with np.errstate(all="ignore"):
             plain = arguments if name in OF_BITS else list(map(as_double, arguments))
@@ -161,9 +162,10 @@ def differences(name):
             yield f"{name}({', '.join(texts)})", number, graph, is_intended(name, arguments)
 
 
+@pytest.mark.parametrize("tried", [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SHARED)
-def test_scripts_and_code_agree(name):
-    assert [found[:3] for found in differences(name) if not found[3]] == []
+def test_scripts_and_code_agree(name, tried):
+    assert [difference[:3] for difference in differences(name, tried) if not difference[3]] == []
 
 
 @pytest.mark.parametrize("name", ["max", "interp1", "hypot", "int8", "uint16"])
