@@ -20,6 +20,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 FORKS = sys.platform == "linux"
 COMMAND = "import sys; sys.path[:] = {path!r}; from tests.app import app_processes; app_processes.{call}"
 LIMIT = 1_000_000  # bytes of a request
@@ -58,11 +60,17 @@ class ForkedProcess:
 class ForkingProcess:
     """A process that has loaded the app, and forks. It ends, with what it has forked, if the connection is closed."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, fresh: bool) -> None:
+        """Start a new interpreter, or fork this process, which has loaded the app and has one thread."""
+        self._lock, self._process = threading.Lock(), None
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = COMMAND.format(path=sys.path, call=f"fork_on_request({other.fileno()})")
-        self._process = subprocess.Popen([sys.executable, "-c", command], pass_fds=[other.fileno()])
-        self._lock = threading.Lock()
+        if fresh:
+            command = COMMAND.format(path=sys.path, call=f"load_and_fork({other.fileno()})")
+            self._process = subprocess.Popen([sys.executable, "-c", command], pass_fds=[other.fileno()])
+        elif not os.fork():
+            self._socket.close()
+            fork_on_request(other)
+            os._exit(0)
         other.close()
 
     def ask(self, request: dict[str, Any], *descriptors: int) -> int:
@@ -74,13 +82,14 @@ class ForkingProcess:
 
     def close(self) -> None:
         self._socket.close()
-        self._process.wait()
+        if self._process is not None:
+            self._process.wait()
 
 
 @cache
 def forking_process() -> ForkingProcess:
     """Return the process that forks for this one, started once."""
-    return ForkingProcess()
+    return ForkingProcess(fresh=True)
 
 
 def end_forking_process() -> None:
@@ -94,9 +103,25 @@ class ForkingSubprocess:
 
     PIPE, DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 
-    @staticmethod
-    def Popen(command: Sequence[str], **_: object) -> ForkedProcess:
-        return ForkedProcess(forking_process(), command)
+    def __init__(self, source: ForkingProcess) -> None:
+        self._source = source
+
+    def Popen(self, command: Sequence[str], stdin: int = PIPE, **_: object) -> ForkedProcess:
+        process = ForkedProcess(self._source, command)
+        if stdin == subprocess.DEVNULL:
+            process.stdin.close()
+        return process
+
+
+def fork_workers(monkeypatch: pytest.MonkeyPatch, source: ForkingProcess) -> None:
+    """Start the processes of calibrations and trainings without new interpreters."""
+    for module in ("kennfeld.optimize.search.worker_process", "kennfeld.app.session.surrogate_training"):
+        monkeypatch.setattr(f"{module}.subprocess", ForkingSubprocess(source))
+
+
+def fork_own_workers() -> None:
+    """Let a forked server start its workers so; called while it has one thread."""
+    fork_workers(pytest.MonkeyPatch(), ForkingProcess(fresh=False))
 
 
 AppProcess = ForkedProcess | subprocess.Popen[bytes]
@@ -143,11 +168,14 @@ def run_app(project: str | None, folder: str, home: str, prelude: str) -> None:
     launch(Path(project) if project else None, 0, browser=False)
 
 
-def fork_on_request(descriptor: int) -> None:
-    """Fork a process for each request, or wait for the end of one, until the connection is closed."""
+def load_and_fork(descriptor: int) -> None:
     load_app()
+    fork_on_request(socket.socket(fileno=descriptor))
+
+
+def fork_on_request(connection: socket.socket) -> None:
+    """Fork a process for each request, or wait for the end of one, until the connection is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the tests, which close the connection
-    connection = socket.socket(fileno=descriptor)
     running: set[int] = set()
     while True:
         content, descriptors, _, _ = socket.recv_fds(connection, LIMIT, 2)

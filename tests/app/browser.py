@@ -13,7 +13,11 @@ from tests.app.app_processes import AppProcess, app_process
 
 ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu"]
 READY = "html[data-state=ready]"
-ENDED = ("WebSocket", "ERR_CONNECTION_REFUSED")  # what the console says of a server that a test has ended
+ENDED = (
+    "WebSocket",
+    "ERR_CONNECTION_REFUSED",
+    "ERR_CONNECTION_RESET",
+)  # what the console says of a server that a test has ended
 
 
 def chromium() -> str:

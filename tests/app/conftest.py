@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kennfeld.project.demo import write
-from tests.app.app_processes import FORKS, ForkingSubprocess, end_forking_process
+from tests.app.app_processes import FORKS, end_forking_process, fork_workers, forking_process
 from tests.app.browser import close_browser
 from tests.app.shared_app import end_shared_app
 
@@ -46,5 +46,4 @@ def exhaust(demo_folder: Path, tmp_path: Path) -> Path:
 def forked_workers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Start the processes of calibrations and trainings without new interpreters."""
     if FORKS:
-        monkeypatch.setattr("kennfeld.optimize.search.worker_process.subprocess", ForkingSubprocess)
-        monkeypatch.setattr("kennfeld.app.session.surrogate_training.subprocess", ForkingSubprocess)
+        fork_workers(monkeypatch, forking_process())

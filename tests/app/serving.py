@@ -60,6 +60,7 @@ class Served:
             additional_headers=own,
             max_size=None,
             open_timeout=20,  # type: ignore[arg-type]
+            close_timeout=0.2,  # a page that does not read gets no answer to its good-bye
         ) as socket:
             yield Page(socket)
 

@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from tests.app.app_processes import FORKS
 from tests.app.browser import READY, browser_page
 from tests.app.serving import Served, served
 
@@ -20,7 +21,8 @@ def shared_app() -> tuple[Served, ExitStack]:
     """Return the server of this process, started once, and what ends it."""
     stack = ExitStack()
     home = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-    return stack.enter_context(served(None, home)), stack
+    prelude = "from tests.app.app_processes import fork_own_workers; fork_own_workers()" if FORKS else ""
+    return stack.enter_context(served(None, home, prelude)), stack
 
 
 def end_shared_app() -> None:

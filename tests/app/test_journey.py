@@ -20,7 +20,7 @@ def rows_of_bench() -> str:
 
 def test_from_a_csv_to_a_dcm(tmp_path: Path) -> None:
     (tmp_path / "bench.csv").write_text(rows_of_bench())
-    with started(None, tmp_path) as (address, _), browser_page(address) as page:
+    with started(None, tmp_path, fresh=True) as (address, process), browser_page(address) as page:
         page.fill("[aria-label='Name of the new project']", "sensor")
         page.click("text=Create")
         page.set_input_files("input[type=file]", str(tmp_path / "bench.csv"))
@@ -42,6 +42,8 @@ def test_from_a_csv_to_a_dcm(tmp_path: Path) -> None:
         page.click("[data-format=dcm]")
         page.click("#export-files")
         page.wait_for_selector("text=parameters.dcm")
+        process.terminate()
+        process.wait()
     folder = tmp_path / "sensor"
     values = kf.read_parameters(folder / "results" / "parameters.dcm")
     assert values["MapTorque"].values.ndim == 2

@@ -106,7 +106,13 @@ def tables():
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
-@pytest.mark.parametrize("pins", [[], [kf.Pin("E", (0.3,), 1.0)]], ids=["free", "pinned"])
+@pytest.mark.parametrize(
+    "pins",
+    [
+        pytest.param([], id="free"),
+        pytest.param([kf.Pin("E", (0.3,), 1.0)], id="pinned", marks=pytest.mark.slow),
+    ],
+)
 def test_tables_that_can_be_exchanged_stay_near_their_start(seed, pins):
     """Scaling A, dividing E and raising B by A change no output; factors of their own let the scale drift for ever."""
     result = kf.calibrate(

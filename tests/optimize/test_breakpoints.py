@@ -306,7 +306,7 @@ def cost_of(result):
     return float(np.sum((reached - data["y"]) ** 2))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_several_starts_keep_the_breakpoints_of_the_best(workers):
     result = fitted(even(), options=kf.Options(starts=3, workers=workers))
     np.testing.assert_allclose(points(result), KINKS, atol=0.02)

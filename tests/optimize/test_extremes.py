@@ -21,7 +21,9 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("size", EXTREMES)
+@pytest.mark.parametrize(
+    "size", [*EXTREMES[:2], *(pytest.param(size, marks=pytest.mark.slow) for size in EXTREMES[2:])]
+)
 @pytest.mark.parametrize("way", WAYS)
 def test_a_calibration_of_extreme_numbers_ends_without_a_warning(way, size):
     given = {"data": {"x": X, "z": Z}, "smoothness": 0.0, "level": 1.0} | WAYS[way](size)

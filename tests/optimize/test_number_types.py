@@ -1,5 +1,7 @@
 """Numbers of any type and layout give the result of doubles, at every entry of the Python API."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -70,9 +72,14 @@ def fitted(of=float):
     )
 
 
+@cache
+def result_of_floats():
+    return fitted()
+
+
 @pytest.mark.parametrize("of", NUMBERS)
 def test_settings_of_any_type_give_the_result_of_floats(of):
-    expected, found = fitted(), fitted(of)
+    expected, found = result_of_floats(), fitted(of)
     assert found.status == expected.status == "converged"
     for name, parameter in expected.parameters.items():
         np.testing.assert_allclose(found.parameters[name].values, parameter.values, rtol=1e-12)

@@ -68,7 +68,7 @@ def some_limits(size, random, equalities):
     return at, limited(at - room[0], at + room[1], matrix, matrix @ at)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))])
 @pytest.mark.parametrize("equalities", [0, 1, 2])
 def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
     random = np.random.default_rng([seed, equalities])
@@ -79,7 +79,7 @@ def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
     np.testing.assert_allclose(step, best_of_all_active_sets(matrix, gradient, at, limits), atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 15))])
 @pytest.mark.parametrize("equalities", [0, 1])
 def test_a_wrong_guess_of_active_bounds_changes_nothing(seed, equalities):
     random = np.random.default_rng([seed, equalities, 7])

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -67,6 +67,7 @@ def reference_worst(errors, step):
     return first, last - 1, rms(errors[first:last])
 
 
+@settings(max_examples=40)
 @given(
     st.lists(st.integers(1, 700), min_size=1, max_size=4),
     st.sampled_from([None, 0.1, 2.0]),

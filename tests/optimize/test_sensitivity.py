@@ -24,7 +24,7 @@ def drive(warmup, text="y = PT1(2.5 * u, 0.5, 3.0)"):
     return data.with_channels(kf.Channel("m", wanted))
 
 
-@pytest.mark.parametrize("warmup", [90, 130, 180, 400])
+@pytest.mark.parametrize("warmup", [90, *(pytest.param(warmup, marks=pytest.mark.slow) for warmup in (130, 180)), 400])
 @pytest.mark.parametrize(("x0", "T"), [(0.0, 1.0), (0.0, 20.0), (1.0, 20.0)])
 def test_an_initial_state_that_has_faded_keeps_its_start_and_is_named(warmup, x0, T):
     result = kf.calibrate("y = PT1(k*u, T, x0)", drive(warmup), {"k": 1.0, "T": T, "x0": x0}, "m")

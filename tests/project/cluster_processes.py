@@ -14,6 +14,11 @@ from tests.project.partitioned_projects import FEW, STEADY, TIMED, write_steady,
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 3\n'
 SIZE = 200  # samples of a partition: every recording of a short project is cut
 PATIENCE = 120  # s, for processes to start on a busy machine
+QUIET = {  # what Dask measures many times a second
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
 IMPORTED = [
     "distributed.cli.dask_scheduler",
     "distributed.cli.dask_worker",
@@ -67,7 +72,7 @@ def run_dask_command(module, arguments, folder, log):
         for descriptor in (1, 2):
             os.dup2(file.fileno(), descriptor)
     command = import_module(f"distributed.cli.{module}").main
-    with import_module("dask").config.set({"distributed.worker.profile.enabled": False}):  # it runs each 10 ms
+    with import_module("dask").config.set(QUIET):
         command(arguments)
 
 

@@ -140,9 +140,9 @@ def sound_toml():
     return TOML
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def shared_cluster(tmp_path_factory):
-    """A cluster of two workers for tests that leave its processes alone."""
+    """A cluster of two workers for tests that leave its processes alone; an idle one costs time, a new one hardly."""
     pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
     cluster = Cluster(tmp_path_factory.mktemp("cluster"), 2)
     cluster.wait_for_workers()

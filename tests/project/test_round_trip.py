@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -118,13 +119,20 @@ def check(file):
     assert document.text == text
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=25)
 @given(file=entry_of(ProjectFile, path=Path("kennfeld.toml"), lines={}))
 def test_a_project_file_survives_writing_and_reading(file):
     check(file)
 
 
-@settings(max_examples=50, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=400)
+@given(file=entry_of(ProjectFile, path=Path("kennfeld.toml"), lines={}))
+def test_many_project_files_survive_writing_and_reading(file):
+    check(file)
+
+
+@settings(max_examples=50)
 @given(file=entry_of(TrainingFile, path=Path("engine.toml"), lines={}))
 def test_a_training_file_survives_writing_and_reading(file):
     check(file)
