@@ -79,6 +79,7 @@ def test_an_empty_variable_keeps_nothing(folder: Path, monkeypatch: pytest.Monke
 
 def test_what_was_not_used_for_the_longest_time_goes_first(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(code_cache, "LARGEST", 3 * 1032)
+    monkeypatch.setattr(code_cache, "LIMITED_EVERY", 1)
     keys = [key_of(str(number)) for number in range(4)]
     for age, key in zip((40, 30, 20), keys[:3], strict=True):
         keep_code(key, b"x" * 1000)

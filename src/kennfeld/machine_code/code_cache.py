@@ -8,14 +8,17 @@ import os
 from contextlib import suppress
 from functools import cache
 from hashlib import blake2b
+from itertools import count
 from pathlib import Path
 
 from kennfeld.atomic_files import write_whole
 
 VARIABLE = "KENNFELD_CACHE"  # names another folder; empty keeps nothing
 LARGEST = 64_000_000  # bytes of the folder
+LIMITED_EVERY = 50  # kept codes of a process: all files are looked at, thousands of small ones in a full folder
 _HASH = 32  # bytes
 _OTHERS = 0o022  # permission of others to write
+_KEPT = count()
 
 
 def key_of(*parts: str) -> str:
@@ -47,7 +50,8 @@ def keep_code(key: str, code: bytes) -> None:
         return
     with suppress(OSError):
         write_whole(folder / key, _hash(key, code) + code)
-        _limit(folder)
+        if next(_KEPT) % LIMITED_EVERY == 0:
+            _limit(folder)
 
 
 @cache
