@@ -38,7 +38,8 @@ def density(x: Float, breakpoints: Float, extrapolation: Extrapolation) -> Float
     last = breakpoints.size - 1
     if last == 0:
         return np.zeros_like(x)
-    cell = np.clip(np.searchsorted(breakpoints, x, side="right") - 1, 0, last - 1)
+    place = position(x, breakpoints, "linear")  # next to a breakpoint, rounding decides on the cell: only once
+    cell = np.clip(np.nan_to_num(np.floor(place)), 0, last - 1).astype(np.int64)
     slope = 1.0 / (breakpoints[cell + 1] - breakpoints[cell])
     inside = (x >= breakpoints[0]) & (x <= breakpoints[last])
     result: Float = slope * (inside | (extrapolation == "linear"))
