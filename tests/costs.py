@@ -1,13 +1,11 @@
 """What tests cost: `pytest --cost` measures CPU and wall of each one and shows the dearest.
 
-CPU is that of the process of the tests, all threads, and of child processes that have ended. A browser or a server that
-several tests share is counted where it ends, in the teardown of the last of them. Therefore `--most-cpu` limits setup
-and call only.
+CPU is that of the process of the tests, all threads, and of child processes that end in setup or call. What ends in a
+teardown has mostly served several tests, a browser for example: it has a line of its own.
 """
 
 import csv
 import os
-import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import PurePosixPath
@@ -41,17 +39,20 @@ class CpuMeter:
     """Puts the CPU seconds of setup, call and teardown on their reports."""
 
     def __init__(self) -> None:
-        self._before = cpu_seconds()
+        self._before = os.times()
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_logstart(self) -> None:
-        self._before = cpu_seconds()
+        self._before = os.times()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Iterator[Any]:
         report = yield
-        now = cpu_seconds()
-        report.cpu, self._before = now - self._before, now
+        before, now = self._before, os.times()
+        own = now.user + now.system - before.user - before.system
+        children = now.children_user + now.children_system - before.children_user - before.children_system
+        report.shared = children if report.when == "teardown" else 0.0
+        report.cpu, self._before = own + children - report.shared, now
         report.slow = item.get_closest_marker("slow") is not None
         return report
 
@@ -63,20 +64,21 @@ class CostTable:
         self._path, self._limit = config.rootpath / TABLE, config.option.most_cpu
         self._cpu: Counter[str] = Counter()
         self._wall: Counter[str] = Counter()
-        self._judged: Counter[str] = Counter()  # without teardown, of tests without the mark
-        self._began = time.perf_counter()
+        self._slow: set[str] = set()
+        self._shared = 0.0  # CPU seconds of processes that ended in a teardown
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         self._cpu[report.nodeid] += report.cpu
         self._wall[report.nodeid] += report.duration
-        if report.when != "teardown" and not report.slow:
-            self._judged[report.nodeid] += report.cpu
+        self._shared += report.shared
+        if report.slow:
+            self._slow.add(report.nodeid)
 
     @property
     def _too_dear(self) -> list[str]:
         if self._limit is None:
             return []
-        return [test for test, cpu in self._judged.most_common() if cpu > self._limit]
+        return [test for test, cpu in self._cpu.most_common() if cpu > self._limit and test not in self._slow]
 
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
         if self._too_dear and exitstatus == pytest.ExitCode.OK:
@@ -92,13 +94,14 @@ class CostTable:
             folders[folder(test)].append(test)
         for name in sorted(folders, key=lambda name: -sum(self._cpu[test] for test in folders[name])):
             write(self._row(name, folders[name]))
-        write(self._row("all", list(self._cpu)))
+        write(f"{self._shared:16.1f}           processes that ended in a teardown")
+        write(self._row("all tests", list(self._cpu)))
         write("")
         write(f"The {DEAREST} dearest (CPU s, wall s):")
         for test, cpu in self._cpu.most_common(DEAREST):
             write(f"{cpu:8.2f} {self._wall[test]:8.2f}  {test}")
         for test in self._too_dear:
-            seconds = f"{self._judged[test]:.1f} s of CPU, at most {self._limit:g} s"
+            seconds = f"{self._cpu[test]:.1f} s of CPU, at most {self._limit:g} s"
             write(f"{test} took {seconds}. Make it smaller or mark it slow.")
 
     def _row(self, name: str, tests: list[str]) -> str:
@@ -110,11 +113,6 @@ class CostTable:
             rows = csv.writer(file)
             rows.writerow(["test", "cpu", "wall"])
             rows.writerows([test, f"{cpu:.3f}", f"{self._wall[test]:.3f}"] for test, cpu in self._cpu.most_common())
-
-
-def cpu_seconds() -> float:
-    """Return the CPU seconds of this process and of its children that have ended."""
-    return sum(os.times()[:4])
 
 
 def folder(test: str) -> str:
