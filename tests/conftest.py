@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -49,10 +50,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
     Which are loaded depends on the tests before, and all of them are parsed for it.
     """
-    from hypothesis.internal.conjecture import providers
+    with suppress(ImportError):  # older versions draw no constants
+        from hypothesis.internal.conjecture import providers
 
-    if config.getoption("hypothesis_profile", None) is None and hasattr(providers, "_get_local_constants"):
-        providers._get_local_constants = lambda: providers._local_constants
+        if config.getoption("hypothesis_profile", None) is None and hasattr(providers, "_get_local_constants"):
+            providers._get_local_constants = lambda: providers._local_constants
 
 
 @pytest.fixture(scope="session", autouse=True)
