@@ -50,16 +50,16 @@ def test_steps_do_not_hold_the_search_up():
     assert found.cost == 1.0
 
 
-@pytest.mark.parametrize(
-    ("size", "settings"),
-    [(2, GlobalSettings(2_000, 10)), pytest.param(3, GlobalSettings(20_000), marks=pytest.mark.slow)],
-)
-def test_restarts_find_the_lowest_of_many_valleys(size, settings):
-    def lowest(settings):
-        return global_search(Function(rastrigin), np.full(size, 4.0), box(*[(-5.12, 5.12)] * size), settings).cost
+@pytest.mark.parametrize(("size", "evaluations"), [(2, 2_000), pytest.param(3, 20_000, marks=pytest.mark.slow)])
+def test_restarts_find_the_lowest_of_many_valleys(size, evaluations):
+    """Some seeds end in another valley at first; which ones depends on the version of the library."""
 
-    assert lowest(replace(settings, max_evaluations=250)) > 0.9  # that of another valley
-    assert lowest(settings) < 1e-6
+    def lowest(seed, evaluations):
+        start, limits = np.full(size, 4.0), box(*[(-5.12, 5.12)] * size)
+        return global_search(Function(rastrigin), start, limits, GlobalSettings(evaluations, seed)).cost
+
+    misled = (seed for seed in range(10, 30) if lowest(seed, 250) > 0.9)
+    assert any(lowest(seed, evaluations) < 1e-6 for seed in misled)
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])
