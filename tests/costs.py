@@ -1,4 +1,4 @@
-"""What tests cost: `pytest --cost` measures CPU and wall of each one and shows the dearest.
+"""Measures what tests cost: `pytest --cost` writes CPU and wall of each one and shows the dearest.
 
 CPU is that of the process of the tests, all threads, and of child processes that end in setup or call. What ends in a
 teardown has mostly served several tests, a browser for example: it has a line of its own.

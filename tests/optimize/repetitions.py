@@ -59,7 +59,7 @@ counts = pytest.mark.parametrize(
 
 
 def agree(covariance, ends):
-    """Whether values scatter with a covariance, as closely as that many of them tell; returns how many do."""
+    """Check that values scatter with a covariance, as closely as so many of them tell; return how many scatter."""
     return (_agree_closely if len(ends) >= 200 else _agree_roughly)(covariance, ends)
 
 
