@@ -81,7 +81,7 @@ def step(violated: int) -> dict[str, Any]:
     size = objective.start.size
     free = LinearLimits.none(size)
     at = levenberg_marquardt(objective, objective.start, free, SolverSettings(max_iterations=8)).values
-    linearised = GaussNewtonModel(objective, at, np.arange(size), None)
+    linearised = GaussNewtonModel(objective, at, np.arange(size))
 
     damped = linearised.damped_factor(DAMPING)
     assert damped is not None

@@ -154,8 +154,8 @@ def _best_on_all_samples(setup: DescentSetup, ends: Sequence[SolverResult], star
     for end in sorted(ends, key=_finite_cost):
         cost = setup.objective.cost(end.values)
         if cost < first or not np.isfinite(first):
-            return replace(ends[-1], values=end.values, cost=cost)
-    return replace(ends[-1], values=start, cost=first)
+            return ends[-1].moved(end.values, cost)
+    return ends[-1].moved(start, first)
 
 
 def _search_globally(setup: DescentSetup, start: Float, limits: LinearLimits) -> SolverResult:

@@ -12,6 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
+from kennfeld.optimize.doubtful_ends import find_doubtful_ends
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
@@ -20,7 +21,14 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
-from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.certificate import Certificate
+from kennfeld.optimize.solver.levenberg_marquardt import (
+    Iteration,
+    SolverResult,
+    SolverSettings,
+    certificate_at,
+    levenberg_marquardt,
+)
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
@@ -154,6 +162,7 @@ class FitRun:
         optimize = time.perf_counter() - self.began - self.compile
         scores = scorer.scores(self.problem.parameters, parameters)
         end = self._check_underflow(end, before, scores.quality)
+        certificate = self._certificate(end, limits)
         sentences = (end.message, remark, _describe_uninformed(informed), self._describe_close_breakpoints(parameters))
         return Result(
             status=end.status,
@@ -171,7 +180,8 @@ class FitRun:
             fixed_values=values - free_values,
             seconds=Seconds(self.read + time.perf_counter() - self.began, self.read, self.compile, optimize),
             inspection=self._assessment(end, informed),
-            warnings=self._warnings(end, limits, scores.quality),
+            warnings=self._warnings(end, limits, scores.quality, certificate),
+            certificate=certificate,
         )
 
     def minimise(self, search: Search | None = None) -> tuple[SolverResult, str]:
@@ -195,8 +205,9 @@ class FitRun:
         if projected is not None and not np.array_equal(projected, start):
             cost = self.objective.cost(projected)
             if not end.cost < cost:  # the departure from a saddle did not pay
-                end, remark = replace(end, values=projected, cost=cost), other_remark
-        return self._within_limits(self._with_rejections(self._check_derivatives(end, limits)), limits), remark
+                end, remark = end.moved(projected, cost), other_remark
+        end = self._within_limits(self._with_rejections(self._check_derivatives(end, limits)), limits)
+        return self._confirm(end, limits), remark
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
@@ -295,13 +306,53 @@ class FitRun:
         rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
         allowed = max(limits.violation(end.values), FEASIBLE)
         if cost <= end.cost + rounding and limits.violation(values) <= allowed:
-            return replace(end, values=values, cost=cost)
+            return self._regain_effects(end.moved(values, cost), faint, limits)
         sloped = self.objective.sloped(end.values)  # smoothness may determine the others
         faint = faint & sloped if sloped is not None else np.zeros_like(faint)
         values = np.where(faint, start, end.values)
         if end.status != "converged" or not faint.any() or not limits.violation(values) <= allowed:
             return end
         return self._descend_without(faint, end, values, limits)
+
+    def _regain_effects(self, end: SolverResult, restored: Bool, limits: LinearLimits) -> SolverResult:
+        """Search again if restored values have an effect at their start; failed if they lose it once more.
+
+        A time constant of 1e30 has none, nor has an exponent of -1e3, but the values from which they ran there have.
+        """
+        if end.status != "converged" or self.outputs is not None or self.objective.faint(end.values)[restored].all():
+            return end
+        report = partial(self.record, "plain")
+        again = levenberg_marquardt(self.objective, end.values, limits, self.options.settings, report)
+        lost = restored & self.objective.faint(again.values)
+        if not lost.any():
+            return again.with_effort_of([end, again])
+        names = [name for name in self.problem.free_names if self._columns(lost, name).any()]
+        message = (
+            f"The search leads {' and '.join(names)} to where {'they have' if len(names) > 1 else 'it has'} no effect. "
+            "Set bounds, or another start."
+        )
+        return replace(end, status="failed", message=message).with_effort_of([end, again])
+
+    def _columns(self, each: Bool, name: str) -> Bool:
+        first = self.exact.values.offsets[name]
+        return each[first : first + self.problem.parameters[name].size]
+
+    def _confirm(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
+        """Go on from values that were moved after the descent that led there."""
+        certified = end.certificate is not None or self.outputs is not None or self.options.method == "global"
+        if end.status != "converged" or certified or end.cost == 0:
+            return end
+        report = partial(self.record, "plain")
+        again = levenberg_marquardt(self.objective, end.values, limits, self.options.settings, report)
+        kept = again.cost < (1 - UNCHANGED) * end.cost and not missed_limits(again.values, limits)
+        return again.with_effort_of([end, again]) if kept else end
+
+    def _certificate(self, end: SolverResult, limits: LinearLimits) -> Certificate | None:
+        """Return the certificate of the last descent, or that of values that were moved after it."""
+        if end.status == "infeasible" or not np.isfinite(end.cost):
+            return None
+        certificate = end.certificate or certificate_at(self.objective, end.values, limits)
+        return certificate and certificate._replace(limits=limits.violation(end.values))
 
     def _descend_without(self, faint: Bool, end: SolverResult, values: Float, limits: LinearLimits) -> SolverResult:
         """Descend from `values`; return the old end if the faint values matter after all.
@@ -361,7 +412,7 @@ class FitRun:
         values, _ = project(end.values, limits)
         if values is None:
             return replace(end, status="failed", message=f"{end.message} Violated limits: {violated}.")
-        projected = replace(end, values=values, cost=self.objective.cost(values))
+        projected = end.moved(values, self.objective.cost(values))
         if end.status != "converged" or projected.cost <= end.cost + self.options.settings.tolerance * abs(end.cost):
             return projected
         message = (
@@ -370,7 +421,9 @@ class FitRun:
         )
         return replace(projected, status="failed", message=message)
 
-    def _warnings(self, end: SolverResult, limits: LinearLimits, quality: Sequence[Quality]) -> tuple[Finding, ...]:
+    def _warnings(
+        self, end: SolverResult, limits: LinearLimits, quality: Sequence[Quality], certificate: Certificate | None
+    ) -> tuple[Finding, ...]:
         if end.status in ("infeasible", "failed"):
             return ()
         before, after = (self.objective.data_cost(values) for values in (self.objective.start, end.values))
@@ -378,7 +431,9 @@ class FitRun:
         smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
         equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, self.parameters(end.values))
-        return (*find_worsening(quality, self.scored, outweighed=outweighed, share=share), *equal)
+        moved = not np.array_equal(end.values, self.objective.start)
+        doubtful = find_doubtful_ends(quality, self.scored, certificate, moved=moved)
+        return (*find_worsening(quality, self.scored, outweighed=outweighed, share=share), *doubtful, *equal)
 
     def _assessment(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         if end.status == "infeasible" or not informed:

@@ -120,7 +120,7 @@ class LeastSquaresObjective:
         full = self._values(values)
         if self.uses_qr:
             jacobian = self._sums.rows(full)[1]
-            return (jacobian != 0).any(axis=0) if np.isfinite(jacobian).all() else None
+            return _squares(jacobian) > 0 if np.isfinite(jacobian).all() else None
         curvature = self._curvature(full)
         return curvature > 0 if np.isfinite(curvature).all() else None
 

@@ -17,6 +17,7 @@ from kennfeld.notebook_display import NotebookDisplay
 from kennfeld.numeric import finite_or_none
 from kennfeld.optimize.quality import Quality, r2_text
 from kennfeld.optimize.recording_quality import RecordingQuality, error_text, recordings_table
+from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.parameter_set import ParameterSet
 
@@ -99,8 +100,10 @@ class Result(NotebookDisplay):
         resumed: the checkpoints from which the search resumed.
         smoothness: factors of each table with an automatic one, by axis x, y, z or w.
         shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
-        warnings: criteria whose errors are larger than at the start.
+        warnings: criteria whose errors are larger than at the start, and signs that the end is not the optimum.
         recordings: errors by criterion, dataset and file, with the worst stretch of each file.
+        certificate: how far the values are from a minimum within the limits, in numbers without units; None if that
+            cannot be computed.
 
     >>> from kennfeld import calibrate
     >>> result = calibrate("y = k * x", {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}, {"k": 0.0}, target="m")
@@ -128,6 +131,7 @@ class Result(NotebookDisplay):
     shifts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     warnings: tuple[Finding, ...] = ()
     recordings: tuple[RecordingQuality, ...] = field(default=(), repr=False)
+    certificate: Certificate | None = None
 
     @property
     def moved(self) -> dict[str, tuple[Float, Float]]:
@@ -163,6 +167,7 @@ class Result(NotebookDisplay):
             **_outcome_json(self),
             "seconds": {name: round(value, 6) for name, value in vars(self.seconds).items()},
             "values": {"free": self.free_values, "fixed": self.fixed_values},
+            "certificate": self.certificate and self.certificate.as_json(),
             "quality": [{name: finite_or_none(value) for name, value in vars(row).items()} for row in self.quality],
             "recordings": [row.as_json() for row in self.recordings],
             "starts": [row.as_json() for row in self.starts],

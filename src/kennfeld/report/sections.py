@@ -116,10 +116,24 @@ def _render_search(report: ReportData, result: Result, pictures: Pictures) -> Ht
         ("message", result.message),
         ("cost before, after", f"{decimal(result.cost_before, 6)}, {decimal(result.cost_after, 6)}"),
         ("iterations, evaluations", f"{result.iterations}, {result.evaluations}"),
+        *_certificate_rows(result),
         ("values free, fixed", f"{result.free_values}, {result.fixed_values}"),
         ("time", ", ".join(f"{name} {decimal(value, 3)} s" for name, value in vars(result.seconds).items())),
     ]
     return element("div", picture, table(["", ""], rows, words=2, class_="facts"), _starts(result.starts))
+
+
+def _certificate_rows(result: Result) -> list[tuple[str, str]]:
+    certificate = result.certificate
+    if certificate is None:
+        return []
+    return [
+        (
+            "gradient",
+            f"{decimal(certificate.gradient, 2)}, largest cosine between the errors and the effect of a value",
+        ),
+        ("decrease still predicted", f"{decimal(certificate.predicted_decrease, 2)} of the cost"),
+    ]
 
 
 def _starts(starts: Sequence[StartResult]) -> Html | None:

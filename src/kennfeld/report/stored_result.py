@@ -20,6 +20,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.recording_quality import RecordingQuality, WorstStretch
 from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
+from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.folder_replacement import finish_interrupted
@@ -206,7 +207,13 @@ def _result(contents: Any, start: ParameterSet, parameters: ParameterSet, trace:
             for row in contents.get("warnings", ())
         ),
         recordings=tuple(_recording(row) for row in contents.get("recordings", ())),
+        certificate=_certificate(contents.get("certificate")),
     )
+
+
+def _certificate(row: Any) -> Certificate | None:
+    """Return the certificate of a result; those of older versions have none."""
+    return None if row is None else Certificate(**_select(row, *Certificate._fields))
 
 
 def _recording(row: Any) -> RecordingQuality:

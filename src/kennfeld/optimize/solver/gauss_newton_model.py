@@ -62,7 +62,17 @@ class DampedModel(NamedTuple):
 class GaussNewtonModel:
     """Residual r, gradient g = J'r and either R of J = QR or the matrix J'J, over the movable values."""
 
-    def __init__(self, objective: Objective, values: Float, movable: Int, previous_scale: Float | None) -> None:
+    def __init__(
+        self, objective: Objective, values: Float, movable: Int, least_scale: Float | None = None
+    ) -> None:
+        """Evaluate the residuals and their derivatives.
+
+        Args:
+            objective: the sum of squares.
+            values: all values, Float[values].
+            movable: the numbers of those that may move.
+            least_scale: of the damping, in addition to that of the columns; Float[movable].
+        """
         self.objective, self.values, self.movable = objective, values, movable
         if objective.uses_qr:
             residual, jacobian = objective.rows(values)
@@ -83,13 +93,17 @@ class GaussNewtonModel:
         mean = objective.mean_curvature(full)[movable]
         self.column_scale = np.maximum(diagonal, SCALE_FLOOR * mean)
         self.column_scale[self.column_scale <= 0] = 1.0
-        if previous_scale is not None:
-            self.column_scale = np.maximum(self.column_scale, SCALE_MEMORY * previous_scale)
         self.curvature = np.maximum(self.column_scale, mean)
+        if least_scale is not None:
+            self.column_scale = np.maximum(self.column_scale, least_scale)
 
     @property
     def finite(self) -> bool:
         return bool(np.all(np.isfinite(self.gradient)) and np.all(np.isfinite(self.column_scale)))
+
+    def remembered_scale(self, earlier: Float | None) -> Float:
+        """Return the column scale, at least half the one remembered before."""
+        return self.column_scale if earlier is None else np.maximum(self.column_scale, SCALE_MEMORY * earlier)
 
     @cached_property
     def rounding(self) -> float:
@@ -107,7 +121,10 @@ class GaussNewtonModel:
             secant: added to J'J.
             least: least damping, as a share of the mean curvature.
         """
-        damped = np.maximum(damping * self.column_scale, least * self.curvature)
+        with np.errstate(over="ignore"):
+            damped = np.maximum(damping * self.column_scale, least * self.curvature)
+        if not np.all(np.isfinite(damped)):
+            return None
         if secant is not None or self.hessian is not None:
             matrix = self.r_factor.T @ self.r_factor if self.hessian is None else self.hessian
             if secant is None:

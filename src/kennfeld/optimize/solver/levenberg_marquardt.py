@@ -18,13 +18,14 @@ import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.gauss_newton_model import DampedModel, GaussNewtonModel, Objective, SecantCorrection
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import QpSolution, QuadraticProgram
 
 Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
 
-MAX_DAMPING = 1e40  # steps have vanished long before
+MAX_DAMPING = 1e300  # columns of the Jacobian may be that small, and steps that long
 MIN_DAMPING = 1e-15
 MAX_ACCELERATION = 0.75  # ratio of twice the geodesic acceleration to the step
 LITTLE_DAMPING = 1e-12
@@ -33,9 +34,10 @@ LIMIT_DAMPING = 1e-9  # of the mean curvature: least damping while limits are ac
 SLOW_LIMIT_DAMPING = 1e-15  # the same while steps succeed, but slowly
 TRIAL_TOLERANCE = 1e-10  # of a limit's scale: violation allowed to a trial, a tenth of what is promised to the user
 EXACT_FIT = 1e3  # times their rounding error: residuals this small reproduce the data exactly
-SOLVED_SHARE = 1e-12  # share of the first cost that is rounding if residuals vanish
 ZERO_TABLE = 1e-12  # of the step without limits: a table this small is rounding around 0
 
+RESTARTS = (False, True)  # see `_State.untried`
+STALLED = "The cost no longer decreases."
 STOPPED = "Stopped on request; these are the best values so far."
 UNFULFILLED = (
     "No step lowers the cost although the gradient predicts a large decrease. Likely causes: (a) the start is far from "
@@ -47,9 +49,18 @@ UNFULFILLED = (
 class SolverSettings:
     """Termination criteria and the initial damping.
 
-    A descent has converged when `patience` steps in a row lower the cost by less than `tolerance`, relatively, or when
-    the predicted reduction is below the square of `tolerance`. Small reductions at a damping above 1 do not count if
-    the actual reduction is at least `damping_limited_ratio` times the predicted one: then the damping keeps them small.
+    A descent comes to an end when `patience` steps in a row lower the cost by less than `tolerance`, relatively, or
+    when the predicted reduction is below the square of `tolerance`. Small reductions at a damping above 1 do not count
+    if the actual reduction is at least `damping_limited_ratio` times the predicted one: then the damping keeps them
+    small.
+
+    It has converged if the undamped step promises less than `tolerance` there. Otherwise it goes on from the undamped
+    step, with what it has learnt forgotten: first with a damping in the scale of the columns of J as they are, then in
+    that of the columns on the way. The first one matters if long steps have made all columns smaller by many orders, as
+    that of an exponent does: the scale of the way would damp every step to nothing. The second one matters if one
+    column has shrunk, as that of a rate does where the output has saturated: its value would run so far that no step
+    succeeds at a damping that lets the others move. It has converged if both end before they have lowered the cost by
+    `tolerance`.
     """
 
     max_iterations: int = 200
@@ -97,6 +108,11 @@ class SolverResult:
     iterations: int
     evaluations: int
     damping: float = SolverSettings.damping  # of the last accepted step
+    certificate: Certificate | None = None  # of `values`, unless they were moved after a descent
+
+    def moved(self, values: Float, cost: float) -> "SolverResult":
+        """Return this result with other values, which no descent has certified."""
+        return replace(self, values=values, cost=cost, certificate=None)
 
     @property
     def cut_short(self) -> bool:
@@ -131,6 +147,11 @@ def levenberg_marquardt(
     return _LevenbergMarquardt(objective, start, limits, settings, report).run()
 
 
+def certificate_at(objective: Objective, values: Float, limits: LinearLimits) -> Certificate | None:
+    """Return how far values are from a minimum within the limits; None if the model has no finite derivatives there."""
+    return _LevenbergMarquardt(objective, values, limits, SolverSettings(), lambda line, values: None).certify()
+
+
 @dataclass(kw_only=True)
 class _State:
     """Everything that changes during a descent, grouped by when it changes."""
@@ -138,7 +159,6 @@ class _State:
     # Updated when a step is accepted
     values: Float  # iterate p, all values
     cost: float = np.inf  # f(p)
-    column_scale: Float | None = None  # D of the damping; falls by at most half from one iterate to the next
     pending_secant_pair: tuple[Float, Float, Float] | None = None  # step, gradient, J'J step; until the next gradient
     # Updated by every trial
     damping: float  # lambda
@@ -148,9 +168,12 @@ class _State:
     use_secant: bool = False  # which of the two models proposes the next step
     active_set: Int | None = None  # warm start of the quadratic program: -1, 0 or +1 for each limit
     # Used for termination
-    initial_cost: float = np.inf
     stalled_steps: int = 0  # accepted steps below the tolerance in a row
     limit_damping_dropped: bool = False  # the stall was answered by a lower `limit_damping` already
+    remembers_scale: bool = False  # columns count as at least `remembered_scale`
+    remembered_scale: Float | None = None  # of earlier columns, halved with each iterate
+    untried: tuple[bool, ...] = RESTARTS  # choices of `remembers_scale` for another try from the same values
+    certificate: Certificate | None = None  # of the last end
     # Reported
     iterations: int = 0  # accepted steps
     accepted_damping: float = SolverSettings.damping  # of the last of them
@@ -196,7 +219,7 @@ class _LevenbergMarquardt:
     def run(self) -> SolverResult:
         state = self.state
         try:
-            state.cost = state.initial_cost = self.objective.cost(state.values)
+            state.cost = self.objective.cost(state.values)
             if not np.isfinite(state.cost):
                 return self._end("failed", "The cost is not a finite number at the start.")
             if not self.movable.size:
@@ -205,44 +228,50 @@ class _LevenbergMarquardt:
         except (Stop, KeyboardInterrupt):
             return self._end("stopped", STOPPED)
 
+    def certify(self) -> Certificate | None:
+        state = self.state
+        state.cost = self.objective.cost(state.values)
+        if not np.isfinite(state.cost) or not self.movable.size:
+            return None
+        model = GaussNewtonModel(self.objective, state.values, self.movable)
+        return self._certificate(model) if model.finite else None
+
     def _iterate(self) -> SolverResult:
         state = self.state
         while state.iterations < self.settings.max_iterations:
-            model = GaussNewtonModel(self.objective, state.values, self.movable, state.column_scale)
-            state.column_scale = model.column_scale
+            least_scale = state.remembered_scale if state.remembers_scale else None
+            model = GaussNewtonModel(self.objective, state.values, self.movable, least_scale)
             if not model.finite:
                 return self._end("failed", "A derivative of the model is not a finite number at the best values.")
+            state.remembered_scale = model.remembered_scale(state.remembered_scale)
             if self.secant is not None and state.pending_secant_pair is not None:
                 step, gradient, explained = state.pending_secant_pair
                 self.secant.learn(step, model.gradient - gradient, explained)
                 state.pending_secant_pair = None
-            end = self._take_step(model)
+            end = self._end_if_confirmed(model, STALLED) if self._is_stalled() else self._take_step(model)
             if end is not None:
                 return end
         message = f"The cost was still decreasing after {state.iterations} iterations. Increase max_iterations."
         return self._end("max_iterations", message)
 
     def _take_step(self, model: GaussNewtonModel) -> SolverResult | None:
-        """Increase the damping, or switch the model, until a step lowers the cost; None to continue from there."""
+        """Increase the damping, or switch the model, until a step lowers the cost; None to go on from there.
+
+        If none does, the descent ends, or goes on from the same values with what it has not tried yet.
+        """
         state = self.state
         may_switch = True  # once for each accepted step
-        while state.damping < MAX_DAMPING:
-            proposal = self._propose(model)
+        while True:
+            proposal = self._propose(model) if state.damping < MAX_DAMPING else None
+            reason = self._reason_to_end(model, proposal)
+            if reason is not None:
+                if state.use_secant:  # it may be wrong: only the Gauss-Newton model may end the descent
+                    state.use_secant, may_switch = False, False
+                    continue
+                return self._end_if_confirmed(model, reason)
             if proposal is None:  # not positive definite
                 self._increase_damping()
                 continue
-            if not proposal.step.any():
-                return self._end_without_step(model, "No step changes the values any further.")
-            if proposal.reduction <= self.settings.tolerance**2 * state.cost and state.damping <= 1.0:
-                if not state.use_secant:
-                    return self._end("converged", "The gradient is zero within the tolerance.")
-                # The secant part may be wrong: only the Gauss-Newton model may end the descent.
-                state.use_secant, may_switch = False, False
-                continue
-            # residuals that are all but rounding make r'r uncertain by twice |r| times their error
-            rounding = 2 * float(np.sqrt(state.cost)) * model.rounding
-            if self._fits_exactly(model) and proposal.reduction <= rounding:
-                return self._end_without_step(model, "The cost decreases by no more than its rounding error.")
             solution = self._accelerate(model, proposal)
             target = None if solution is None else self._target(solution, proposal)
             if solution is None or target is None:
@@ -254,12 +283,28 @@ class _LevenbergMarquardt:
                 ratio = trial.reduction / proposal.reduction if proposal.reduction > 0 else 0.0
                 self._accept(model, solution, trial, ratio)
                 state.use_secant ^= trial.other_model_better
-                return self._end_if_stalled()
+                return None
             if trial.other_model_better and may_switch:
                 state.use_secant, may_switch = not state.use_secant, False
             else:
                 self._increase_damping()
-        return self._end_without_step(model, "No step lowers the cost any further.")
+
+    def _reason_to_end(self, model: GaussNewtonModel, proposal: _Proposal | None) -> str | None:
+        """Return why no step is worth a trial, None if one is."""
+        state = self.state
+        if state.damping >= MAX_DAMPING:
+            return "No step lowers the cost any further."
+        if proposal is None:
+            return None
+        if not proposal.step.any():
+            return "No step changes the values any further."
+        if proposal.reduction <= self.settings.tolerance**2 * state.cost and state.damping <= 1.0:
+            return "The gradient is zero within the tolerance."
+        # residuals that are all but rounding make r'r uncertain by twice |r| times their error
+        rounding = 2 * float(np.sqrt(state.cost)) * model.rounding
+        if self._fits_exactly(model) and proposal.reduction <= rounding:
+            return "The cost decreases by no more than its rounding error."
+        return None
 
     def _propose(self, model: GaussNewtonModel) -> _Proposal | None:
         """Solve the quadratic program of the model in use; None if the damped matrix is not positive definite.
@@ -335,8 +380,9 @@ class _LevenbergMarquardt:
             state.pending_secant_pair = step, model.gradient.copy(), model.hessian_product(step)
         relative = trial.reduction / state.cost if state.cost else 0.0
         damping_limited = state.damping > 1.0 and ratio > self.settings.damping_limited_ratio
+        state.certificate = None
         if relative >= self.settings.tolerance:
-            state.stalled_steps, state.limit_damping_dropped = 0, False
+            state.stalled_steps, state.limit_damping_dropped, state.untried = 0, False, RESTARTS
         elif not damping_limited:
             state.stalled_steps += 1
         step_size = model.scaled_norm(step) / max(np.sqrt(trial.cost), 1e-300)
@@ -370,30 +416,52 @@ class _LevenbergMarquardt:
         """
         return self.state.limit_damping if self.state.limits_hold else 0.0
 
-    def _end_if_stalled(self) -> SolverResult | None:
+    def _is_stalled(self) -> bool:
+        """Return if the last steps gained too little; with limits, only if less damping has not helped either."""
         state = self.state
         if state.stalled_steps < self.settings.patience:
-            return None
+            return False
         if state.limits_hold and state.damping < state.limit_damping and not state.limit_damping_dropped:
             state.limit_damping, state.limit_damping_dropped = SLOW_LIMIT_DAMPING, True
-            return None
-        return self._end("converged", "The cost no longer decreases.")
+            return False
+        return True
 
-    def _end_without_step(self, model: GaussNewtonModel, message: str) -> SolverResult:
-        """End as converged, or as failed if an almost undamped step promises to halve a cost that is not rounding."""
-        state, damped = self.state, None
-        if state.cost > SOLVED_SHARE * state.initial_cost and not self._fits_exactly(model):
-            damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
-        if damped is not None and np.all(np.isfinite(damped.step)):
-            step = self.program.solve(damped.factor, damped.step, self._here, state.active_set).step
-            if model.predicted_reduction(step) > PROMISED_SHARE * state.cost:
-                return self._end("failed", UNFULFILLED)
-        return self._end("converged", message)
+    def _end_if_confirmed(self, model: GaussNewtonModel, message: str) -> SolverResult | None:
+        """End as converged where the undamped step promises nothing, or was tried; otherwise forget, and go on.
+
+        If it promises to halve a cost that is not rounding, and trying it has not helped, the descent has failed.
+        """
+        state = self.state
+        state.certificate = certificate = self._certificate(model)
+        promise = 0.0 if self._fits_exactly(model) else 1.0 if certificate is None else certificate.predicted_decrease
+        if promise > self.settings.tolerance and state.untried:
+            self._restart()
+            return None
+        return self._end("failed", UNFULFILLED) if promise > PROMISED_SHARE else self._end("converged", message)
+
+    def _restart(self) -> None:
+        """Go on from the same values with the undamped step, and without the secant model."""
+        state = self.state
+        state.remembers_scale, state.untried = state.untried[0], state.untried[1:]
+        state.stalled_steps, state.damping, state.damping_growth = 0, LITTLE_DAMPING, 2.0
+        state.use_secant, state.pending_secant_pair = False, None
+        if self.secant is not None:
+            self.secant = SecantCorrection(self.movable.size)
+
+    def _certificate(self, model: GaussNewtonModel) -> Certificate | None:
+        """Return how far the iterate is from stationary; None if its matrix cannot be factored."""
+        damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
+        if damped is None or not np.all(np.isfinite(damped.step)):
+            return None
+        step = self.program.solve(damped.factor, damped.step, self._here, self.state.active_set).step
+        return Certificate.of(model, step, self.state.cost)
 
     def _end(self, status: Status, message: str) -> SolverResult:
         state = self.state
         effort = state.iterations, state.evaluations
-        return SolverResult(state.values, state.cost, status, message, *effort, state.accepted_damping)
+        return SolverResult(
+            state.values, state.cost, status, message, *effort, state.accepted_damping, state.certificate
+        )
 
 
 def _keeps_rows(limits: LinearLimits, here: Float, target: Float) -> bool:

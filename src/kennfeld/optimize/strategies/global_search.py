@@ -105,7 +105,9 @@ def polish(
         best = replace(searched, message=f"{searched.message} A final gradient-based descent did not lower the cost.")
     else:
         remark = f"A final gradient-based descent lowered the cost by {1 - end.cost / searched.cost:.2%}."
-        best = replace(searched, values=end.values, cost=end.cost, message=f"{searched.message} {remark}")
+        best = replace(
+            searched.moved(end.values, end.cost), certificate=end.certificate, message=f"{searched.message} {remark}"
+        )
     return best.with_effort_of([searched, end])
 
 
@@ -251,7 +253,7 @@ class FeasibilityFirstCost:
         descent = AugmentedLagrangian(self._outputs, self._objective, limits, settings, report)
         end = descent.descend(searched.values)
         lower = end.cost < searched.cost and self._outputs.is_satisfied(end.values)
-        best = replace(searched, values=end.values, cost=end.cost) if lower else searched
+        best = searched.moved(end.values, end.cost) if lower else searched
         if end.status == "stopped":
             best = replace(best, status=end.status, message=end.message)
         return best.with_effort_of([searched, end])

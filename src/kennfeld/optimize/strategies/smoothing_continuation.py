@@ -116,4 +116,4 @@ class Continuation:
         """Return the end with its values or the start, whichever has the lower cost on the exact model."""
         costs = np.array([self._exact.cost(v) for v in (start, end.values)])
         costs[~np.isfinite(costs)] = np.inf
-        return replace(end, values=start if costs[0] <= costs[1] else end.values, cost=float(costs.min()))
+        return end.moved(start if costs[0] <= costs[1] else end.values, float(costs.min()))

@@ -1,0 +1,46 @@
+"""Warnings about an end that was reached as the search defines it, but that a user should not take for the optimum."""
+
+from collections.abc import Collection, Iterator, Sequence
+from itertools import groupby
+
+from kennfeld.errors import Finding, Location
+from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.solver.certificate import Certificate
+
+STEEP = 1e-2  # share of the cost that an undamped step may promise without a warning, after it was tried
+SLOPED = 1e-4  # cosine between residuals and a column of J from which a value should have moved
+OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
+
+
+def find_doubtful_ends(
+    quality: Sequence[Quality], scored: Collection[str], certificate: Certificate | None, *, moved: bool
+) -> Iterator[Finding]:
+    """Yield a warning for each sign that the end is far from the optimum.
+
+    Args:
+        quality: of all criteria on all datasets.
+        scored: the criteria with a weight.
+        certificate: of the end, if there is one.
+        moved: if any value differs from its start.
+    """
+    training = [row for row in quality if row.use == "training" and row.criterion in scored and row.samples]
+    for criterion, rows in groupby(sorted(training, key=lambda row: row.criterion), key=lambda row: row.criterion):
+        poor = list(rows)
+        if all(row.r2_after < 0 for row in poor):
+            worst = max(row.r2_after for row in poor)
+            message = f"{criterion} reproduces its target worse than the mean of the target would (R2 = {worst:.3g})"
+            yield Finding(Location(), message, OTHER_START, severity="warning")
+    if certificate is None:
+        return
+    if not moved and certificate.gradient > SLOPED:
+        message = (
+            "No value has moved from its start although the gradient is not zero there "
+            f"(cosine {certificate.gradient:.2g} with the errors): no step lowers the cost"
+        )
+        yield Finding(Location(), message, OTHER_START, severity="warning")
+    elif certificate.predicted_decrease > STEEP:
+        message = (
+            f"The slopes at the end promise a cost {certificate.predicted_decrease:.0%} lower, but no step reaches it: "
+            "the function has kinks or jumps there"
+        )
+        yield Finding(Location(), message, OTHER_START, severity="warning")
