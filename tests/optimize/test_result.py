@@ -17,7 +17,7 @@ def result():
 def test_the_keys_of_its_json_are_those_of_the_design(result):
     found = result.as_json()
     assert list(found) == [
-        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
+        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "certificate", "quality"),
         *("recordings", "starts", "resumed", "trust", "smoothness", "shifts", "warnings"),
     ]
     assert list(found["cost"]) == ["before", "after"]

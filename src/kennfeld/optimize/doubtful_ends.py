@@ -12,24 +12,28 @@ SLOPED = 1e-4  # cosine between residuals and a column of J from which a value s
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
-def find_doubtful_ends(
-    quality: Sequence[Quality], scored: Collection[str], certificate: Certificate | None, *, moved: bool
-) -> Iterator[Finding]:
-    """Yield a warning for each sign that the end is far from the optimum.
+def find_poor_fits(quality: Sequence[Quality], scored: Collection[str]) -> Iterator[Finding]:
+    """Yield a warning for each criterion that the mean of its target would meet better, in all training datasets.
 
     Args:
         quality: of all criteria on all datasets.
         scored: the criteria with a weight.
-        certificate: of the end, if there is one.
-        moved: if any value differs from its start.
     """
     training = [row for row in quality if row.use == "training" and row.criterion in scored and row.samples]
     for criterion, rows in groupby(sorted(training, key=lambda row: row.criterion), key=lambda row: row.criterion):
-        poor = list(rows)
-        if all(row.r2_after < 0 for row in poor):
-            worst = max(row.r2_after for row in poor)
-            message = f"{criterion} reproduces its target worse than the mean of the target would (R2 = {worst:.3g})"
+        best = max(row.r2_after for row in rows)  # NaN of a constant target is kept
+        if best < 0:
+            message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
             yield Finding(Location(), message, OTHER_START, severity="warning")
+
+
+def find_slopes(certificate: Certificate | None, *, moved: bool) -> Iterator[Finding]:
+    """Yield a warning if the slopes at an end promise a lower cost than the search could reach.
+
+    Args:
+        certificate: of an end that counts as converged, if there is one.
+        moved: if any value differs from its start.
+    """
     if certificate is None:
         return
     if not moved and certificate.gradient > SLOPED:

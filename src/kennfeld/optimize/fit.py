@@ -12,7 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
-from kennfeld.optimize.doubtful_ends import find_doubtful_ends
+from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
@@ -199,6 +199,7 @@ class FitRun:
         if search is not None:
             return self._within_limits(search(start, limits), limits), remark
         end = self._leave_saddles(minimise(self._setup, start, limits), limits)
+        end = self._leave_saturation(end, start, limits)
         end = enforce_output_limits(self._setup, end, start, limits)
         end = self._restore_faint_values(end, start, limits)
         projected, other_remark = project(initial, limits)
@@ -291,6 +292,21 @@ class FitRun:
                 end = replace(end, status="failed", message=message)
         return end.with_effort_of(ends)
 
+    def _leave_saturation(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search again with values back at their start that ran to where they have all but lost their effect.
+
+        A long step may lead an exponent or a rate there while the other values are far from their optimum.
+        """
+        if end.status != "converged" or end.cost == 0 or self.options.method == "global":
+            return end
+        values = self.objective.with_effect(end.values, start)
+        if np.array_equal(values, end.values) or limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
+            return end
+        report = partial(self.record, "plain")
+        again = levenberg_marquardt(self.objective, values, limits, self.options.settings, report)
+        lower = again.cost < (1 - UNCHANGED) * end.cost
+        return (again if lower else end).with_effort_of([end, again])
+
     def _restore_faint_values(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Reset values to their start if their effect at the end is mere rounding.
 
@@ -306,7 +322,8 @@ class FitRun:
         rounding = UNCHANGED * end.cost + ROUNDING * self.objective.cost(start)
         allowed = max(limits.violation(end.values), FEASIBLE)
         if cost <= end.cost + rounding and limits.violation(values) <= allowed:
-            return self._regain_effects(end.moved(values, cost), faint, limits)
+            lost = faint & ~self.objective.faint(values) & (self.objective.with_effect(end.values, start) == start)
+            return self._with_lost_values(end.moved(values, cost), lost)
         sloped = self.objective.sloped(end.values)  # smoothness may determine the others
         faint = faint & sloped if sloped is not None else np.zeros_like(faint)
         values = np.where(faint, start, end.values)
@@ -314,24 +331,16 @@ class FitRun:
             return end
         return self._descend_without(faint, end, values, limits)
 
-    def _regain_effects(self, end: SolverResult, restored: Bool, limits: LinearLimits) -> SolverResult:
-        """Search again if restored values have an effect at their start; failed if they lose it once more.
-
-        A time constant of 1e30 has none, nor has an exponent of -1e3, but the values from which they ran there have.
-        """
-        if end.status != "converged" or self.outputs is not None or self.objective.faint(end.values)[restored].all():
+    def _with_lost_values(self, end: SolverResult, lost: Bool) -> SolverResult:
+        """Mark an end as failed if values with an effect at their start have lost it, and were set back for that."""
+        if end.status != "converged" or not lost.any():
             return end
-        report = partial(self.record, "plain")
-        again = levenberg_marquardt(self.objective, end.values, limits, self.options.settings, report)
-        lost = restored & self.objective.faint(again.values)
-        if not lost.any():
-            return again.with_effort_of([end, again])
         names = [name for name in self.problem.free_names if self._columns(lost, name).any()]
         message = (
             f"The search leads {' and '.join(names)} to where {'they have' if len(names) > 1 else 'it has'} no effect. "
             "Set bounds, or another start."
         )
-        return replace(end, status="failed", message=message).with_effort_of([end, again])
+        return replace(end, status="failed", message=message)
 
     def _columns(self, each: Bool, name: str) -> Bool:
         first = self.exact.values.offsets[name]
@@ -432,8 +441,13 @@ class FitRun:
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
         equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, self.parameters(end.values))
         moved = not np.array_equal(end.values, self.objective.start)
-        doubtful = find_doubtful_ends(quality, self.scored, certificate, moved=moved)
-        return (*find_worsening(quality, self.scored, outweighed=outweighed, share=share), *doubtful, *equal)
+        certified = certificate if end.status == "converged" else None
+        return (
+            *find_worsening(quality, self.scored, outweighed=outweighed, share=share),
+            *(() if outweighed else find_poor_fits(quality, self.scored)),
+            *find_slopes(certified, moved=moved),
+            *equal,
+        )
 
     def _assessment(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         if end.status == "infeasible" or not informed:

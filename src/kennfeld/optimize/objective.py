@@ -24,11 +24,11 @@ from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000  # up to these sizes the Jacobian itself is factored
 MAX_SECANT_VALUES = 128
-FADED = 1e-6  # derivative that has faded, relative to the largest of the same parameter on all simulated samples
+FADED = 1e-6  # derivative that has faded, relative to the start or the largest of the parameter on simulated samples
 TINY = 1e-14  # the same on the scored samples alone
 SUSPECT = 1e-12  # share of the targets by which a change of a value by its size moves the outputs
 NUDGE = 1e-12  # relative change of the values that changes rounding errors but not true derivatives
-NUDGES = 4  # rounding errors are few different numbers, which one nudge may leave unchanged by chance
+NUDGES = 8  # rounding errors are few different numbers, which one nudge may leave unchanged by chance
 UNSTEADY = 1e-4  # relative change of the curvature under a nudge from which it counts as rounding
 
 Curvature = Callable[[Float], Float]  # that of the data along each free value, at all values
@@ -114,6 +114,12 @@ class LeastSquaresObjective:
     def faint(self, values: Float) -> Bool:
         """Mark the values that move the scored outputs by rounding errors only."""
         return self._faint(self._curvature(self._values(values)))
+
+    def with_effect(self, values: Float, start: Float) -> Float:
+        """Return the values, those at their start whose effect has faded since by the share `FADED`."""
+        before = self._curvature(self._values(start)).copy()
+        faded = (values != start) & (self._curvature(self._values(values)) <= FADED**2 * before)
+        return np.where(faded, start, values)
 
     def sloped(self, values: Float) -> Bool | None:
         """Mark the values with a derivative at a scored sample, without roughness; None if one is not finite."""

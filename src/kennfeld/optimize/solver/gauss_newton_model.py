@@ -62,9 +62,7 @@ class DampedModel(NamedTuple):
 class GaussNewtonModel:
     """Residual r, gradient g = J'r and either R of J = QR or the matrix J'J, over the movable values."""
 
-    def __init__(
-        self, objective: Objective, values: Float, movable: Int, least_scale: Float | None = None
-    ) -> None:
+    def __init__(self, objective: Objective, values: Float, movable: Int, least_scale: Float | None = None) -> None:
         """Evaluate the residuals and their derivatives.
 
         Args:

@@ -427,13 +427,15 @@ class _LevenbergMarquardt:
         return True
 
     def _end_if_confirmed(self, model: GaussNewtonModel, message: str) -> SolverResult | None:
-        """End as converged where the undamped step promises nothing, or was tried; otherwise forget, and go on.
+        """End as converged where the undamped step promises nothing, or was tried; otherwise go on.
 
         If it promises to halve a cost that is not rounding, and trying it has not helped, the descent has failed.
         """
         state = self.state
-        state.certificate = certificate = self._certificate(model)
-        promise = 0.0 if self._fits_exactly(model) else 1.0 if certificate is None else certificate.predicted_decrease
+        if state.remembers_scale:
+            model = GaussNewtonModel(self.objective, state.values, self.movable)
+        state.certificate = self._certificate(model)
+        promise = 1.0 if state.certificate is None else state.certificate.predicted_decrease
         if promise > self.settings.tolerance and state.untried:
             self._restart()
             return None
@@ -450,6 +452,8 @@ class _LevenbergMarquardt:
 
     def _certificate(self, model: GaussNewtonModel) -> Certificate | None:
         """Return how far the iterate is from stationary; None if its matrix cannot be factored."""
+        if self._fits_exactly(model):
+            return Certificate(0.0, 0.0)
         damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
         if damped is None or not np.all(np.isfinite(damped.step)):
             return None
