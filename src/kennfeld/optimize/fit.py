@@ -61,9 +61,9 @@ def default_tolerance(compiled: CompiledProblem, objective: LeastSquaresObjectiv
 
     Noise in n residuals raises the cost of p fitted values by p/n, relatively, on average. A step that changes it by
     1/20 of that moves the values by less than a quarter of their standard deviations. Small problems, whose digits are
-    kept by a QR factorisation, end at 1e-8.
+    kept by a QR factorisation, end at 1e-8, as do those with a number as a target, which has no noise.
     """
-    if objective.uses_qr:
+    if objective.uses_qr or compiled.problem.has_goals:
         return SolverSettings.tolerance
     share = NOISE_SHARE * compiled.values.free / max(compiled.residuals, 1)
     return float(np.clip(share, SolverSettings.tolerance, MAX_TOLERANCE))

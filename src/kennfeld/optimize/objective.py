@@ -23,7 +23,8 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_order, is_ordered
 
 SMALL_VALUES, SMALL_ENTRIES = 64, 1_000_000  # up to these sizes the Jacobian itself is factored
-MAX_SECANT_VALUES = 128
+MAX_SECANT_VALUES = 128  # large tables have more kinks than curvature
+MAX_SECANT_VALUES_OF_A_GOAL = 512  # of outputs whose target is a number: all curvature is that of the residuals
 FADED = 1e-6  # derivative that has faded, relative to the start or the largest of the parameter on simulated samples
 TINY = 1e-14  # the same on the scored samples alone
 SUSPECT = 1e-12  # share of the targets by which a change of a value by its size moves the outputs
@@ -51,8 +52,8 @@ class LeastSquaresObjective:
         self.uses_qr = by_rows and self._free <= SMALL_VALUES and entries <= SMALL_ENTRIES
         # a robust loss would change the weights of the residuals
         self.supports_acceleration = self.uses_qr and all(output.loss == "square" for output in outputs)
-        # the secant matrix is dense, and large tables have more kinks than curvature
-        self.supports_secant = self._free <= MAX_SECANT_VALUES
+        most = MAX_SECANT_VALUES_OF_A_GOAL if compiled.problem.has_goals else MAX_SECANT_VALUES
+        self.supports_secant = self._free <= most
         self._sensitivity = _Sensitivity(compiled)
         self._last_curvature: tuple[Float, Float] | None = None  # the values it belongs to, and itself
         self._cholesky = Cholesky(0 if self.uses_qr else self._free)

@@ -91,6 +91,12 @@ class Problem:
         return tuple(n for n in named if n not in carried)
 
     @property
+    def has_goals(self) -> bool:
+        """True if an output is brought close to a number, as a loss to 0, instead of to a measurement."""
+        scored = [criterion for criterion in self.criteria if criterion.weight > 0 and criterion.loss != "excess"]
+        return any(criterion.target.kind == "number" for criterion in scored)
+
+    @property
     def fitted_datasets(self) -> list[Dataset]:
         """The training data with a weight."""
         return [data for data in self.datasets if data.is_fitted]
