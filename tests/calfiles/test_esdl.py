@@ -14,7 +14,7 @@ from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 TEXT = """// a head
 package Cell; /* of a battery */
@@ -154,14 +154,9 @@ def test_a_damaged_file_is_read_or_refused(start, length):
     assert write_esdl(values, "a.esdl").raw == source.raw
 
 
-@few_or_many(20, 100)
-def test_any_numbers_come_back(drawn):
-    @drawn
-    @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3))
-    def check(numbers):
-        values = read_esdl(CalibrationSource("a.esdl", TEXT.encode())).parameters
-        written = write_esdl(values.with_parameters(values["block"].with_values(numbers)), "a.esdl").raw
-        again = read_esdl(CalibrationSource("a.esdl", written)).parameters
-        np.testing.assert_array_equal(again["block"].values, numbers)
-
-    check()
+@few_or_many(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3), few=20, many=100)
+def test_any_numbers_come_back(numbers):
+    values = read_esdl(CalibrationSource("a.esdl", TEXT.encode())).parameters
+    written = write_esdl(values.with_parameters(values["block"].with_values(numbers)), "a.esdl").raw
+    again = read_esdl(CalibrationSource("a.esdl", written)).parameters
+    np.testing.assert_array_equal(again["block"].values, numbers)

@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import read, write
@@ -12,94 +12,59 @@ from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text
 from tests.calfiles.calibration_sets import line_texts, parameter_sets, plain_units
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 
-@few_or_many(20, 200)
-def test_dcm_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets())
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.dcm"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
+@few_or_many(parameters=parameter_sets(), few=20, many=200)
+def test_dcm_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.dcm"
+    write(parameters, path)
+    assert read(path) == parameters
 
 
-@few_or_many(20, 200)
-def test_json_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.json"
-        write(parameters, path)
-        assert read(path) == parameters
-        json.loads(path.read_text(encoding="utf-8"))
-
-    check()
+@few_or_many(parameters=parameter_sets(quantities=line_texts, cubes=True), few=20, many=200)
+def test_json_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.json"
+    write(parameters, path)
+    assert read(path) == parameters
+    json.loads(path.read_text(encoding="utf-8"))
 
 
-@few_or_many(20, 200)
-def test_cvx_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(units=plain_units, descriptions=st.just("")))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.csv"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
+@few_or_many(parameters=parameter_sets(units=plain_units, descriptions=st.just("")), few=20, many=200)
+def test_cvx_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.csv"
+    write(parameters, path)
+    assert read(path) == parameters
 
 
-@few_or_many(20, 200)
-def test_cdfx_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.cdfx"
-        assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
-        write(parameters, path)
-        assert read(path) == in_xml(parameters)
-
-    check()
+@few_or_many(parameters=parameter_sets(cubes=True), few=20, many=200)
+def test_cdfx_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.cdfx"
+    assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
+    write(parameters, path)
+    assert read(path) == in_xml(parameters)
 
 
-@few_or_many(20, 200)
-def test_excel_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.xlsx"
-        assume(not any(character in repr(parameters) for character in NO_XML))
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
+@few_or_many(parameters=parameter_sets(quantities=line_texts, cubes=True), few=20, many=200)
+def test_excel_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.xlsx"
+    assume(not any(character in repr(parameters) for character in NO_XML))
+    write(parameters, path)
+    assert read(path) == parameters
 
 
-@few_or_many(20, 200)
-def test_matlab_data_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.mat"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
+@few_or_many(parameters=parameter_sets(quantities=line_texts, cubes=True), few=20, many=200)
+def test_matlab_data_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.mat"
+    write(parameters, path)
+    assert read(path) == parameters
 
 
-@few_or_many(20, 200)
-def test_a_matlab_script_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.m"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
+@few_or_many(parameters=parameter_sets(quantities=line_texts, cubes=True), few=20, many=200)
+def test_a_matlab_script_reads_back_what_it_wrote(tmp_path_factory, parameters):
+    path = tmp_path_factory.mktemp("sets") / "a.m"
+    write(parameters, path)
+    assert read(path) == parameters
 
 
 def labelled(item, functions, display_name, variant):
@@ -123,19 +88,14 @@ def labelled_sets(draw):
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@few_or_many(10, 100)
-def test_functions_display_names_and_variants_come_back(tmp_path_factory, ending, drawn):
-    @drawn
-    @given(parameters=labelled_sets())
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / f"a{ending}"
-        assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
-        write(parameters, path)
-        again = read(path)
-        assert again.everything == parameters.everything
-        assert again.chosen == parameters.chosen
-
-    check()
+@few_or_many(parameters=labelled_sets(), few=10, many=100)
+def test_functions_display_names_and_variants_come_back(tmp_path_factory, ending, parameters):
+    path = tmp_path_factory.mktemp("sets") / f"a{ending}"
+    assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
+    write(parameters, path)
+    again = read(path)
+    assert again.everything == parameters.everything
+    assert again.chosen == parameters.chosen
 
 
 def in_xml(parameters):
@@ -162,17 +122,12 @@ def blanked(text):
 
 
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@few_or_many(20, 150)
-def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, drawn):
-    @drawn
-    @given(data=st.data())
-    def check(data):
-        path = tmp_path_factory.mktemp("sets") / f"a{ending}"
-        write(data.draw(parameter_sets(units=plain_units)), path)
-        path.write_bytes(data.draw(damaged(path.read_bytes())))
-        assert all(finding.message for finding in findings(path))
-
-    check()
+@few_or_many(data=st.data(), few=20, many=150)
+def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):
+    path = tmp_path_factory.mktemp("sets") / f"a{ending}"
+    write(data.draw(parameter_sets(units=plain_units)), path)
+    path.write_bytes(data.draw(damaged(path.read_bytes())))
+    assert all(finding.message for finding in findings(path))
 
 
 def findings(path):

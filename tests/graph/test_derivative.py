@@ -10,7 +10,7 @@ from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Cube, Curve, Map, Scalar
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases, sizes_of
 

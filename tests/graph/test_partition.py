@@ -6,7 +6,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases
 

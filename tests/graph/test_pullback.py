@@ -8,7 +8,7 @@ from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.random_graphs import cases
 
 

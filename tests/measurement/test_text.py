@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
@@ -16,7 +15,7 @@ from kennfeld.measurement import read, text
 from kennfeld.measurement.bulk_csv import read_bulk
 from kennfeld.measurement.file_kind import locate
 from kennfeld.measurement.table import Selection
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 NAN = np.nan
 
@@ -243,17 +242,12 @@ def written(table, how):
     return (how["end"].join(lines) + how["end"]).encode(how["encoding"])
 
 
-@few_or_many(40, 300)
-def test_a_random_table_in_a_random_dialect_is_read_back_exactly(csv, drawn):
-    @drawn
-    @given(TABLES, dialects())
-    def check(table, how):
-        data = read(csv(written(table, how)))
-        assert list(data) == [f"Größe {i}" for i in range(len(table[0]))]
-        np.testing.assert_array_equal(np.array([c.values for c in data.values()]).T, np.array(table, dtype=float))
-        assert {c.unit for c in data.values()} == {"Nm" if how["units"] else ""}
-
-    check()
+@few_or_many(TABLES, dialects(), few=40, many=300)
+def test_a_random_table_in_a_random_dialect_is_read_back_exactly(csv, table, how):
+    data = read(csv(written(table, how)))
+    assert list(data) == [f"Größe {i}" for i in range(len(table[0]))]
+    np.testing.assert_array_equal(np.array([c.values for c in data.values()]).T, np.array(table, dtype=float))
+    assert {c.unit for c in data.values()} == {"Nm" if how["units"] else ""}
 
 
 def mutants(content, seed, count):

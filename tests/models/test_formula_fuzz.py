@@ -11,7 +11,7 @@ from kennfeld.models import Model
 from kennfeld.models.formula import expression, extend, formula, to_text
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import DECLARATIONS, RESERVED
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.models.formula_graphs import graphs, one_nan
 
 SIGNS = "a b c y f M K _x 0 1 2 3.5 1e3 %q% %r[1]% [Nm] [ ] ( ) , = == < <= + - * / ^ # % $ ** & \\ . ;"

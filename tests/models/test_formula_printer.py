@@ -9,7 +9,7 @@ from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.formula import formula, to_text
 from kennfeld.models.formula.printer import merge_equal_states
 from kennfeld.parameter_set import ParameterSet
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.models.formula_graphs import graphs, one_nan
 
 

@@ -9,7 +9,7 @@ from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases
 from tests.native.models import MODELS, case
