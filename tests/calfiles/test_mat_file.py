@@ -7,7 +7,7 @@ from io import BytesIO
 import h5py
 import numpy as np
 import pytest
-from scipy.io import loadmat, savemat
+import scipy
 
 from kennfeld.calfiles import describe, read, write
 from kennfeld.calfiles.format import CalibrationSource
@@ -47,7 +47,7 @@ PEOPLE = {
 
 
 def saved(tmp_path, variables, **options):
-    savemat(tmp_path / "start.mat", variables, oned_as="row", **options)
+    scipy.io.savemat(tmp_path / "start.mat", variables, oned_as="row", **options)
     return tmp_path / "start.mat"
 
 
@@ -77,7 +77,7 @@ def test_what_people_save_is_read(tmp_path, packed):
 
 def test_what_we_write_is_what_scipy_reads(tmp_path):
     write(SET, tmp_path / "a.mat")
-    found = loadmat(tmp_path / "a.mat", squeeze_me=True)
+    found = scipy.io.loadmat(tmp_path / "a.mat", squeeze_me=True)
     assert found["K"] == 0.08
     assert found["MapX"]["values"].item().tolist() == [[0, 1], [2, 3], [4, 5]]
     assert str(found["a_b_0_"]["name"]) == "a.b[0]"
@@ -261,7 +261,7 @@ def test_objects_of_parameters_are_read(tmp_path):
 
 def test_a_stream_is_the_same_as_a_file():
     stream = BytesIO()
-    savemat(stream, {"K": 1.0})
+    scipy.io.savemat(stream, {"K": 1.0})
     assert recognises_mat(CalibrationSource("a", stream.getvalue()))
 
 

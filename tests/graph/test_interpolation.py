@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import quad
 
 from kennfeld.graph.interpolation import (
     cell_weights,
@@ -120,7 +120,7 @@ def test_smoothing_is_the_convolution_with_a_gaussian(x, extrapolation):
         return exact(x - s) * np.exp(-0.5 * (s / width) ** 2) / (width * np.sqrt(2 * np.pi))
 
     kinks = [x - p for p in POINTS if abs(x - p) < 8 * width]
-    expected, _ = quad(integrand, -8 * width, 8 * width, points=kinks, limit=200)
+    expected, _ = scipy.integrate.quad(integrand, -8 * width, 8 * width, points=kinks, limit=200)
     weights, _ = smooth_weights(np.array([x]), POINTS, extrapolation, width)
     assert interpolate(values, [weights])[0] == pytest.approx(expected, abs=2e-4)  # the kernel is cut off at 4
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.io import savemat
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
@@ -40,7 +40,7 @@ def mat(request, tmp_path):
         if request.param == "7.3":
             save73(path, variables)
         else:
-            savemat(path, scipy_form(variables), do_compression=request.param == "7", long_field_names=True)
+            scipy.io.savemat(path, scipy_form(variables), do_compression=request.param == "7", long_field_names=True)
         return path
 
     return write
@@ -78,7 +78,7 @@ def test_vectors_beside_a_time_are_channels(mat):
 
 
 def test_version_4_is_read(tmp_path):
-    savemat(tmp_path / "old.mat", {"t": TIME, "Speed": SPEED}, format="4")
+    scipy.io.savemat(tmp_path / "old.mat", {"t": TIME, "Speed": SPEED}, format="4")
     assert held(read(tmp_path / "old.mat")) == {"Speed": SPEED.tolist()}
 
 
@@ -230,7 +230,9 @@ def test_time_that_goes_back_is_a_finding(mat):
 
 def test_complex_numbers_are_told_and_not_cut(mat5, tmp_path):
     path = tmp_path / "bench.mat"
-    savemat(path, {"time": TIME, "z": SPEED + 1j, "s": {"w": SPEED * 1j, "x": SPEED}, "c": scipy_form((SPEED * 1j,))})
+    scipy.io.savemat(
+        path, {"time": TIME, "z": SPEED + 1j, "s": {"w": SPEED * 1j, "x": SPEED}, "c": scipy_form((SPEED * 1j,))}
+    )
     assert list(read(path)) == ["x"]
     assert findings(path, ["z"])[0].startswith("bench.mat: z (complex numbers) can only be read by MATLAB.")
 

@@ -9,7 +9,7 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
@@ -47,9 +47,9 @@ def contents(tmp_path, form):
     if form == "7.3":
         save73(path, VARIABLES)
     elif form == "4":
-        savemat(path, {"time": TIME, "Speed": TIME * 1000}, format="4")
+        scipy.io.savemat(path, {"time": TIME, "Speed": TIME * 1000}, format="4")
     else:
-        savemat(path, VARIABLES, do_compression=form == "7")
+        scipy.io.savemat(path, VARIABLES, do_compression=form == "7")
     return path.read_bytes()
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.io import netcdf_file
+import scipy
 
 from kennfeld.measurement import describe, read
 from tests.measurement.mutants import few_or_many, refusals
@@ -14,7 +14,7 @@ def netcdf(tmp_path):
 
     def write(*variables, version=1):
         path = tmp_path / "bench.nc"
-        with netcdf_file(path, "w", version=version) as file:
+        with scipy.io.netcdf_file(path, "w", version=version) as file:
             for name, dimension, values, attributes in variables:
                 if dimension not in file.dimensions:
                     file.createDimension(dimension, len(values))
@@ -65,7 +65,7 @@ def test_a_coordinate_of_any_name_is_the_time(netcdf):
 
 
 def test_matrices_are_skipped_and_reported(tmp_path):
-    with netcdf_file(tmp_path / "bench.nc", "w") as file:
+    with scipy.io.netcdf_file(tmp_path / "bench.nc", "w") as file:
         for name, length in (("time", 3), ("x", 2), ("one", 1)):
             file.createDimension(name, length)
         for name, dimensions in (("Speed", ("time", "one")), ("map", ("time", "x"))):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import RK45, solve_ivp
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
@@ -52,7 +52,7 @@ def test_the_idle_speed_model_moves_as_scipy_integrates_it(clutch):
     t = 0.02 * np.arange(101)
     found = run(model, {"clutch": np.full(101, clutch), "alpha": np.full(101, 10.0)}, dt=0.02)
     start = (IDLE["n0"], 0.0, 7300.0)
-    expected = solve_ivp(idle, (0, 2), start, t_eval=t, args=(10.0, clutch), rtol=1e-11, atol=1e-9).y
+    expected = scipy.integrate.solve_ivp(idle, (0, 2), start, t_eval=t, args=(10.0, clutch), rtol=1e-11, atol=1e-9).y
     for name, values in zip(("n", "theta", "p"), expected, strict=True):
         np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-6 * np.abs(values).max())
 
@@ -263,9 +263,9 @@ class Transmission:
                 self.shift(self.speed(x), pedal)
             found.append([self.speed(x), x[0], self.gear])
             slopes = np.zeros((6, 2))
-            for stage, weights in enumerate(RK45.A):
+            for stage, weights in enumerate(scipy.integrate.RK45.A):
                 slopes[stage] = self.slopes(x + step * weights[:stage] @ slopes[:stage], pedal, stop)
-            x = x + step * RK45.B @ slopes
+            x = x + step * scipy.integrate.RK45.B @ slopes
         return np.array(found).T
 
 

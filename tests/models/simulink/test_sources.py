@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import signal
+import scipy
 
 from kennfeld.errors import InputError
 from tests.models.simulink.simulink_files import LAYOUTS, Model
@@ -34,7 +34,7 @@ def test_a_sine_wave_may_count_samples(tmp_path):
 
 def test_a_chirp_is_that_of_scipy(tmp_path):
     found = source("Reference", tmp_path, special="chirp", f1="0.5", f2="3", T="4")
-    np.testing.assert_allclose(found, signal.chirp(TIME, 0.5, 4, 3, phi=-90), atol=1e-11)
+    np.testing.assert_allclose(found, scipy.signal.chirp(TIME, 0.5, 4, 3, phi=-90), atol=1e-11)
 
 
 @pytest.mark.parametrize(("units", "factor"), [("Hertz", 2 * np.pi), ("rad/sec", 1.0)])

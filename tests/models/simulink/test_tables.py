@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
@@ -152,7 +152,7 @@ W = RNG.normal(size=(5, 4))
 
 def natural(points, values, x, beyond):
     """A natural spline of scipy, along the first dimension, and what goes on beyond its ends."""
-    made = CubicSpline(points, values, bc_type="natural")
+    made = scipy.interpolate.CubicSpline(points, values, bc_type="natural")
     inside = np.clip(x, points[0], points[-1])
     y = made(inside) if beyond != "Cubic spline" else made(x)
     if beyond == "Linear":
