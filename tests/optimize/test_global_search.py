@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -13,6 +12,7 @@ from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.strategies.global_search import GlobalSettings, global_search
 from kennfeld.optimize.validation import unbounded
+from tests.draws import few_or_many, mostly_slow
 from tests.optimize import idle
 
 REFERENCE = Path(__file__).resolve().parents[3] / "shared" / "data" / "idle" / "crossley_cook_closedloop_ref.csv"
@@ -44,6 +44,7 @@ def rastrigin(values):
     return 10 * values.size + np.sum(values**2 - 10 * np.cos(2 * np.pi * values))
 
 
+@pytest.mark.slow
 def test_steps_do_not_hold_the_search_up():
     found = global_search(Function(terraces), np.array([8.0, 8.0]), box((-10, 10), (-10, 10)), GlobalSettings())
     assert found.status == "converged"
@@ -62,7 +63,7 @@ def test_restarts_find_the_lowest_of_many_valleys(size, evaluations):
     assert any(lowest(seed, evaluations) < 1e-6 for seed in misled)
 
 
-@pytest.mark.parametrize("size", [1, 2, 5])
+@pytest.mark.parametrize("size", mostly_slow([1, 2, 5], [1, 5]))
 def test_every_point_lies_within_the_bounds_and_the_end_is_the_best_of_them(size):
     function = Function(lambda values: np.sum(np.round(values * 3) ** 2) + 0.5)
     start = np.linspace(0.2, 0.9, size)
@@ -114,7 +115,7 @@ def test_a_model_that_fails_in_places_is_searched_elsewhere():
     def cost(values):
         return np.nan if values[0] < 0 else (values[0] - 0.5) ** 2 + values[1] ** 2
 
-    found = global_search(Function(cost), np.array([-3.0, 1.0]), box((-4, 4), (-4, 4)), GlobalSettings())
+    found = global_search(Function(cost), np.array([-3.0, 1.0]), box((-4, 4), (-4, 4)), GlobalSettings(500))
     assert found.cost < 1e-5
 
 
@@ -138,9 +139,13 @@ def test_stopping_keeps_the_best(stop):
     assert found.cost == min(map(terraces, function.asked)) < terraces(np.array([8.0, 8.0]))
 
 
-@settings(max_examples=15, deadline=None)
-@given(
-    seed=st.integers(0, 100), size=st.integers(1, 4), share=st.floats(0, 1), cost=st.sampled_from([rastrigin, np.sum])
+@few_or_many(
+    few=6,
+    many=30,
+    seed=st.integers(0, 100),
+    size=st.integers(1, 4),
+    share=st.floats(0, 1),
+    cost=st.sampled_from([rastrigin, np.sum]),
 )
 def test_the_end_is_never_above_the_start(seed, size, share, cost):
     start = np.full(size, -3 + 6 * share)
@@ -227,6 +232,7 @@ def test_the_published_engine_follows_its_reference():
     assert np.abs(found["p"].values[every] - pressure).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_the_event_governor_is_calibrated_where_a_descent_stops_at_once():
     data, model, start = idle.by_crank_angle()
     assert {event.parameters for event in events(model.graph, ["kp", "kI"])} == {("kp", "kI")}
@@ -286,6 +292,16 @@ def test_a_limit_of_the_speed_comes_before_the_cost():
 
 
 def test_limits_that_nothing_keeps_are_infeasible():
+    start = kf.ParameterSet([kf.Scalar("a", 0.5, lower=0.0, upper=5.0)])
+    data = {"x": np.linspace(0, 5, 20), "z": np.zeros(20)}
+    options = kf.Options(method="global", max_evaluations=10)
+    result = kf.calibrate("y = floor(a + x)", data, start, "z", limits={"y": (-np.inf, 4.0)}, options=options)
+    assert result.status == "infeasible"
+    assert result.cost_after < 1e100
+
+
+@pytest.mark.slow
+def test_limits_that_nothing_keeps_are_infeasible_for_an_engine():
     result, most = overshooting(kf.Options(method="global", max_evaluations=10), 1500.0)
     assert result.status == "infeasible"
     assert most > 1500

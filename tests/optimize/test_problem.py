@@ -71,7 +71,10 @@ def test_several_datasets_add_up_with_their_weights():
     assert cost(together) == pytest.approx(reference(together), rel=1e-12)
 
 
-@pytest.mark.parametrize("uneven", [False, True], ids=["even steps", "uneven steps"])
+@pytest.mark.parametrize(
+    "uneven",
+    [pytest.param(False, id="even steps", marks=pytest.mark.slow), pytest.param(True, id="uneven steps")],
+)
 def test_datasets_with_memory_in_several_pieces_cost_what_the_interpreter_says(uneven):
     random = np.random.default_rng(5)
     data = []
@@ -108,7 +111,7 @@ def test_samples_that_are_not_scored_still_drive_memory():
 
 
 def test_points_without_an_input_are_left_out():
-    found = columns(600)
+    found = columns(200)
     found["u"][::7] = found["v"][5::70] = np.nan
     for text in (TEXT, "m = M(u, v) * prev(C(w), 0) + C(u + K)"):
         made = problem(kf.Dataset.of("d", found), kf.Dataset.of("e", columns(100, 2)), text=text, free=("M", "K"))

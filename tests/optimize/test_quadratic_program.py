@@ -2,7 +2,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
@@ -10,6 +9,7 @@ from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 from kennfeld.native import Factor
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.solver.quadratic_program import QuadraticProgram, nonnegative_dual
+from tests.draws import few_or_many, mostly_slow
 
 
 def limited(lower, upper, matrix=None, target=None):
@@ -68,7 +68,7 @@ def some_limits(size, random, equalities):
     return at, limited(at - room[0], at + room[1], matrix, matrix @ at)
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))])
+@pytest.mark.parametrize("seed", mostly_slow(range(12), 2))
 @pytest.mark.parametrize("equalities", [0, 1, 2])
 def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
     random = np.random.default_rng([seed, equalities])
@@ -79,7 +79,7 @@ def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
     np.testing.assert_allclose(step, best_of_all_active_sets(matrix, gradient, at, limits), atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 15))])
+@pytest.mark.parametrize("seed", mostly_slow(range(15), 2))
 @pytest.mark.parametrize("equalities", [0, 1])
 def test_a_wrong_guess_of_active_bounds_changes_nothing(seed, equalities):
     random = np.random.default_rng([seed, equalities, 7])
@@ -160,7 +160,7 @@ def test_an_equality_that_a_bound_decides_is_met():
     np.testing.assert_allclose(step, [0.0, 1.0], atol=1e-9)
 
 
-@given(st.integers(1, 20), st.integers(0, 2**32 - 1))
+@few_or_many(st.integers(1, 20), st.integers(0, 2**32 - 1), few=40, many=200)
 def test_bounds_that_hold_the_step_are_reached_bit_for_bit(size, seed):
     random = np.random.default_rng(seed)
     matrix, gradient = convex(size, random)
@@ -235,7 +235,7 @@ def neighbours(grid):
     return (grid[:-1], grid[1:]), (grid[:, :-1], grid[:, 1:])
 
 
-@given(st.integers(2, 7), st.integers(0, 2**32 - 1), st.booleans())
+@few_or_many(st.integers(2, 7), st.integers(0, 2**32 - 1), st.booleans(), few=30, many=200)
 def test_limits_that_depend_on_each_other_end_at_the_optimum(count, seed, guessed):
     random = np.random.default_rng(seed)
     limits = limited_map(count, random)
@@ -245,7 +245,7 @@ def test_limits_that_depend_on_each_other_end_at_the_optimum(count, seed, guesse
     assert_optimal(matrix, gradient, limits, solved(matrix, gradient, np.zeros(size), limits, guess))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", mostly_slow(range(20), 6))
 def test_a_guess_of_very_many_dependent_limits_ends_at_the_optimum(seed):
     random = np.random.default_rng([seed, 8])
     limits = limited_map(8, random)
@@ -301,7 +301,7 @@ def test_the_factor_is_used_as_it_is():
     assert np.array_equal(factor.panels, kept)
 
 
-@given(st.integers(2, 5), st.lists(st.integers(0, 2**32 - 1), min_size=2, max_size=5))
+@few_or_many(st.integers(2, 5), st.lists(st.integers(0, 2**32 - 1), min_size=2, max_size=5), few=25, many=200)
 def test_programs_of_earlier_steps_leave_nothing_behind(count, seeds):
     limits = limited_map(count, np.random.default_rng(count))
     program, size = QuadraticProgram(limits), count * count
