@@ -46,7 +46,7 @@ def noisy(model):
     return low, exact, change, np.logical_and.accumulate(sound.all(axis=0))[None, :] & sound
 
 
-@few_or_many(programs(), few=12, many=60)
+@few_or_many(programs(), few=8, many=60)
 def test_a_program_runs_like_the_same_program_in_python(program):
     text, code = program
     model = lowered(text)
@@ -61,7 +61,7 @@ def test_a_program_runs_like_the_same_program_in_python(program):
             np.testing.assert_allclose(nodes[name][where], values[where], rtol=1e-9, atol=1e-9, err_msg=name)
 
 
-@few_or_many(programs(), few=8, many=40)
+@few_or_many(programs(), few=5, many=40)
 def test_formula_text_and_compiled_code_agree_with_the_interpreter(program):
     model = lowered(program[0])
     low, exact, change, sound = noisy(model)
@@ -74,7 +74,7 @@ def test_formula_text_and_compiled_code_agree_with_the_interpreter(program):
     assert_close(np.asarray(compiled).reshape(exact.shape), exact, change, sound)
 
 
-@few_or_many(programs(), few=10, many=25)
+@few_or_many(programs(), few=6, many=25)
 def test_derivatives_are_those_of_differences(program):
     model = lowered(program[0])
     low, exact, _, sound = noisy(model)

@@ -30,7 +30,7 @@ def simulated(path, step, **values):
     return kf.simulate(fmu(path, step=step), data, {"tau": TAU, **values})["y"].values
 
 
-@pytest.fixture(params=[2, 3])
+@pytest.fixture(params=[2, pytest.param(3, marks=pytest.mark.slow)])
 def jumping(request, tmp_path):
     return build(tmp_path, request.param, "-DSTATE_EVENT", indicators=1)
 

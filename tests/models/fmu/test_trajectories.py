@@ -80,8 +80,17 @@ def load(path):
     return load_trajectories(str(path), digest_of(path))
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize(("option", "resets"), [("-DUSUAL", True), ("-DNO_RESET", True), ("-DLAZY_RESET", False)])
+@pytest.mark.parametrize(
+    ("version", "option", "resets"),
+    [
+        (2, "-DUSUAL", True),
+        (3, "-DNO_RESET", True),
+        (2, "-DLAZY_RESET", False),
+        pytest.param(3, "-DUSUAL", True, marks=pytest.mark.slow),
+        pytest.param(2, "-DNO_RESET", True, marks=pytest.mark.slow),
+        pytest.param(3, "-DLAZY_RESET", False, marks=pytest.mark.slow),
+    ],
+)
 def test_an_instance_that_is_not_as_new_after_a_reset_is_replaced(tmp_path, version, option, resets):
     path = build(tmp_path, version, option)
     assert load(path).resets == resets

@@ -5,6 +5,7 @@ import pytest
 import scipy
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
@@ -15,7 +16,7 @@ U = RNG.normal(size=COUNT)
 FORMS = [([], [-2.0], 3.0), ([-1.0], [-2.0, -0.5], 1.5), ([0.5], [-1.0], -2.0), ([], [], 4.0), ([-1, -3], [0, -1], 1)]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 @pytest.mark.parametrize(("zeros", "poles", "gain"), FORMS)
 def test_zeros_and_poles_are_those_of_scipy(zeros, poles, gain, layout, tmp_path):
     drawn = alone(

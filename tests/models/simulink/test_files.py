@@ -9,6 +9,7 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.reader.document import document, read_document
 from kennfeld.models.simulink.reader.model_tree import Endpoint, Ports, split_path
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
@@ -350,7 +351,7 @@ def test_lines_to_blocks_that_are_not_there_count_as_loose_and_are_told():
     ]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json", "mdl"]))
 def test_two_thousand_blocks_are_read(layout):
     model = Model()
     for number in range(20):

@@ -74,7 +74,10 @@ def test_the_vehicle_model_is_the_sum_of_its_resistances():
 
 @pytest.mark.parametrize(
     ("file", "top", "ratio"),
-    [("fuel_control", "Air Fuel Control Model 1", "AF"), ("AbstractFuelControl_M1", "Model 1", "")],
+    [
+        ("fuel_control", "Air Fuel Control Model 1", "AF"),
+        pytest.param("AbstractFuelControl_M1", "Model 1", "", marks=pytest.mark.slow),
+    ],
 )
 def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
     field = f"{top}/Cylinder and Exhaust/fuel system transport delay:MaximumDelay"
@@ -124,6 +127,7 @@ VENTILATOR = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_are_given():
     file = DATA / "VentilatorModel_v8_5.slx"
     missing = import_simulink(file, parameters=[VENTILATOR]).report
@@ -140,7 +144,9 @@ def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_a
 @pytest.mark.parametrize(
     ("file", "told"),
     [
-        ("VentilatorModel_v8_5.slx", "36 more: it links to the library Simple_pneu_library"),
+        pytest.param(
+            "VentilatorModel_v8_5.slx", "36 more: it links to the library Simple_pneu_library", marks=pytest.mark.slow
+        ),
         ("controller.slx", "it links to the library dspfdesign"),
         pytest.param("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS", marks=pytest.mark.slow),
         ("GasTurbine_Dyn_Template.mdl", "it links to the library Lib_"),
@@ -164,11 +170,11 @@ GEARS = {
 @pytest.mark.parametrize(
     ("file", "given", "largest"),
     [
-        ("controller.slx", {}, "Controller/Pressure Control/Init Input Shaping"),
+        pytest.param("controller.slx", {}, "Controller/Pressure Control/Init Input Shaping", marks=pytest.mark.slow),
         pytest.param("Dyn_Vol_Line.slx", {}, "System Model/SystemModel/Subsystem", marks=pytest.mark.slow),
         ("automatic_transmission.slx", GEARS, ""),
         ("Autotrans_Model.mdl", {}, "Transmission/TransmissionRatio"),
-        ("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg"),
+        pytest.param("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg", marks=pytest.mark.slow),
     ],
 )
 def test_each_subsystem_that_is_told_to_be_whole_can_be_imported_and_run(file, given, largest):
@@ -278,7 +284,10 @@ def drive():
     return throttle, brake, Transmission().run(throttle, brake)
 
 
-@pytest.mark.parametrize(("file", "count"), [("automatic_transmission.slx", 1800), ("Autotrans_Model.mdl", 300)])
+@pytest.mark.parametrize(
+    ("file", "count"),
+    [pytest.param("automatic_transmission.slx", 1800, marks=pytest.mark.slow), ("Autotrans_Model.mdl", 300)],
+)
 def test_the_transmission_shifts_as_when_it_is_written_out(file, count):
     found = import_simulink(DATA / file, parameters=[GEARS])
     assert found.report.whole

@@ -5,6 +5,7 @@ import pytest
 import scipy
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
@@ -45,7 +46,7 @@ def test_a_generator_makes_sine_waves(units, factor, tmp_path):
         source("SignalGenerator", tmp_path, WaveForm="random")
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_a_sequence_repeats_its_lines(layout, tmp_path):
     found = source("Reference", tmp_path, layout, special="Repeating table", rep_seq_t="[0 0.5 2]", rep_seq_y="[1 3 0]")
     expected = np.interp(np.mod(TIME + 1e-10, 2), [0, 0.5, 2], [1, 3, 0])

@@ -41,7 +41,7 @@ TEXTS = (
 )  # fmt: skip
 GIVEN = {text: evaluate(text) for text in TEXTS}
 THREE = ("1", "3", "[1 2 3]", "[1 2;3 4]", "[]", "reshape([1 3 2 4 2 1 3 1],2,2,2)", "'all'", "-2.5")
-FEW, MANY = (31, 37), (7, 11)  # one of so many pairs and triples is tried; no multiple of the number of arguments
+FEW, MANY = (97, 101), (7, 11)  # one of so many pairs and triples is tried; no multiple of the number of arguments
 
 OF_BITS = {"bitand", "bitor", "bitxor", "bitshift", "bitcmp", "bitget", "bitset"}
 CASTS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
