@@ -284,6 +284,7 @@ def test_limits_of_outputs_hold_where_breakpoints_move():
     assert "C.x" in result.moved
 
 
+@pytest.mark.slow
 def test_creases_of_a_chain_are_smoothed_while_its_free_axis_is_dense():
     random = np.random.default_rng(4)
     u, v = random.uniform(0, 10, (2, 1500))

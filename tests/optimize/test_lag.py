@@ -50,17 +50,17 @@ def calibrated(data, shift, **arguments):
 @pytest.mark.slow
 def test_a_torque_recorded_one_sample_late_is_moved_back():
     data = bench(1)
-    blurred, found = calibrated(data, None), calibrated(data, {"Torque": "auto"})
-    assert found.shifts == {"training 0": {"Torque": -1.0}}
-    assert found.quality[0].rmse_after < 1.1 * torque.NOISE < 0.4 * blurred.quality[0].rmse_after
-    assert found.parameters["MapDragTorque"] == calibrated(data, {"Torque": -1.0}).parameters["MapDragTorque"]
-    assert found.as_json()["shifts"] == {"training 0": {"Torque": -1.0}}
+    blurred, result = calibrated(data, None), calibrated(data, {"Torque": "auto"})
+    assert result.shifts == {"training 0": {"Torque": -1.0}}
+    assert result.quality[0].rmse_after < 1.1 * torque.NOISE < 0.4 * blurred.quality[0].rmse_after
+    assert result.parameters["MapDragTorque"] == calibrated(data, {"Torque": -1.0}).parameters["MapDragTorque"]
+    assert result.as_json()["shifts"] == {"training 0": {"Torque": -1.0}}
 
 
 @pytest.mark.slow
 def test_channels_of_a_torque_bench_in_step_are_left_alone():
-    found = calibrated(bench(0), {"Torque": "auto", "Speed": "auto"})
-    assert found.shifts == {"training 0": {"Torque": 0, "Speed": 0}}
+    result = calibrated(bench(0), {"Torque": "auto", "Speed": "auto"})
+    assert result.shifts == {"training 0": {"Torque": 0, "Speed": 0}}
 
 
 @pytest.mark.slow
@@ -112,13 +112,13 @@ def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
     axes = [np.linspace(-1.5, 1.9, 7), np.linspace(-1.16, 2.3, 7)]
     start = kf.ParameterSet([kf.Map("M", *axes, np.zeros((7, 7))), kf.Scalar("T", 2.0, lower=0.01)])
 
-    def found(late):
+    def estimated(late):
         model = "y = PT1(M(speed, load), T)"
         delayed = shift_channels(data, {"NOx": late * 0.1})
         result = kf.calibrate(model, delayed, start, target="NOx", smoothness={"M": 10.0}, shift={"NOx": "auto"})
         return result.shifts[data.name]["NOx"], result.quality[0].rmse_after
 
-    (own, error), (more, _) = found(0.0), found(3.4)
+    (own, error), (more, _) = estimated(0.0), estimated(3.4)
     assert own - more == pytest.approx(0.34, abs=0.015)
     without = kf.calibrate("y = PT1(M(speed, load), T)", data, start, target="NOx", smoothness={"M": 10.0})
     assert error < 0.9 * without.quality[0].rmse_after

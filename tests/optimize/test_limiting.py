@@ -2,7 +2,6 @@
 
 from types import SimpleNamespace
 
-import cvxpy
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -49,6 +48,8 @@ class Fit:
 
     def judged(self, conditions):
         """The values of the convex program; `conditions` makes the constraints of its variable, shaped as the table."""
+        import cvxpy
+
         shape = self.table.values.shape
         sides = [
             cell_weights(position(x, a, "clip"), a.size)[0] for x, a in zip((self.u, self.v), self.axes, strict=True)
@@ -67,6 +68,8 @@ class Fit:
 
     def slopes(self, z, axis):
         """dz/dx along an axis, of a table or of a variable."""
+        import cvxpy
+
         gaps = np.diff(self.axes[axis])
         return cvxpy.diag(1 / gaps) @ (z[1:] - z[:-1]) if axis == 0 else (z[:, 1:] - z[:, :-1]) @ cvxpy.diag(1 / gaps)
 
@@ -103,6 +106,8 @@ def test_a_convex_map_is_that_of_a_convex_solver():
     found = fit.fitted([Shape("M", 1, "curvature", 0.0), Shape("M", 0, "curvature", -5.0, 5.0)])
 
     def curvature(z, axis):
+        import cvxpy
+
         x = fit.axes[axis]
         slopes = fit.slopes(z, axis)
         between = cvxpy.diag(2 / (x[2:] - x[:-2]))
@@ -113,6 +118,8 @@ def test_a_convex_map_is_that_of_a_convex_solver():
 
 
 def test_values_can_be_made_equal_and_summed():
+    import cvxpy
+
     fit = Fit(5)
     x, y = fit.axes
     equal = Equality([Term("M", (x[1], y[2])), Term("M", (x[6], y[2]), -1.0)])

@@ -1,6 +1,5 @@
 """Limits of outputs, against a general convex solver and a search over a grid."""
 
-import cvxpy
 import numpy as np
 import pytest
 
@@ -39,6 +38,8 @@ class Curve:
 
     def judged(self, conditions):
         """Cost and values of the convex program."""
+        import cvxpy
+
         weights = cell_weights(position(self.u, GRID, "clip"), 11)[0]
         z = cvxpy.Variable(11)
         program = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(weights @ z - self.z)), conditions(weights @ z))

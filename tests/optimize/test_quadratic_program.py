@@ -2,9 +2,8 @@ from itertools import product
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import strategies as st
-from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
@@ -31,7 +30,7 @@ def convex(size, random, condition=1e2):
 
 
 def solved(matrix, gradient, at, limits, guess=None):
-    factor = Factor.of(np.asarray(cholesky(matrix, lower=True)))
+    factor = Factor.of(np.asarray(scipy.linalg.cholesky(matrix, lower=True)))
     return QuadraticProgram(limits).solve(factor, -np.linalg.solve(matrix, gradient), at, guess)
 
 
@@ -98,7 +97,7 @@ def test_programs_with_bounds_agree_with_scipy(seed):
     at, limits = some_limits(60, random, 0)
     limits = LinearLimits(limits.lower - 1e-3, limits.upper + 1e-3)
     step = solved(rows.T @ rows, rows.T @ (rows @ at - right), at, limits).step
-    judge = lsq_linear(rows, right, (limits.lower, limits.upper), method="bvls", tol=1e-14)
+    judge = scipy.optimize.lsq_linear(rows, right, (limits.lower, limits.upper), method="bvls", tol=1e-14)
     np.testing.assert_allclose(at + step, judge.x, atol=1e-7)
 
 
@@ -109,12 +108,12 @@ def test_programs_with_bounds_and_equalities_agree_with_scipy(seed):
     matrix, gradient = convex(25, random)
     at, limits = some_limits(25, random, 3)
     step = solved(matrix, gradient, at, limits).step
-    judge = minimize(
+    judge = scipy.optimize.minimize(
         lambda d: worth(matrix, gradient, d),
         np.zeros(25),
         jac=lambda d: matrix @ d + gradient,
         bounds=list(zip(limits.lower - at, limits.upper - at, strict=True)),
-        constraints=LinearConstraint(equalities(limits, 25)[0], 0.0, 0.0),
+        constraints=scipy.optimize.LinearConstraint(equalities(limits, 25)[0], 0.0, 0.0),
         method="SLSQP",
         options={"ftol": 1e-15, "maxiter": 500},
     )
@@ -261,7 +260,7 @@ def assert_optimal(matrix, gradient, limits, solution):
     assert np.all(np.abs(solution.step) <= 2 + 1e-9)
     rows = np.vstack([np.eye(size), limits.rows.matrix(np.arange(limits.rows.count), size)])
     slope = matrix @ solution.step + gradient
-    assert nnls((solution.active[:, None] * rows).T, -slope)[1] <= 1e-6 * np.linalg.norm(gradient)
+    assert scipy.optimize.nnls((solution.active[:, None] * rows).T, -slope)[1] <= 1e-6 * np.linalg.norm(gradient)
 
 
 def test_no_rows_have_no_multipliers():
@@ -293,10 +292,12 @@ def test_the_solution_is_where_no_feasible_direction_falls():
 
 def test_the_factor_is_used_as_it_is():
     matrix, gradient = convex(5, np.random.default_rng(2))
-    lower = np.asarray(cholesky(matrix, lower=True))
+    lower = np.asarray(scipy.linalg.cholesky(matrix, lower=True))
     factor = Factor.of(lower)
     kept = factor.panels.copy()
-    free = -solve_triangular(lower.T, solve_triangular(lower, gradient, lower=True), lower=False)
+    free = -scipy.linalg.solve_triangular(
+        lower.T, scipy.linalg.solve_triangular(lower, gradient, lower=True), lower=False
+    )
     QuadraticProgram(LinearLimits(np.full(5, -0.01), np.full(5, 0.01))).solve(factor, free, np.zeros(5))
     assert np.array_equal(factor.panels, kept)
 
@@ -308,7 +309,10 @@ def test_programs_of_earlier_steps_leave_nothing_behind(count, seeds):
     for seed in seeds:
         random = np.random.default_rng(seed)
         matrix, gradient = convex(size, random)
-        factor, free = Factor.of(np.asarray(cholesky(matrix, lower=True))), -np.linalg.solve(matrix, gradient)
+        factor, free = (
+            Factor.of(np.asarray(scipy.linalg.cholesky(matrix, lower=True))),
+            -np.linalg.solve(matrix, gradient),
+        )
         guess = random.integers(-1, 2, size + limits.rows.count) if seed % 2 else None
         again, first = (
             program.solve(factor, free, np.zeros(size), guess),

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import strategies as st
-from scipy.optimize import least_squares
 
 import kennfeld as kf
 from kennfeld.criteria import Region
@@ -89,7 +89,7 @@ def test_a_weighted_fit_is_that_of_scipy(kind):
         slope = W * share * r
         return [np.sum(slope * X), np.sum(slope)]
 
-    peer = least_squares(gradient, [1.0, 1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    peer = scipy.optimize.least_squares(gradient, [1.0, 1.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
     found = [result.parameters[name].value for name in "ab"]
     assert found == pytest.approx(peer.x, rel=1e-6)
     error = result.parameters["a"].value * X + result.parameters["b"].value - Y
@@ -106,7 +106,7 @@ def test_robust_losses_are_those_of_scipy(kind, delta, scale):
     x = np.linspace(0, 4, 80)
     y = 3 * np.exp(-0.6 * x) + 0.5 + np.random.default_rng(3).normal(0, 0.05, 80)
     y[::9] += 2.0
-    peer = least_squares(
+    peer = scipy.optimize.least_squares(
         lambda p: (p[0] * np.exp(-p[1] * x) + p[2] - y) / scale,
         [1.0, 1.0, 0.0],
         loss=kind,
