@@ -234,7 +234,7 @@ def test_deep_nesting_is_read_even_on_a_deep_stack(text):
     below(250)
 
 
-@pytest.mark.parametrize("text", nested(2 * MAX_DEPTH) + nested(10_000))
+@pytest.mark.parametrize("text", nested(2 * MAX_DEPTH) + nested(3_000))
 def test_deeper_nesting_is_an_error_and_no_traceback(text):
     assert (
         "the expression is nested more than 100 levels deep. Assign its inner parts to named nodes."

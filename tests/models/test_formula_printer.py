@@ -129,7 +129,7 @@ def test_every_operation_but_the_guard_can_be_printed():
 
 
 def test_a_long_sum_is_printed_in_one_line():
-    graph = formula("y = " + " + ".join(["a"] * 3000)).graph
+    graph = formula("y = " + " + ".join(["a"] * 1500)).graph
     assert len(lines(graph)) == 1
     assert formula(to_text(graph)).graph == graph
 

@@ -99,6 +99,7 @@ def _names(ports):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@pytest.mark.slow
 def test_structs_are_computed_as_the_compiler_computes_them(tmp_path, monkeypatch, capsys):
     for name, text in {"generated": GENERATED, "pointers": POINTERS, "controller": CONTROLLER}.items():
         (tmp_path / f"{name}.c").write_text(text)

@@ -211,13 +211,13 @@ def test_feedback_through_a_delay_takes_the_width_of_what_is_fed_back(tmp_path):
 def test_a_long_chain_of_delays_takes_the_width_of_its_input(tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u", PortDimensions="2")
-    names = [f"Z{at}" for at in range(80)]
+    names = [f"Z{at}" for at in range(40)]
     for name in names:
         drawn.block("UnitDelay", name, SampleTime="-1")
     drawn.outport("y")
     drawn.chain("u", *names, "y")
     model = imported(drawn, tmp_path)
-    long = np.arange(100.0)
+    long = np.arange(60.0)
     found = run(model, {"u[1]": long, "u[2]": -long})
     assert (found["y[1]"][-1], found["y[2]"][-1]) == (19.0, -19.0)
 

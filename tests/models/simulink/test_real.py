@@ -288,6 +288,7 @@ def drive():
     ("file", "count"),
     [pytest.param("automatic_transmission.slx", 1800, marks=pytest.mark.slow), ("Autotrans_Model.mdl", 300)],
 )
+@pytest.mark.slow
 def test_the_transmission_shifts_as_when_it_is_written_out(file, count):
     found = import_simulink(DATA / file, parameters=[GEARS])
     assert found.report.whole
