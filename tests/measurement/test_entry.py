@@ -19,7 +19,7 @@ def bits(values):
     st.lists(st.floats(width=64), max_size=20),
     st.lists(st.tuples(st.text(max_size=5), st.text(max_size=5)), min_size=1, max_size=4),
     st.booleans(),
-    few=40,
+    few=15,
     many=300,
 )
 def test_every_bit_comes_back(values, labels, timed):

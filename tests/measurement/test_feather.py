@@ -9,7 +9,7 @@ from pyarrow import feather, ipc
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many, refusals
+from tests.measurement.mutants import few_or_many_copies, refusals
 
 
 @cache
@@ -66,6 +66,6 @@ def test_a_file_without_rows_is_a_finding(tmp_path):
         read(tmp_path / "empty.feather")
 
 
-@few_or_many
+@few_or_many_copies
 def test_damaged_files_are_read_or_refused(path, count):
     assert refusals(path, head=8, count=count) > count / 6

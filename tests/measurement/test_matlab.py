@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import scipy
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.matlab import holds_samples
+from tests.draws import few_or_many
 from tests.measurement.matlab_files import array5, element, file5, opaque5, save73
 
 TIME = np.array([0.0, 0.1, 0.2])
@@ -247,8 +247,7 @@ def test_tables_and_objects_are_told_by_name(mat5):
     assert "only MATLAB can read its variables: log (timetable)" in findings(path)[0]
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
-@given(
+@few_or_many(
     st.integers(2, 6).flatmap(
         lambda n: st.dictionaries(
             st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,20}", fullmatch=True).filter(
@@ -258,7 +257,9 @@ def test_tables_and_objects_are_told_by_name(mat5):
             min_size=1,
             max_size=5,
         )
-    )
+    ),
+    few=20,
+    many=40,
 )
 def test_any_vectors_come_back_as_they_were(mat, channels):
     count = len(next(iter(channels.values())))

@@ -14,7 +14,7 @@ import scipy
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.matlab_files import HEAD, array5, element, file5, save73
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 TIME = np.arange(20) * 0.1
 VARIABLES = {"time": TIME, "Speed": TIME * 1000, "log": {"a": TIME, "b": {"c": TIME > 1}}, "note": "a test"}
@@ -53,7 +53,7 @@ def contents(tmp_path, form):
     return path.read_bytes()
 
 
-@few_or_many
+@few_or_many_copies
 @pytest.mark.parametrize("form", ["4", "5", "7", "7.3"])
 def test_mutated_files_give_data_or_findings(tmp_path, mat, form, count):
     chance = random.Random(23)

@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many, refusals
+from tests.measurement.mutants import few_or_many_copies, refusals
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_matrices_are_skipped_and_reported(tmp_path):
     assert "channel map: is a matrix of 3 x 2 and is skipped" in str(data.findings[0])
 
 
-@few_or_many
+@few_or_many_copies
 def test_damaged_files_are_read_or_refused(netcdf, count):
     path = netcdf(
         ("time", "time", np.arange(20.0), {"units": "s"}), ("Speed", "time", np.arange(20.0), {"units": "rpm"})

@@ -44,12 +44,12 @@ NUMBERS = st.builds(
 )
 
 
-@few_or_many(st.lists(NUMBERS, min_size=1, max_size=50), few=40, many=300)
+@few_or_many(st.lists(NUMBERS, min_size=1, max_size=50), few=20, many=300)
 def test_numbers_are_as_python_reads_them(cells):
     assert_as_python(cells)
 
 
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=50))
+@few_or_many(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=50), few=20, many=100)
 def test_doubles_that_python_writes_are_read(numbers):
     odd = assert_as_python([repr(number) for number in numbers])
     fractions = [row for row, number in enumerate(numbers) if 1e-300 < abs(number) < 1e15 and number % 1]
