@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.a2l.reader import read_parameters
@@ -375,7 +374,7 @@ def tables(draw):
     return module(layout(*entries), label("MAP", axes), common=head), points, np.reshape(raw, sizes)
 
 
-@few_or_many(tables(), few=25, many=300)
+@few_or_many(tables(), few=12, many=300)
 def test_what_is_written_is_read_again_in_every_layout(table):
     text, points, raw = table
     start = b"\x01" * 800
@@ -390,7 +389,9 @@ def test_what_is_written_is_read_again_in_every_layout(table):
     assert write_values(a2l, memory, read_parameters(a2l, memory, FileFindings("")), FileFindings("")) == memory.raw
 
 
-@given(st.sampled_from(ORDERS), st.floats(width=32, allow_nan=False, allow_infinity=False), st.booleans())
+@few_or_many(
+    st.sampled_from(ORDERS), st.floats(width=32, allow_nan=False, allow_infinity=False), st.booleans(), few=20, many=100
+)
 def test_floating_point_numbers_are_written_exactly(order, number, double):
     kind = "FLOAT64_IEEE" if double else "FLOAT32_IEEE"
     text = module(layout(f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"), label("VALUE", f"BYTE_ORDER {order}"))

@@ -210,7 +210,7 @@ def test_archives_are_recognised_by_their_content(path):
     assert not recognises_amd(CalibrationSource("a.zip", empty.getvalue()))
 
 
-@few_or_many(st.lists(st.floats(-1e12, 1e12), min_size=3, max_size=3), few=20, many=100)
+@few_or_many(st.lists(st.floats(-1e12, 1e12), min_size=3, max_size=3), few=10, many=100)
 def test_any_numbers_are_read_back(numbers):
     name = "Plant.data.amd"
     source = CalibrationSource(name, PLANT.files()[f"Engine/{name}"])

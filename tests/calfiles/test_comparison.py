@@ -17,13 +17,13 @@ def differences(left, right, **tolerance):
     return compare(*as_set, Tolerance(**tolerance)).differences
 
 
-@few_or_many(members=parameter_sets(cubes=True), few=20, many=100)
+@few_or_many(members=parameter_sets(cubes=True), few=10, many=100)
 def test_a_set_equals_itself(members):
     names = {*members, *(text.name for text in members.texts), *(axis.name for axis in members.axes)}
     assert compare(members, members) == Comparison((), len(names))
 
 
-@few_or_many(members=parameter_sets(cubes=True), data=st.data(), few=20, many=100)
+@few_or_many(members=parameter_sets(cubes=True), data=st.data(), few=10, many=100)
 def test_one_changed_number_is_the_only_difference(members, data):
     if not len(members):
         return

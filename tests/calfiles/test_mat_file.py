@@ -231,11 +231,12 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path):
         assert refusal or names < set(SET)  # cut between two variables
 
 
-def test_damaged_files_of_7_3_are_read_or_refused(newest):
+@pytest.mark.parametrize("count", [30, pytest.param(150, marks=pytest.mark.slow)])
+def test_damaged_files_of_7_3_are_read_or_refused(newest, count):
     path = newest(fill)
     raw = path.read_bytes()
     generator = np.random.default_rng(7)
-    for _ in range(150):
+    for _ in range(count):
         made = bytearray(raw)
         at = int(generator.integers(512, len(raw)))
         made[at : at + int(generator.integers(1, 9))] = generator.bytes(int(generator.integers(0, 9)))

@@ -14,7 +14,7 @@ def told(merged):
     return [(change.name, change.source, change.replaces) for change in merged.changes]
 
 
-@few_or_many(members=parameter_sets(cubes=True), few=20, many=100)
+@few_or_many(members=parameter_sets(cubes=True), few=10, many=100)
 def test_merging_a_set_with_itself_changes_nothing(members):
     merged = merge([("a", members), ("b", members)])
     assert merged.parameters == members
