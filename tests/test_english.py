@@ -74,7 +74,7 @@ def faults_of(path):
 def test_messages_and_docstrings_are_plain_english(package):
     modules = sorted((SOURCE / package).rglob("*.py") if package else SOURCE.glob("*.py"))
     assert modules
-    assert {path.name: errors for path in modules if (errors := faults_of(path))} == {}
+    assert {path.relative_to(SOURCE).as_posix(): errors for path in modules if (errors := faults_of(path))} == {}
 
 
 @pytest.mark.parametrize(
