@@ -107,13 +107,11 @@ def tables():
     return kf.ParameterSet([*maps, kf.Curve("E", points, 1 - 0.1 * points)])
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     "pins",
-    [
-        pytest.param([], id="free"),
-        pytest.param([kf.Pin("E", (0.3,), 1.0)], id="pinned", marks=pytest.mark.slow),
-    ],
+    [pytest.param([], id="free"), pytest.param([kf.Pin("E", (0.3,), 1.0)], id="pinned")],
 )
 def test_tables_that_can_be_exchanged_stay_near_their_start(seed, pins):
     """Scaling A, dividing E and raising B by A change no output; factors of their own let the scale drift for ever."""
@@ -168,6 +166,7 @@ def test_bounds_locks_and_pins_hold_while_factors_are_chosen():
     assert np.interp(1.1, np.linspace(0, 6, 25), values) == pytest.approx(0.3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_model_with_memory_is_smoothed_too():
     rng = np.random.default_rng(5)
     time = np.arange(3000) * 0.1

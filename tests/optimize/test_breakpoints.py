@@ -308,7 +308,8 @@ def cost_of(result):
     return float(np.sum((reached - data["y"]) ** 2))
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
 def test_several_starts_keep_the_breakpoints_of_the_best(workers):
     result = fitted(even(), options=kf.Options(starts=2, workers=workers))
     np.testing.assert_allclose(points(result), KINKS, atol=0.02)

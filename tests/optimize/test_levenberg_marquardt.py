@@ -318,6 +318,7 @@ def test_residuals_that_stay_large_are_no_obstacle(small, factor):
     assert end.cost == pytest.approx(85822.20162635, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_growth_beyond_every_number_is_no_warning():
     x = np.linspace(0, 3, 10)
     model = Residuals(lambda p: np.exp(p[0] * x) - 5.0, lambda p: (x * np.exp(p[0] * x))[:, None])

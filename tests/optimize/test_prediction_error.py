@@ -12,6 +12,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 from kennfeld.optimize.tuning.prediction_error import GAMMA, HOLDOUT_SHARE, Linearised, Prediction, minimise_prediction
+from tests.draws import mostly_slow
 
 AXES = {"M": 2, "C": 1}
 
@@ -57,7 +58,9 @@ def linearised(compiled, held=(), rows=(), blocks=()):
     )
 
 
-@pytest.fixture(scope="module", params=["free", "held", "pulled", "free with blocks", "held with blocks"])
+@pytest.fixture(
+    scope="module", params=mostly_slow(["free", "held", "pulled", "held with blocks", "free with blocks"], 4)
+)
 def prediction(compiled, request):
     limits = {"free": ((), ()), "pulled": ((), ()), "held": ((3, 4, 11), ((7, 8), (32, 33)))}[request.param.split()[0]]
     limits = (*limits, parts(compiled) if "blocks" in request.param else ())

@@ -129,6 +129,7 @@ def test_points_and_recordings_are_fitted_together():
         np.testing.assert_allclose(gradient, sum(one.normal(one.start)[0].copy() for one in alone), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_held_points_go_through_the_continuation():
     """Smoothed lookups see the same samples."""
     u = np.linspace(0.2, 3.8, 20)

@@ -106,9 +106,8 @@ def test_native_code_meets_the_protocol():
     assert all(hasattr(sums, name) for name in [*names, "widths"])
 
 
-@pytest.mark.parametrize(
-    "size", [pytest.param(3, id="rows", marks=pytest.mark.slow), pytest.param(7, id="normal equations")]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [pytest.param(3, id="rows"), pytest.param(7, id="normal equations")])
 def test_another_implementation_fits_the_same_values(size):
     problem = torque_problem(size=size)
     created = []
