@@ -4,12 +4,12 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kennfeld import ArgumentError, Axis
 from kennfeld.breakpoint_rounding import nice_step, rounded, separated
+from tests.draws import few_or_many
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
 moderate = st.floats(-1e6, 1e6, allow_nan=False, width=32)
@@ -58,7 +58,7 @@ def test_numbers_at_the_limits_of_a_double_stay(points):
     assert round_list(*points) == list(points)
 
 
-@given(increasing(numbers))
+@few_or_many(increasing(numbers), few=20, many=100)
 def test_breakpoints_increase_and_cover_the_data_whatever_their_size(points):
     result = rounded(points).points
     assert np.all(np.isfinite(result))
@@ -67,7 +67,7 @@ def test_breakpoints_increase_and_cover_the_data_whatever_their_size(points):
     assert result[-1] >= points[-1]
 
 
-@given(increasing(moderate))
+@few_or_many(increasing(moderate), few=20, many=100)
 def test_inner_breakpoints_move_by_at_most_half_a_step_and_ends_by_less_than_a_step(points):
     gaps = np.diff(points)
     nearer = np.minimum(np.append(gaps, np.inf), np.append(np.inf, gaps))
@@ -77,7 +77,7 @@ def test_inner_breakpoints_move_by_at_most_half_a_step_and_ends_by_less_than_a_s
     assert np.all(moves <= nearer / 20 * (1 + 1e-9) + slack)
 
 
-@given(increasing(moderate))
+@few_or_many(increasing(moderate), few=20, many=100)
 def test_rounded_numbers_have_few_digits(points):
     for number, distance in zip(
         rounded(points).points[1:-1], np.minimum(np.diff(points)[:-1], np.diff(points)[1:]), strict=True
@@ -87,7 +87,7 @@ def test_rounded_numbers_have_few_digits(points):
             assert 0 in (decimal % Decimal(repr(step)), decimal % (Decimal(repr(step)) / 2 * 5))
 
 
-@given(increasing(numbers))
+@few_or_many(increasing(numbers), few=20, many=100)
 def test_separated_breakpoints_are_some_of_the_given_ones_with_both_ends(points):
     result = separated(points)
     assert np.isin(result, points).all()

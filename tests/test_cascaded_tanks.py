@@ -31,6 +31,7 @@ def test_the_example_meets_the_other_half():
     assert other.rmse_after < 0.25
 
 
+@pytest.mark.slow
 def test_recordings_alone_make_a_model_that_runs_freely():
     data = kf.read(FILE)
     halves = [

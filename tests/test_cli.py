@@ -269,8 +269,14 @@ def _half_parquet(folder):
 
 
 class TestBadInput:
-    @pytest.mark.parametrize("command", ["check", "calibrate"])
-    @pytest.mark.parametrize("kind", SPOILT)
+    @pytest.mark.parametrize(
+        ("kind", "command"),
+        [
+            *((kind, "check") for kind in SPOILT),
+            ("half a measurement", "calibrate"),
+            *(pytest.param(k, "calibrate", marks=pytest.mark.slow) for k in SPOILT if k != "half a measurement"),
+        ],
+    )
     def test_is_named_with_its_place_and_nothing_is_written(self, kind, command, folder, capsys, monkeypatch):
         monkeypatch.setattr(caching, "_WORTH", {})  # a busy machine keeps what was slow to read
         monkeypatch.setattr(caching, "_WORTH_ELSE", math.inf)
@@ -807,13 +813,14 @@ class TestSurroundings:
         assert done.returncode == 0
         assert b"?ldruck ?" in done.stdout
 
-    def test_a_narrow_terminal_gets_a_block_a_row(self, growth):
-        done = self.process(["calibrate", growth], COLUMNS="40")
-        lines = done.stdout.decode().splitlines()
+    def test_a_narrow_terminal_gets_a_block_a_row(self, growth, capsys, monkeypatch):
+        monkeypatch.setenv("COLUMNS", "40")
+        assert cli.run(["calibrate", str(growth)]) == 0
+        lines = capsys.readouterr().out.splitlines()
         assert lines[0].split() == ["criterion", "y"]
         assert all(len(line) <= 40 for line in lines[: lines.index("") + 1])
 
-    @pytest.mark.parametrize("environment", [{}, {"NO_COLOR": "1"}])
+    @pytest.mark.parametrize("environment", [{}, pytest.param({"NO_COLOR": "1"}, marks=pytest.mark.slow)])
     def test_a_terminal_gets_a_live_line_and_the_same_table(self, growth, environment):
         pty = pytest.importorskip("pty")
         ours, theirs = pty.openpty()

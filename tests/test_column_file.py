@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kennfeld.column_file import read_columns, write_columns
+from tests.draws import few_or_many
 
 KINDS = (np.float64, np.int64, np.uint32, np.bool_)
 columns = st.lists(st.one_of(arrays(kind, st.integers(0, 50)) for kind in KINDS), max_size=5)
 
 
-@given(columns)
+@few_or_many(columns, few=20, many=100)
 def test_columns_are_read_as_they_were_written(tmp_path_factory, written):
     path = tmp_path_factory.mktemp("columns") / "folder" / "file.columns"
     write_columns(path, iter(written), {"name": "drive é", "rows": [1, None, 2.5]})

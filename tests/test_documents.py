@@ -113,6 +113,7 @@ def test_every_picture_has_a_text_for_those_who_cannot_see_it(document):
     assert re.findall(r"!\[\s*\]\([^)]*\)", prose(document)) == []
 
 
+@pytest.mark.slow
 def test_words_are_spelled_right():
     pytest.importorskip("codespell_lib")
     command = [sys.executable, "-m", "codespell_lib", *map(str, ROOT.glob("*.md")), *SPELLED]

@@ -25,7 +25,8 @@ DOCSTRINGS = {
     r"\bmend(?:s|ed)?\b": "fix, remedy",
     r"\bfrom 0 on\b": ">= 0",
 }
-SOURCES = sorted((ROOT / "src" / "kennfeld").rglob("*.py"))
+SOURCE = ROOT / "src" / "kennfeld"
+PACKAGES = ["", *sorted({path.parent.relative_to(SOURCE).parts[0] for path in SOURCE.rglob("*/*.py")})]
 DOCUMENTS = [
     *(
         ROOT / name
@@ -33,13 +34,13 @@ DOCUMENTS = [
     ),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
+SEARCHED = [re.compile(pattern) for pattern in (rf'"""\s*(?:{"|".join(OPENINGS)})\b', *MESSAGES)]
 
 
 def may_have_faults(text):
     """Return whether the text of a module, of which a tree takes longer, has a fault, maybe in code or a comment."""
     joined = re.sub(r"""["']\s+[bfru]*["']""", "", text)  # a string may be written in several parts
-    opening = rf'"""\s*(?:{"|".join(OPENINGS)})\b'
-    return any(re.search(pattern, joined) for pattern in (opening, *MESSAGES))
+    return any(pattern.search(joined) for pattern in SEARCHED)
 
 
 def texts(tree):
@@ -57,16 +58,23 @@ def faults(patterns, text):
     return [f"{match[0]!r}: {better}" for pattern, better in patterns.items() for match in re.finditer(pattern, text)]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT / "src" / "kennfeld").as_posix())
-def test_messages_and_docstrings_are_plain_english(path):
+def faults_of(path):
+    """Return the faults of messages and docstrings of a module, with their lines."""
     text = path.read_text(encoding="utf-8")
     if not may_have_faults(text):
-        return
+        return []
     docstrings, strings = texts(ast.parse(text))
-    assert [(line, fault) for line, text in strings for fault in faults(MESSAGES, text)] == []
-    assert [
-        (getattr(node, "lineno", 1), fault) for node, text in docstrings for fault in faults(DOCSTRINGS, text)
-    ] == []
+    return [
+        *((line, fault) for line, text in strings for fault in faults(MESSAGES, text)),
+        *((getattr(node, "lineno", 1), fault) for node, text in docstrings for fault in faults(DOCSTRINGS, text)),
+    ]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_messages_and_docstrings_are_plain_english(package):
+    modules = sorted((SOURCE / package).rglob("*.py") if package else SOURCE.glob("*.py"))
+    assert modules
+    assert {path.relative_to(SOURCE).as_posix(): errors for path in modules if (errors := faults_of(path))} == {}
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.errors import ArgumentError
 from kennfeld.rbf import Expansion
+from tests.draws import few_or_many
 
 
 def random_expansion(seed, inputs=2, centres=5):
@@ -18,7 +18,7 @@ def random_expansion(seed, inputs=2, centres=5):
     )
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6))
+@few_or_many(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6), few=20, many=100)
 def test_the_value_is_the_sum_that_the_docstring_writes(seed, inputs, centres):
     model = random_expansion(seed, inputs, centres)
     for x in np.random.default_rng(seed).normal(size=(3, inputs)):
@@ -27,7 +27,7 @@ def test_the_value_is_the_sum_that_the_docstring_writes(seed, inputs, centres):
         assert model(x) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6))
+@few_or_many(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6), few=20, many=100)
 def test_the_gradient_agrees_with_differences(seed, inputs, centres):
     model = random_expansion(seed, inputs, centres)
     x = np.random.default_rng(seed).normal(size=(4, inputs))

@@ -1,9 +1,9 @@
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Dataset, concatenate
 from kennfeld.file_spans import FileSpans, short_names
+from tests.draws import few_or_many
 
 LENGTHS = st.lists(st.integers(0, 6), min_size=1, max_size=5)
 
@@ -13,7 +13,7 @@ def owners(files, samples):
     return np.repeat(np.array(files.names, dtype=object), files.sizes(samples)).tolist()
 
 
-@given(LENGTHS, st.data())
+@few_or_many(LENGTHS, st.data(), few=20, many=100)
 def test_files_of_a_part_are_those_of_its_samples(lengths, data):
     files = FileSpans.joined([f"{i}.csv" for i in range(len(lengths))], lengths)
     samples = sum(lengths)
@@ -25,7 +25,7 @@ def test_files_of_a_part_are_those_of_its_samples(lengths, data):
     assert owners(part, last - first) == owners(files, samples)[first:last]
 
 
-@given(LENGTHS, st.data())
+@few_or_many(LENGTHS, st.data(), few=20, many=100)
 def test_files_of_picked_samples_are_those_of_these(lengths, data):
     files = FileSpans.joined([f"{i}.csv" for i in range(len(lengths))], lengths)
     samples = sum(lengths)
@@ -51,7 +51,9 @@ def test_joined_recordings_know_their_files():
     assert concatenate("d", [*parts, Dataset.of("d", {"x": np.zeros(1)})]).files is None
 
 
-@given(st.sets(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map("/".join), max_size=12))
+@few_or_many(
+    st.sets(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map("/".join), max_size=12), few=20, many=100
+)
 def test_short_names_are_ends_that_differ(paths):
     names = short_names(sorted(paths))
     assert len(set(names.values())) == len(paths)

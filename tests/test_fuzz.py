@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from fuzz import Campaign, put, read
+from fuzz import Campaign, main, put, read
 from fuzz_models import stored_networks
 from fuzz_sample import Sample
 from fuzz_samples import _MAKERS
@@ -48,11 +48,19 @@ def test_damaged_networks_end_in_a_network_or_one_message(tmp_path):
         read(path)
 
 
-def test_one_file_is_kept_and_read(tmp_path):
-    status, lines = run("--only", "12", "--keep", str(tmp_path))
-    assert status == 0
+def test_one_file_is_kept_and_read(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("fuzz.samples", lambda *_: SAMPLES)
+    assert main(["--only", "12", "--keep", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
     assert Path(lines[0].split(": ")[1]).parent == tmp_path
     assert lines[1] in ("read", "refused")
+
+
+def test_the_script_starts_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    status, lines = run("--help")
+    assert (status, lines[0][:14]) == (0, "usage: fuzz.py")
 
 
 @pytest.mark.slow
@@ -71,6 +79,7 @@ def test_a_number_makes_the_same_file_again(tmp_path):
         assert first == second
 
 
+@pytest.mark.slow
 def test_a_crash_is_a_failure_and_does_not_end_the_run(tmp_path, monkeypatch):
     (tmp_path / "sitecustomize.py").write_text(
         "import sys, os\n"

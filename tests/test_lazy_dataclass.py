@@ -8,11 +8,11 @@ from dataclasses import FrozenInstanceError, field, fields, replace
 from functools import cached_property
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.lazy_dataclass import _deferred_dataclass as deferred
 from kennfeld.lazy_dataclass import dataclass
+from tests.draws import few_or_many
 
 NAMES = ("missing", "beta", "method", "set_field", "default_beta")
 
@@ -60,7 +60,7 @@ def build(decorator, described, **arguments):
     return decorator(**arguments)(type("Built", (), {**members, "__annotations__": annotations, "__doc__": "Built."}))
 
 
-@given(settings(), st.booleans(), st.booleans(), st.data())
+@few_or_many(settings(), st.booleans(), st.booleans(), st.data(), few=20, many=100)
 def test_any_fields_give_the_methods_of_the_standard_library(described, frozen, eq, data):
     own, standard = (build(each, described, frozen=frozen, eq=eq) for each in (deferred, dataclasses.dataclass))
     assert str(inspect.signature(own)) == str(inspect.signature(standard))

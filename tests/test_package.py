@@ -96,6 +96,7 @@ def test_the_sdist_builds_the_wheel_of_the_tree(wheel, built):
     assert [name for name in wheel | from_sdist if wheel.get(name) != from_sdist.get(name)] == []
 
 
+@pytest.mark.slow
 def test_the_files_that_docker_copies_build_the_same_wheel(wheel, tmp_path):
     first, *others = [
         line for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines() if line[:1] in ("*", "!")

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.rbf import parts
+from tests.draws import few_or_many
 
 
 def rbf(inputs=2, size=3, seed=0, **attributes):
@@ -19,7 +19,7 @@ def rbf(inputs=2, size=3, seed=0, **attributes):
     return kf.RBF("F", made, list("abcdefgh"[:inputs]), **attributes)
 
 
-@given(st.integers(1, 6), st.integers(0, 12), st.integers(0, 99))
+@few_or_many(st.integers(1, 6), st.integers(0, 12), st.integers(0, 99), few=20, many=100)
 def test_values_and_expansion_are_the_same_numbers(inputs, size, seed):
     parameter = rbf(inputs, size, seed)
     assert (parameter.coordinates, parameter.centres) == (inputs, size)
@@ -29,8 +29,7 @@ def test_values_and_expansion_are_the_same_numbers(inputs, size, seed):
     np.testing.assert_array_equal(parameter.values[at.widths].reshape(inputs, size).T, parameter.expansion.widths)
 
 
-@settings(max_examples=40)
-@given(st.integers(1, 4), st.integers(0, 5), st.integers(0, 99))
+@few_or_many(st.integers(1, 4), st.integers(0, 5), st.integers(0, 99), few=20, many=40)
 def test_slopes_of_the_values_are_those_of_differences(inputs, size, seed):
     parameter = rbf(inputs, size, seed)
     x = np.random.default_rng(seed).normal(size=(7, inputs))

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kennfeld.sample_statistics import Moments, Ranks, gather
+from tests.draws import few_or_many
 
 NUMBERS = arrays(np.float64, st.integers(1, 60), elements=st.floats(-1e6, 1e6))
 CUTS = st.lists(st.integers(0, 60), max_size=4).map(sorted)
@@ -19,19 +19,24 @@ def quantiles(parts):
     return [found.quantile(share) for share in SHARES]
 
 
-@given(NUMBERS, CUTS)
+@few_or_many(NUMBERS, CUTS, few=20, many=100)
 def test_quantiles_of_parts_are_exact(values, cuts):
     np.testing.assert_array_equal(quantiles(np.split(values, cuts)), np.quantile(values, SHARES))
 
 
-@given(st.lists(st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-300, np.inf, -np.inf]), min_size=1, max_size=30), CUTS)
+@few_or_many(
+    st.lists(st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-300, np.inf, -np.inf]), min_size=1, max_size=30),
+    CUTS,
+    few=20,
+    many=100,
+)
 def test_quantiles_of_few_different_numbers_are_exact(values, cuts):
     with np.errstate(invalid="ignore"):
         expected = np.quantile(values, SHARES)
     np.testing.assert_array_equal(quantiles(np.split(np.array(values), cuts)), expected)
 
 
-@given(NUMBERS, CUTS)
+@few_or_many(NUMBERS, CUTS, few=20, many=100)
 def test_quantiles_of_too_many_numbers_are_counted(values, cuts):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("kennfeld.sample_statistics.MOST_NEAR", 0)
@@ -61,7 +66,7 @@ def test_unknown_numbers_have_no_rank():
     assert np.isnan(quantiles([np.full(3, np.nan)])).all()
 
 
-@given(NUMBERS)
+@few_or_many(NUMBERS, few=20, many=100)
 def test_ranks_of_numbers_give_those_of_their_sizes(values):
     search = Ranks.of(values).sizes.search(SHARES)
     search.merge(search.part(np.abs(values)))
@@ -75,7 +80,7 @@ def test_only_numbers_near_a_quantile_are_kept():
     assert sum(part.size for part in search._near) < 0.1 * values.size
 
 
-@given(NUMBERS, CUTS)
+@few_or_many(NUMBERS, CUTS, few=20, many=100)
 def test_moments_of_parts_are_those_of_the_whole(values, cuts):
     moments = gather(Moments.of, np.split(values, cuts))
     assert moments.count == values.size
@@ -84,7 +89,7 @@ def test_moments_of_parts_are_those_of_the_whole(values, cuts):
     assert moments.deviation == pytest.approx(values.std(), rel=1e-6, abs=1e-7 * scale)
 
 
-@given(st.floats(-1e6, 1e6), CUTS)
+@few_or_many(st.floats(-1e6, 1e6), CUTS, few=20, many=100)
 def test_equal_numbers_have_no_spread(value, cuts):
     moments = gather(Moments.of, np.split(np.full(50, value), cuts))
     assert (moments.mean, moments.squares) == (value, 0.0)

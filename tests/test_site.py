@@ -7,16 +7,14 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
 
-pytest.importorskip("sphinx")
-pytest.importorskip("furo")
-pytest.importorskip("myst_parser")
-
-from formula_lexer import FormulaLexer
+if not all(map(find_spec, ("sphinx", "furo", "myst_parser"))):
+    pytest.skip("sphinx, furo or myst_parser is not installed", allow_module_level=True)
 
 ROOT = Path(__file__).parents[1]
 HEAVIEST = 500_000  # bytes of a page with its styles, scripts and pictures
@@ -118,6 +116,8 @@ def formulas(path):
 @pytest.mark.parametrize("path", FORMULAS, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_the_lexer_knows_all_of_the_formula_language(path):
     for text in formulas(path):
+        from formula_lexer import FormulaLexer
+
         tokens = list(FormulaLexer().get_tokens(text))
         assert [part for kind, part in tokens if "Error" in str(kind)] == []
         assert "".join(part for _, part in tokens).strip() == text.strip()

@@ -8,6 +8,7 @@ import pytest
 
 import kennfeld.lazy_names
 from kennfeld.project.demo import write
+from tests.draws import mostly_slow
 
 FACES = ("calfiles", "models.formula", "native", "optimize", "optimize.trust", "surrogate")
 
@@ -60,7 +61,7 @@ def those_in(modules: list[str], packages: set[str]) -> list[str]:
     return [name for name in modules if any(name == package or name.startswith(f"{package}.") for package in packages)]
 
 
-@pytest.mark.parametrize("command", UNNEEDED)
+@pytest.mark.parametrize("command", mostly_slow(UNNEEDED, ["check"]))
 def test_a_command_loads_what_it_needs(command: str, project: Path) -> None:
     [modules] = modules_after(f"from kennfeld.cli import run\nassert run([{command!r}, {str(project)!r}]) == 0")
     assert "kennfeld.project.project" in modules
@@ -69,7 +70,7 @@ def test_a_command_loads_what_it_needs(command: str, project: Path) -> None:
     assert those_in(modules, {f"kennfeld.{name}" for name in own}) == []
 
 
-@pytest.mark.parametrize("face", FACES)
+@pytest.mark.parametrize("face", mostly_slow(FACES, ["optimize"]))
 def test_the_face_of_a_package_loads_its_modules_when_they_are_used(face: str) -> None:
     package = f"kennfeld.{face}"
     modules, used = modules_after(f"import {package} as face", "[getattr(face, name) for name in face.__all__]")

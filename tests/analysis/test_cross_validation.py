@@ -85,12 +85,13 @@ def test_targets_held_back_are_not_seen(kind):
     assert again.rmse_held > 1e5
 
 
-def test_smoothness_and_shifts_are_chosen_anew_in_each_fold():
+def test_smoothness_and_shifts_are_chosen_anew_in_each_fold(monkeypatch):
+    monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.WINDOW", 4)
     rng = np.random.default_rng(2)
-    x = np.cumsum(rng.normal(0, 0.6, 400)) % 6
-    data = {"x": x, "y": np.roll(np.sin(x), 1) + 0.05 * rng.normal(size=400)}
-    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 6, 20), np.zeros(20))])
-    arguments = {"target": "y", "smoothness": "auto", "folds": 3, "kind": "blocks"}
+    x = np.cumsum(rng.normal(0, 0.6, 300)) % 6
+    data = {"x": x, "y": np.roll(np.sin(x), 1) + 0.05 * rng.normal(size=300)}
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 6, 13), np.zeros(13))])
+    arguments = {"target": "y", "smoothness": "auto", "folds": 2, "kind": "blocks"}
     blurred = kf.cross_validate("m = C(x)", data, start, **arguments)
     found = kf.cross_validate("m = C(x)", data, start, shift={"y": "auto"}, **arguments)
     assert found.mean("m") < 0.08 < blurred.mean("m")

@@ -2,7 +2,6 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld import Criterion, Dataset, ParameterSet, Scalar, Settling, formula
@@ -12,6 +11,7 @@ from kennfeld.optimize import Problem
 from kennfeld.optimize import quality as scoring_module
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, Validity
+from tests.draws import few_or_many
 
 CORNERS = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]])
 TRAINED = np.vstack([CORNERS, np.random.default_rng(0).uniform(0, 1, (200, 2))])
@@ -180,7 +180,7 @@ def test_blocks_change_nothing(text, monkeypatch):
     assert whole[0].outside
 
 
-@given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), min_size=1, max_size=40))
+@few_or_many(st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), min_size=1, max_size=40), few=25, many=200)
 def test_the_count_is_that_of_the_surrogate_and_the_worst_is_one_of_them(points):
     x = np.array(points)
     surrogate = SURROGATE

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -24,6 +24,7 @@ def made(pieces, *, timed):
     return made
 
 
+@settings(max_examples=40)
 @given(lengths, st.integers(2, 6), st.booleans(), st.sampled_from(["auto", "files", "blocks", "random"]))
 def test_every_sample_is_held_back_exactly_once(pieces, count, timed, kind):
     datasets = made(pieces, timed=timed)
@@ -40,6 +41,7 @@ def test_every_sample_is_held_back_exactly_once(pieces, count, timed, kind):
         assert not any(np.any(fold.held[i] & fold.excluded[i]) for fold in folds)
 
 
+@settings(max_examples=40)
 @given(lengths, st.integers(2, 4))
 def test_files_are_held_back_whole(pieces, count):
     datasets = made(pieces, timed=True)

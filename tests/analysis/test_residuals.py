@@ -204,7 +204,7 @@ class TestStudentized:
         (found,) = residuals(problem, problem.parameters, trust=Trust({"C": self.leverage(x)}))
         assert abs(found.errors[0].scaled[30]) < 1e-6
 
-    @settings(deadline=None, max_examples=40)
+    @settings(deadline=None, max_examples=15)
     @given(st.integers(0, 1000), st.integers(3, 300), st.sampled_from([0.0, 1.0, 1e160]), st.booleans())
     def test_errors_beyond_three_deviations_are_counted_before_these_are_known(self, seed, count, size, studentized):
         rng = np.random.default_rng(seed)

@@ -10,6 +10,7 @@ import pytest
 from kennfeld.app.questions import QUESTIONS
 from kennfeld.app.session.session import Session
 from tests.app.shared_app import project_page
+from tests.draws import mostly_slow
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
@@ -56,7 +57,7 @@ def ask(session: Session) -> dict[str, Any]:
     return dict(QUESTIONS["by-file"](session, {}).head)
 
 
-@pytest.mark.parametrize("files", [1, 3])
+@pytest.mark.parametrize("files", mostly_slow([1, 3], [3]))
 def test_a_run_has_a_row_for_each_file_the_worst_first(tmp_path: Path, files: int) -> None:
     session = calibrated(write_project(tmp_path, files))
     head = ask(session)
@@ -71,7 +72,7 @@ def test_before_a_run_there_is_nothing_to_list(tmp_path: Path) -> None:
     assert (head["run"], len(head["rows"]), head["several"]) == (None, 1, False)
 
 
-@pytest.mark.parametrize("files", [1, 3])
+@pytest.mark.parametrize("files", mostly_slow([1, 3], 1))
 def test_the_table_is_folded_if_there_is_only_one_file(tmp_path: Path, files: int) -> None:
     project = write_project(tmp_path, files)
     with project_page(project) as page:

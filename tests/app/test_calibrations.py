@@ -224,6 +224,7 @@ def test_the_labels_of_an_a2l_file_are_listed(flash: Path) -> None:
     assert (row["name"], row["kind"], row["size"], row["greatest"]) == ("CurveEtaDeltaSpark", "curve", "12", 2.0)
 
 
+@pytest.mark.slow
 def test_the_report_on_an_earlier_run_is_written_from_its_folder(session: Session) -> None:
     from kennfeld.project import Project
     from kennfeld.project.results import write

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.app.session.envelope import PixelEnvelope
@@ -18,6 +18,7 @@ def reference(values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.nda
     return low, high
 
 
+@settings(max_examples=40)
 @given(
     st.lists(st.floats(-10, 10) | st.just(float("nan")), min_size=1, max_size=300).map(np.array),
     st.lists(st.integers(0, 300), min_size=2, max_size=20),

@@ -9,6 +9,7 @@ from kennfeld.app.answer import finite
 from kennfeld.app.questions.error_split import nearest, split, worst, worst_samples
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetTables
+from tests.draws import mostly_slow
 
 
 def asked(session: Session, sample: int) -> dict[str, object]:
@@ -16,7 +17,7 @@ def asked(session: Session, sample: int) -> dict[str, object]:
     return dict(split(session, {"dataset": 0, "position": float(position)}).head)
 
 
-@pytest.mark.parametrize("name", ["torque", "exhaust"])
+@pytest.mark.parametrize("name", mostly_slow(["torque", "exhaust"], 1))
 def test_nodes_and_error_are_those_of_the_evaluation(name: str, request: pytest.FixtureRequest) -> None:
     session = Session(request.getfixturevalue(name))
     view = session.require_view()

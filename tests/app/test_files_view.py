@@ -20,6 +20,7 @@ def bench(torque: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_file_is_compared_and_its_values_are_taken(torque: Path, bench: Path) -> None:
     with project_page(torque) as page:
         page.click("[data-screen=files]")
@@ -78,6 +79,7 @@ def test_a_file_name_with_markup_is_shown_as_text(torque: Path, bench: Path) -> 
         assert page.query_selector("main img") is None
 
 
+@pytest.mark.slow
 def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path) -> None:
     with project_page(torque) as page:
         page.click("#run")
@@ -92,6 +94,7 @@ def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path) -> None:
         assert download.value.suggested_filename == "torque.zip"
 
 
+@pytest.mark.slow
 def test_values_that_are_not_accepted_keep_their_start(torque: Path) -> None:
     with project_page(torque) as page:
         page.click("#run")

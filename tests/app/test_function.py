@@ -80,10 +80,10 @@ def test_a_part_can_be_imported_alone(sensor: Session) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("text.slx", b"hello", "is not a Simulink file"),
+        pytest.param("text.slx", b"hello", "is not a Simulink file", marks=pytest.mark.slow),
         ("cut.slx", b"PK\x03\x04 and no more", "damaged"),
         ("missing.slx", None, "does not exist"),
-        ("protected.slxp", b"PK", "is a protected model"),
+        pytest.param("protected.slxp", b"PK", "is a protected model", marks=pytest.mark.slow),
     ],
 )
 def test_a_file_that_cannot_be_read_is_one_message(

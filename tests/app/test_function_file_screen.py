@@ -24,6 +24,7 @@ def function_screen(project: Path) -> Iterator[Any]:
         yield page
 
 
+@pytest.mark.slow
 def test_a_project_begins_with_a_c_file_whose_function_is_chosen(tmp_path: Path) -> None:
     (tmp_path / "drop").mkdir()
     source = tmp_path / "drop" / "engine.c"
@@ -51,6 +52,7 @@ def test_an_error_in_a_c_file_is_shown_at_its_line(tmp_path: Path) -> None:
         assert page.is_disabled("button:text-is('Edit as formula text')")
 
 
+@pytest.mark.slow
 def test_a_python_function_runs_once_it_is_allowed(tmp_path: Path) -> None:
     project = write_functions(tmp_path, "y = K * table(u)\n", '[functions]\ntable = "table.py:table"')
     with function_screen(project) as page:
@@ -68,6 +70,7 @@ def test_a_python_function_runs_once_it_is_allowed(tmp_path: Path) -> None:
         assert page.locator(".consent").count() == 0  # what was allowed is remembered
 
 
+@pytest.mark.slow
 def test_an_fmu_is_dropped_and_allowed(tmp_path: Path) -> None:
     project = write_functions(tmp_path / "project")
     file = build(tmp_path, 2)
@@ -83,6 +86,7 @@ def test_an_fmu_is_dropped_and_allowed(tmp_path: Path) -> None:
         page.wait_for_selector("[data-screen=parameters][aria-current]")
 
 
+@pytest.mark.slow
 def test_a_network_is_chosen_and_its_layers_are_listed(tmp_path: Path) -> None:
     pytest.importorskip("onnx")
     from tests.models.onnx_network.networks import perceptron, random_layers

@@ -4,6 +4,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.app.browser import READY, browser_page, started
 from tests.app.shared_app import project_page
 from tests.models.ascet.esdl_projects import BATTERY, LIBRARY, write_project
@@ -50,6 +52,7 @@ def test_a_misspelt_table_is_underlined_and_corrected(torque: Path) -> None:
         assert "MapOptTorque(Speed, Rel_Airmass))" in editor.inner_text()
 
 
+@pytest.mark.slow
 def test_a_simulink_model_is_unbound_bound_and_converted(tmp_path: Path) -> None:
     shutil.copytree(EXAMPLE, tmp_path / "sensor")
     with project_page(tmp_path / "sensor" / "kennfeld.toml", "function") as page:
@@ -83,6 +86,7 @@ def test_a_simulink_model_is_unbound_bound_and_converted(tmp_path: Path) -> None
         page.wait_for_selector("[role=tree]")
 
 
+@pytest.mark.slow
 def test_a_broken_model_is_one_message_and_the_page_lives_on(torque: Path) -> None:
     broken = torque.parent / "engine.slx"
     broken.write_text("not a model")
@@ -104,6 +108,7 @@ def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
         page.wait_for_selector("[data-missing]", state="detached")
 
 
+@pytest.mark.slow
 def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
     with started(None, tmp_path) as (address, _), browser_page(address) as page:
         page.set_input_files("#drop input", str(EXAMPLE / "exhaust.mdl"))
@@ -114,6 +119,7 @@ def test_a_project_begins_with_a_model(tmp_path: Path) -> None:
     assert (tmp_path / "exhaust" / "exhaust.mdl").is_file()
 
 
+@pytest.mark.slow
 def test_a_project_begins_with_the_files_of_an_ascet_application(tmp_path: Path) -> None:
     paths = [tmp_path / "ascet" / Path(name).name for name in BATTERY]
     paths[0].parent.mkdir()
@@ -133,6 +139,7 @@ def test_a_project_begins_with_the_files_of_an_ascet_application(tmp_path: Path)
     assert (tmp_path / "Battery/Cell/Accu.esdl").is_file()
 
 
+@pytest.mark.slow
 def test_a_project_begins_with_the_folders_of_an_ascet_project(tmp_path: Path) -> None:
     folder = write_project(tmp_path / "ascet", BATTERY)
     (folder / "Battery/Cell/Plant.bd").write_text("a diagram, which is left out")
@@ -148,6 +155,7 @@ def test_a_project_begins_with_the_folders_of_an_ascet_project(tmp_path: Path) -
     assert not list((tmp_path / "Battery").rglob("*.bd"))
 
 
+@pytest.mark.slow
 def test_a_class_shows_its_values_at_the_cursor_and_its_errors_at_the_line(tmp_path: Path) -> None:
     folder = write_project(tmp_path, BATTERY)
     (folder / "bench.csv").write_text("T,U,wanted\n0,1.3,5\n30,1.34,9\n60,1.38,14\n")
@@ -186,6 +194,7 @@ def test_tasks_are_chosen_by_boxes(tmp_path: Path) -> None:
     assert 'task = "Slow"' in (folder / "kennfeld.toml").read_text()
 
 
+@pytest.mark.slow
 def test_a_data_driven_model_is_trained(torque: Path) -> None:
     bench = torque.parent / "bench.csv"
     bench.write_text("".join(bench.read_text().splitlines(keepends=True)[:400]))

@@ -52,6 +52,7 @@ def test_from_a_csv_to_a_dcm(tmp_path: Path) -> None:
     assert again.problem().parameters["MapTorque"].values == pytest.approx(values["MapTorque"].values, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_same_project_on_the_command_line_gives_the_same_numbers(exhaust: Path) -> None:
     expected = kf.Project.read(exhaust).calibrate()
     training = next(row for row in expected.quality if row.use == "training")
@@ -101,6 +102,7 @@ def test_a_file_that_changes_on_disk_is_noticed(torque: Path) -> None:
         page.wait_for_selector("#changed-on-disk", state="detached")
 
 
+@pytest.mark.slow
 def test_unsaved_edits_survive_the_end_of_the_server(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
         page.click("[data-cell='1,1']")
@@ -129,6 +131,7 @@ def test_every_screen_opens_and_the_page_never_scrolls(exhaust: Path) -> None:
                 assert page.inner_text("main").strip() != ""
 
 
+@pytest.mark.slow
 def test_the_palette_finds_a_parameter(torque: Path) -> None:
     with project_page(torque) as page:
         page.keyboard.press("Control+k")

@@ -82,6 +82,7 @@ def drag_dot(page: Any, canvas: str, up: int) -> None:
     page.wait_for_selector(READY)
 
 
+@pytest.mark.slow
 def test_the_value_field_sets_all_selected_values(editor: Any) -> None:
     editor.click("[data-cell='2,3']")
     editor.click("[data-cell='3,4']", modifiers=["Shift"])
@@ -102,7 +103,10 @@ def test_the_value_field_sets_all_selected_values(editor: Any) -> None:
     assert field.input_value() == "512.5"
 
 
-@pytest.mark.parametrize("canvas", [".surf canvas", ".slic canvas"], ids=["surface", "slice"])
+@pytest.mark.parametrize(
+    "canvas",
+    [pytest.param(".surf canvas", id="surface"), pytest.param(".slic canvas", id="slice", marks=pytest.mark.slow)],
+)
 def test_a_dragged_dot_changes_the_active_value_alone(editor: Any, canvas: str) -> None:
     editor.click("[data-cell='5,6']")
     before = cell(editor, 5, 6)
@@ -132,6 +136,7 @@ def test_an_edit_redraws_the_cells_that_look_different_and_no_other(editor: Any)
     assert editor.evaluate("[...window.changed]") == ["5,6"]
 
 
+@pytest.mark.slow
 def test_what_a_point_rests_on_is_shown_for_a_curve_too(editor: Any, exhaust: Path) -> None:
     points = Project.read(exhaust).problem().parameters["CurveTimeConstant"].axes[0].breakpoints
     editor.click("[data-parameter=CurveTimeConstant]")

@@ -149,6 +149,7 @@ def test_reports_and_results_are_those_of_all_samples(tmp_path: Path) -> None:
     assert [row["samples"] for row in written["quality"]] == [row.samples for row in result.quality]
 
 
+@pytest.mark.slow
 def test_a_report_on_edited_values_has_their_errors_on_all_samples(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path))
     result = calibrated(session)

@@ -63,6 +63,7 @@ def test_a_signal_is_searched_and_added_and_kept_for_the_project(exhaust: Path) 
         assert titles(page) == before[:4]
 
 
+@pytest.mark.slow
 def test_a_kept_signal_that_is_gone_does_not_hide_the_others(exhaust: Path) -> None:
     strips = [{"weight": 1, "lines": [{"kind": "channel", "name": name}]} for name in ("Gone", "Speed")]
     with project_page(exhaust) as page:
@@ -77,6 +78,7 @@ def test_a_kept_signal_that_is_gone_does_not_hide_the_others(exhaust: Path) -> N
         page.wait_for_function("() => Number(document.querySelector(`[data-strip='1'] .v b`).innerText) > 500")
 
 
+@pytest.mark.slow
 def test_strips_are_moved_and_resized_by_the_mouse(exhaust: Path) -> None:
     with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
@@ -92,6 +94,7 @@ def test_strips_are_moved_and_resized_by_the_mouse(exhaust: Path) -> None:
         assert page.locator("[data-strip='1']").bounding_box()["height"] > high + 20
 
 
+@pytest.mark.slow
 def test_keys_zoom_and_move_the_cursor_sample_by_sample(exhaust: Path) -> None:
     recording = Session(exhaust).require_view().model.recordings[0]
     speed = recording.channel("Speed")
@@ -163,6 +166,7 @@ def test_a_rectangle_in_a_scatter_becomes_a_condition_a_weight_and_a_view(exhaus
     assert view.start.scores[0].samples <= brushed
 
 
+@pytest.mark.slow
 def test_what_cannot_be_a_condition_says_why(torque: Path) -> None:
     with project_page(torque) as page:
         page.click("[data-screen=plots]")
@@ -173,6 +177,7 @@ def test_what_cannot_be_a_condition_says_why(torque: Path) -> None:
         assert page.locator("text=As where").count() == 0
 
 
+@pytest.mark.slow
 def test_a_clicked_sample_shows_its_error_and_corrections(torque: Path) -> None:
     with project_page(torque) as page:
         page.click("[data-screen=plots]")
@@ -199,6 +204,7 @@ def test_a_grid_point_lights_up_its_samples_in_the_plots(exhaust: Path) -> None:
         assert page.get_attribute("[data-brushed]", "data-brushed") == str(part.samples.size)
 
 
+@pytest.mark.slow
 def test_overlays_colour_the_cells_by_samples_and_mean_error(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
     counts = view.samples["MapSettled"]

@@ -49,7 +49,9 @@ def interrupt(path: Path, **optimizer: Any) -> None:
     assert session.job.state == "failed"
 
 
-@pytest.mark.parametrize(("every", "folder"), [(0, ".kennfeld/saves"), (2, "results/saves")])
+@pytest.mark.parametrize(
+    ("every", "folder"), [(0, ".kennfeld/saves"), pytest.param(2, "results/saves", marks=pytest.mark.slow)]
+)
 def test_an_interrupted_run_is_resumed_in_another_session(torque: Path, every: int, folder: str) -> None:
     interrupt(torque, save_every=every or None)
     assert list((torque.parent / folder).glob("1-*.json"))

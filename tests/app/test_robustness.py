@@ -47,6 +47,7 @@ def test_a_restarted_server_is_picked_up_with_unsaved_edits(torque: Path, tmp_pa
             page.wait_for_selector("#unsaved:not(.dirty)")
 
 
+@pytest.mark.slow
 def test_a_project_that_the_page_had_opened_is_opened_again(torque: Path, tmp_path: Path) -> None:
     with started(None, tmp_path) as (address, process), browser_page(address) as page:
         page.fill("[aria-label='Path of a project']", str(torque))
@@ -74,6 +75,7 @@ def children(pid: int) -> list[int]:
     return [int(each) for path in tasks for each in path.read_text().split()]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="finds the worker in /proc")
 def test_a_worker_that_dies_is_reported_and_the_next_run_works(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:

@@ -65,6 +65,7 @@ def keys_with_help(every: bool) -> dict[str, str]:
     return helps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["last", "all"])
 def test_the_palette_finds_the_field_of_every_key(torque: Path, every: bool) -> None:
     before, expected = torque.read_bytes(), keys_with_help(every)
@@ -99,6 +100,7 @@ def test_a_value_set_and_reset_in_the_page_leaves_the_file_byte_for_byte(torque:
     assert torque.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_comment_has_paragraphs(torque: Path) -> None:
     with project_page(torque) as page:
         jump(page, "report.comment")
@@ -128,6 +130,7 @@ def test_a_message_stands_at_its_field(torque: Path) -> None:
         page.wait_for_selector("[data-setting='dataset.where'] .remark", state="detached")
 
 
+@pytest.mark.slow
 def test_a_criterion_is_added_selected_and_removed(torque: Path) -> None:
     before = torque.read_text(encoding="utf-8")
     with project_page(torque) as page:
@@ -148,6 +151,7 @@ def test_a_criterion_is_added_selected_and_removed(torque: Path) -> None:
     assert torque.read_text(encoding="utf-8") == before
 
 
+@pytest.mark.slow
 def test_shared_axes_locks_and_pins_of_a_table(torque: Path) -> None:
     with project_page(torque) as page:
         jump(page, "parameters.lock")
@@ -177,6 +181,7 @@ def test_shared_axes_locks_and_pins_of_a_table(torque: Path) -> None:
     assert "breakpoints = [700, 2000.5, 6000]" in text
 
 
+@pytest.mark.slow
 def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path) -> None:
     with project_page(torque) as page:
         jump(page, "parameters.bounds")
@@ -191,6 +196,7 @@ def test_a_line_of_toml_shows_the_message_of_the_schema(torque: Path) -> None:
         page.wait_for_selector("[data-setting='parameters.bounds'] [role=alert]", state="detached")
 
 
+@pytest.mark.slow
 def test_steps_are_moved_and_unknown_keys_removed(torque: Path) -> None:
     text = torque.read_text(encoding="utf-8")
     torque.write_text(

@@ -14,6 +14,7 @@ from kennfeld.app.session.state import (
     SetValues,
     inverse,
 )
+from tests.draws import few_or_many
 
 names = st.sampled_from(["MapX", "CurveY", "Kp"])
 tables = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2).map(np.array)
@@ -24,7 +25,7 @@ commands = st.one_of(
 )
 
 
-@given(commands)
+@few_or_many(commands, few=30, many=200)
 def test_every_command_has_an_inverse(command: Command) -> None:
     before = SessionState({"kennfeld.toml": "a"}, {"Kp": np.array([1.0, 2.0])})
     after = command.apply(before)
@@ -32,7 +33,7 @@ def test_every_command_has_an_inverse(command: Command) -> None:
 
 
 @given(st.lists(commands, max_size=12), st.data())
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_undo_and_redo_walk_through_the_same_states(sequence: list[Command], data: st.DataObject) -> None:
     history = History(SessionState({"kennfeld.toml": "a"}))
     states = [history.state]

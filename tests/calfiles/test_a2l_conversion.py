@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.a2l.conversion import conversion_of, parse_formula
 from kennfeld.calfiles.a2l.syntax import A2lError
 from kennfeld.parameters import Text
 from tests.calfiles.a2l_files import label, layout, method, module, parsed, read, write
+from tests.draws import few_or_many
 
 TABLE = '/begin COMPU_TAB T "" TAB_INTP 3 0 10 2 30 4 35 {} /end COMPU_TAB'
 WORDS = '/begin COMPU_VTAB W "" TAB_VERB 2 1 "on" 2 "off" {} /end COMPU_VTAB'
@@ -46,9 +46,11 @@ def test_a_quadratic_is_solved_where_the_limits_leave_one_root():
     assert np.isnan(made("RAT_FUNC", "COEFFS 1 0 0 0 0 1").physical(np.array([4.0]))).all()
 
 
-@given(
+@few_or_many(
     coeffs=st.tuples(*[st.floats(-10, 10, allow_subnormal=False).map(lambda value: round(value, 3))] * 3),
     physical=st.floats(-100, 100),
+    few=20,
+    many=100,
 )
 def test_a_quadratic_is_the_inverse_of_its_formula(coeffs, physical):
     a, b, c = coeffs
@@ -181,11 +183,13 @@ def test_a_formula_without_a_finite_value_gives_none():
     assert np.isnan(parse_formula("1/X1")(np.array([0.0])))
 
 
-@given(
+@few_or_many(
     raw=st.lists(st.integers(0, 255), min_size=1, max_size=8),
     slope=st.floats(1e-3, 1e3) | st.floats(-1e3, -1e-3),
     offset=st.floats(-1e3, 1e3),
     shift=st.floats(-0.49, 0.49),
+    few=20,
+    many=100,
 )
 def test_the_nearest_raw_number_is_stored(raw, slope, offset, shift):
     blocks = BYTE, method("CM", "LINEAR", f"COEFFS_LINEAR {slope!r} {offset!r}")

@@ -17,6 +17,7 @@ from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import InputError
 from tests.calfiles.a2l_files import ADDRESS, axis, hex_file, label, layout, method, module, s_file, shared_axis
+from tests.draws import mostly_slow
 
 TABLE = ["NO_AXIS_PTS_X 1 UBYTE", "NO_AXIS_PTS_Y 2 UBYTE", "AXIS_PTS_X 3 UWORD INDEX_INCR DIRECT"]
 TABLE += ["AXIS_PTS_Y 4 UWORD INDEX_DECR DIRECT", "FNC_VALUES 5 SWORD COLUMN_DIR DIRECT", "ALIGNMENT_WORD 2"]
@@ -101,10 +102,10 @@ def test_the_whole_file_is_read():
     assert used(A2L, hex_file(MEMORY)) == 10
 
 
-@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.slow) for part in range(1, 6))])
+@pytest.mark.parametrize("part", mostly_slow(range(20), 1))
 @pytest.mark.parametrize("which", ["a2l", "hex", "s19"])
 def test_damage_ends_in_values_or_findings(which, part):
-    for number in range(50 * part, 50 * part + 50):
+    for number in range(15 * part, 15 * part + 15):
         draw = random.Random(f"{which} {number}")
         image = s_file(MEMORY) if which == "s19" else hex_file(MEMORY)
         a2l, image = (damaged(A2L, draw), image) if which == "a2l" else (A2L, damaged(image, draw))

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.a2l.reader import read_parameters
@@ -27,7 +26,7 @@ from tests.calfiles.a2l_files import (
     shared_axis,
     write,
 )
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 BYTE = layout("FNC_VALUES 1 UBYTE ROW_DIR DIRECT")
 TENTH = method("CM", "LINEAR", "COEFFS_LINEAR 0.1 0", "bar")
@@ -375,27 +374,24 @@ def tables(draw):
     return module(layout(*entries), label("MAP", axes), common=head), points, np.reshape(raw, sizes)
 
 
-@few_or_many(25, 300)
-def test_what_is_written_is_read_again_in_every_layout(drawn):
-    @drawn
-    @given(tables())
-    def check(table):
-        text, points, raw = table
-        start = b"\x01" * 800
-        expected = Map("L", *[np.array(axis_points, float) for axis_points in points], raw.astype(float))
-        image, _ = write(text, start, lambda _: ParameterSet([expected]))
-        parameters, _ = read(text, image.read(ADDRESS, len(start)))
-        assert parameters["L"].values.tolist() == expected.values.tolist()
-        for again, axis_before in zip(parameters["L"].axes, expected.axes, strict=True):
-            assert again.breakpoints.tolist() == axis_before.breakpoints.tolist()
-        a2l, _ = parsed(text)
-        memory = image_of(image.read(ADDRESS, len(start)))
-        assert write_values(a2l, memory, read_parameters(a2l, memory, FileFindings("")), FileFindings("")) == memory.raw
-
-    check()
+@few_or_many(tables(), few=12, many=300)
+def test_what_is_written_is_read_again_in_every_layout(table):
+    text, points, raw = table
+    start = b"\x01" * 800
+    expected = Map("L", *[np.array(axis_points, float) for axis_points in points], raw.astype(float))
+    image, _ = write(text, start, lambda _: ParameterSet([expected]))
+    parameters, _ = read(text, image.read(ADDRESS, len(start)))
+    assert parameters["L"].values.tolist() == expected.values.tolist()
+    for again, axis_before in zip(parameters["L"].axes, expected.axes, strict=True):
+        assert again.breakpoints.tolist() == axis_before.breakpoints.tolist()
+    a2l, _ = parsed(text)
+    memory = image_of(image.read(ADDRESS, len(start)))
+    assert write_values(a2l, memory, read_parameters(a2l, memory, FileFindings("")), FileFindings("")) == memory.raw
 
 
-@given(st.sampled_from(ORDERS), st.floats(width=32, allow_nan=False, allow_infinity=False), st.booleans())
+@few_or_many(
+    st.sampled_from(ORDERS), st.floats(width=32, allow_nan=False, allow_infinity=False), st.booleans(), few=20, many=100
+)
 def test_floating_point_numbers_are_written_exactly(order, number, double):
     kind = "FLOAT64_IEEE" if double else "FLOAT32_IEEE"
     text = module(layout(f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"), label("VALUE", f"BYTE_ORDER {order}"))

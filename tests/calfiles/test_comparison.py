@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import Comparison, Difference, Tolerance, compare
@@ -8,7 +7,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
 from tests.calfiles.calibration_sets import parameter_sets
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 SPEED = Axis([1000, 2000], unit="rpm", name="Speed")
 
@@ -18,39 +17,29 @@ def differences(left, right, **tolerance):
     return compare(*as_set, Tolerance(**tolerance)).differences
 
 
-@few_or_many(20, 100)
-def test_a_set_equals_itself(drawn):
-    @drawn
-    @given(members=parameter_sets(cubes=True))
-    def check(members):
-        names = {*members, *(text.name for text in members.texts), *(axis.name for axis in members.axes)}
-        assert compare(members, members) == Comparison((), len(names))
-
-    check()
+@few_or_many(members=parameter_sets(cubes=True), few=10, many=100)
+def test_a_set_equals_itself(members):
+    names = {*members, *(text.name for text in members.texts), *(axis.name for axis in members.axes)}
+    assert compare(members, members) == Comparison((), len(names))
 
 
-@few_or_many(20, 100)
-def test_one_changed_number_is_the_only_difference(drawn):
-    @drawn
-    @given(members=parameter_sets(cubes=True), data=st.data())
-    def check(members, data):
-        if not len(members):
-            return
-        chosen = data.draw(st.sampled_from(members.parameters))
-        at = data.draw(st.integers(0, chosen.size - 1))
-        values = chosen.values.ravel().copy()
-        values[at] = np.nextafter(values[at], 0.0 if values[at] else 1.0)
-        [difference] = compare(members, members.with_parameters(chosen.with_values(values))).differences
-        assert (difference.name, difference.aspect, difference.count, difference.total) == (
-            chosen.name,
-            "values",
-            1,
-            chosen.size,
-        )
-        assert float(difference.left) == chosen.values[difference.index]
-        assert float(difference.right) == values[at]
-
-    check()
+@few_or_many(members=parameter_sets(cubes=True), data=st.data(), few=10, many=100)
+def test_one_changed_number_is_the_only_difference(members, data):
+    if not len(members):
+        return
+    chosen = data.draw(st.sampled_from(members.parameters))
+    at = data.draw(st.integers(0, chosen.size - 1))
+    values = chosen.values.ravel().copy()
+    values[at] = np.nextafter(values[at], 0.0 if values[at] else 1.0)
+    [difference] = compare(members, members.with_parameters(chosen.with_values(values))).differences
+    assert (difference.name, difference.aspect, difference.count, difference.total) == (
+        chosen.name,
+        "values",
+        1,
+        chosen.size,
+    )
+    assert float(difference.left) == chosen.values[difference.index]
+    assert float(difference.right) == values[at]
 
 
 def test_the_largest_difference_is_told_with_its_place():

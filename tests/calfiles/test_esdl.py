@@ -4,7 +4,6 @@ import difflib
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import describe, losses, read, write
@@ -14,7 +13,7 @@ from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 TEXT = """// a head
 package Cell; /* of a battery */
@@ -144,7 +143,7 @@ def test_a_file_is_recognised_and_described(path):
     assert losses(read(path), path) == ()
 
 
-@given(st.integers(0, len(TEXT)), st.integers(0, 40))
+@few_or_many(st.integers(0, len(TEXT)), st.integers(0, 40), few=10, many=100)
 def test_a_damaged_file_is_read_or_refused(start, length):
     source = CalibrationSource("a.esdl", (TEXT[:start] + TEXT[start + length :]).encode())
     try:
@@ -154,14 +153,9 @@ def test_a_damaged_file_is_read_or_refused(start, length):
     assert write_esdl(values, "a.esdl").raw == source.raw
 
 
-@few_or_many(20, 100)
-def test_any_numbers_come_back(drawn):
-    @drawn
-    @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3))
-    def check(numbers):
-        values = read_esdl(CalibrationSource("a.esdl", TEXT.encode())).parameters
-        written = write_esdl(values.with_parameters(values["block"].with_values(numbers)), "a.esdl").raw
-        again = read_esdl(CalibrationSource("a.esdl", written)).parameters
-        np.testing.assert_array_equal(again["block"].values, numbers)
-
-    check()
+@few_or_many(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3), few=10, many=100)
+def test_any_numbers_come_back(numbers):
+    values = read_esdl(CalibrationSource("a.esdl", TEXT.encode())).parameters
+    written = write_esdl(values.with_parameters(values["block"].with_values(numbers)), "a.esdl").raw
+    again = read_esdl(CalibrationSource("a.esdl", written)).parameters
+    np.testing.assert_array_equal(again["block"].values, numbers)

@@ -1,13 +1,13 @@
 """Intel HEX and S-records: memory without gaps, findings by line, and files that change in their numbers alone."""
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.calfiles.flash.records import read_image, recognises_image
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError, InputError
 from tests.calfiles.a2l_files import hex_file, hex_record, s_file, s_record
+from tests.draws import few_or_many
 
 END = hex_record(1, 0)
 
@@ -146,12 +146,14 @@ pieces = st.dictionaries(
 )
 
 
-@given(
+@few_or_many(
     memory=pieces,
     file=st.sampled_from([hex_file, s_file]),
     width=st.integers(1, 64),
     newline=st.sampled_from(["\n", "\r\n", "\r"]),
     data=st.data(),
+    few=20,
+    many=100,
 )
 def test_only_the_digits_of_changed_bytes_and_their_checksums_change(memory, file, width, newline, data):
     memory = {address % 2**32: content for address, content in memory.items()}

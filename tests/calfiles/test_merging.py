@@ -1,12 +1,11 @@
 import pytest
-from hypothesis import given
 
 from kennfeld.calfiles import merge
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Scalar, Text
 from tests.calfiles.calibration_sets import parameter_sets
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 SLOW, FAST = (Axis(points, name="Speed") for points in ([1, 2], [1, 3]))
 
@@ -15,16 +14,11 @@ def told(merged):
     return [(change.name, change.source, change.replaces) for change in merged.changes]
 
 
-@few_or_many(20, 100)
-def test_merging_a_set_with_itself_changes_nothing(drawn):
-    @drawn
-    @given(members=parameter_sets(cubes=True))
-    def check(members):
-        merged = merge([("a", members), ("b", members)])
-        assert merged.parameters == members
-        assert merged.changes == ()
-
-    check()
+@few_or_many(members=parameter_sets(cubes=True), few=10, many=100)
+def test_merging_a_set_with_itself_changes_nothing(members):
+    merged = merge([("a", members), ("b", members)])
+    assert merged.parameters == members
+    assert merged.changes == ()
 
 
 def test_later_ones_win_and_new_ones_follow():

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import describe, read, recognise, write
@@ -14,6 +13,7 @@ from kennfeld.calfiles.merging import merge
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Map, Scalar
+from tests.draws import few_or_many
 
 HEAD = '"my ecu.a2l" 1 0 ECU\r\n;user\r\n; project\r\n\r\n'
 BODY = (
@@ -296,8 +296,9 @@ def test_values_of_other_files_are_merged_into_a_parameter_file(par, tmp_path):
     assert [f.message for f in findings] == ["left out, since the file does not have them: 1 label (New)"]
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64), min_size=6, max_size=6))
+@few_or_many(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64), min_size=6, max_size=6), few=20, many=40
+)
 def test_numbers_read_back_exactly(par, tmp_path, numbers):
     values = read(par())
     changed = values.with_parameters(values["Torque"].changed(values=np.reshape(numbers, (3, 2))))
@@ -312,10 +313,11 @@ def test_a_file_cut_off_anywhere_gives_a_set_or_findings(par):
             read(par(content[:cut]))
 
 
-def test_garbled_files_give_a_set_or_findings(par, tmp_path):
+@pytest.mark.parametrize("count", [60, pytest.param(300, marks=pytest.mark.slow)])
+def test_garbled_files_give_a_set_or_findings(par, tmp_path, count):
     draw = random.Random(1)
     content = text("3.2")
-    for _ in range(300):
+    for _ in range(count):
         letters = list(content)
         for _ in range(draw.randrange(1, 8)):
             letters[draw.randrange(20, len(letters))] = draw.choice("0123456789;:[](),XYZ .eE-\n\0ä")

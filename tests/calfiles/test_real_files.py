@@ -5,6 +5,7 @@ import pytest
 
 from kennfeld.calfiles import Comparison, compare, describe, describe_a2l, read, write
 from kennfeld.parameters import Block
+from tests.draws import mostly_slow
 
 FILES = {
     "dcm/MatlabDCMParser_MapToDcm.DCM": (6, 0, ["distrib"]),
@@ -26,7 +27,7 @@ def test_every_file_is_read(shared_data, file):
     assert sorted(axis.name for axis in found.axes) == axes
 
 
-@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize("file", mostly_slow(FILES, list(FILES)[::2]))
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
 def test_every_file_is_read_back_from_every_format(shared_data, tmp_path, file, ending):
     parameters = read(shared_data / file)
@@ -47,9 +48,9 @@ def test_the_demo_of_inca_is_the_same_in_dcm_and_cvx(shared_data):
         assert dcm[name].changed(description="") == cvx[name].changed(functions=dcm[name].functions)
 
 
-@pytest.mark.parametrize("first", ["dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"])
+@pytest.mark.parametrize("first", mostly_slow(["dcm/pydcm_DEMO.DCM", "cvx/pycvx_DEMO.CSV"], 1))
 @pytest.mark.parametrize("through", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@pytest.mark.parametrize("back", [".dcm", ".csv", ".cdfx"])
+@pytest.mark.parametrize("back", mostly_slow([".dcm", ".csv", ".cdfx"], [".csv"]))
 def test_the_demo_of_inca_comes_through_every_format_without_loss(shared_data, tmp_path, first, through, back):
     write(read(shared_data / first), tmp_path / f"a{through}")
     write(read(tmp_path / f"a{through}"), tmp_path / f"b{back}")

@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import read, write
@@ -12,94 +12,30 @@ from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text
 from tests.calfiles.calibration_sets import line_texts, parameter_sets, plain_units
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
+
+FULL = parameter_sets(quantities=line_texts, cubes=True)
+SETS = {  # what each format can hold
+    ".dcm": parameter_sets(),
+    ".json": FULL,
+    ".csv": parameter_sets(units=plain_units, descriptions=st.just("")),
+    ".cdfx": parameter_sets(cubes=True),
+    ".xlsx": FULL,
+    ".mat": FULL,
+    ".m": FULL,
+}
 
 
-@few_or_many(20, 200)
-def test_dcm_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets())
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.dcm"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
-
-
-@few_or_many(20, 200)
-def test_json_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.json"
-        write(parameters, path)
-        assert read(path) == parameters
+@pytest.mark.parametrize("ending", SETS)
+@few_or_many(data=st.data(), few=10, many=200)
+def test_a_format_reads_back_what_it_wrote(tmp_path_factory, ending, data):
+    path, parameters = tmp_path_factory.mktemp("sets") / f"a{ending}", data.draw(SETS[ending])
+    checked = {".xlsx": repr(parameters), ".cdfx": "".join(text.text for text in parameters.texts)}
+    assume(not set(NO_XML) & set(checked.get(ending, "")))
+    write(parameters, path)
+    assert read(path) == (in_xml(parameters) if ending == ".cdfx" else parameters)
+    if ending == ".json":
         json.loads(path.read_text(encoding="utf-8"))
-
-    check()
-
-
-@few_or_many(20, 200)
-def test_cvx_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(units=plain_units, descriptions=st.just("")))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.csv"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
-
-
-@few_or_many(20, 200)
-def test_cdfx_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.cdfx"
-        assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
-        write(parameters, path)
-        assert read(path) == in_xml(parameters)
-
-    check()
-
-
-@few_or_many(20, 200)
-def test_excel_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.xlsx"
-        assume(not any(character in repr(parameters) for character in NO_XML))
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
-
-
-@few_or_many(20, 200)
-def test_matlab_data_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.mat"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
-
-
-@few_or_many(20, 200)
-def test_a_matlab_script_reads_back_what_it_wrote(tmp_path_factory, drawn):
-    @drawn
-    @given(parameters=parameter_sets(quantities=line_texts, cubes=True))
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / "a.m"
-        write(parameters, path)
-        assert read(path) == parameters
-
-    check()
 
 
 def labelled(item, functions, display_name, variant):
@@ -123,19 +59,14 @@ def labelled_sets(draw):
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@few_or_many(10, 100)
-def test_functions_display_names_and_variants_come_back(tmp_path_factory, ending, drawn):
-    @drawn
-    @given(parameters=labelled_sets())
-    def check(parameters):
-        path = tmp_path_factory.mktemp("sets") / f"a{ending}"
-        assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
-        write(parameters, path)
-        again = read(path)
-        assert again.everything == parameters.everything
-        assert again.chosen == parameters.chosen
-
-    check()
+@few_or_many(parameters=labelled_sets(), few=5, many=100)
+def test_functions_display_names_and_variants_come_back(tmp_path_factory, ending, parameters):
+    path = tmp_path_factory.mktemp("sets") / f"a{ending}"
+    assume(not any(character in text.text for text in parameters.texts for character in NO_XML))
+    write(parameters, path)
+    again = read(path)
+    assert again.everything == parameters.everything
+    assert again.chosen == parameters.chosen
 
 
 def in_xml(parameters):
@@ -162,17 +93,12 @@ def blanked(text):
 
 
 @pytest.mark.parametrize("ending", [".dcm", ".json", ".csv", ".cdfx", ".xlsx", ".m", ".mat"])
-@few_or_many(20, 150)
-def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, drawn):
-    @drawn
-    @given(data=st.data())
-    def check(data):
-        path = tmp_path_factory.mktemp("sets") / f"a{ending}"
-        write(data.draw(parameter_sets(units=plain_units)), path)
-        path.write_bytes(data.draw(damaged(path.read_bytes())))
-        assert all(finding.message for finding in findings(path))
-
-    check()
+@few_or_many(data=st.data(), few=8, many=150)
+def test_a_damaged_file_is_read_or_refused_with_findings(tmp_path_factory, ending, data):
+    path = tmp_path_factory.mktemp("sets") / f"a{ending}"
+    write(data.draw(parameter_sets(units=plain_units)), path)
+    path.write_bytes(data.draw(damaged(path.read_bytes())))
+    assert all(finding.message for finding in findings(path))
 
 
 def findings(path):

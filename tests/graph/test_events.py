@@ -1,9 +1,9 @@
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.graph.events import events
 from kennfeld.models.formula import formula
+from tests.draws import few_or_many
 
 
 def found(text, *free):
@@ -95,10 +95,12 @@ def test_asking_twice_gives_the_same():
     assert events(graph, ["K"]) == events(graph, ["K"])
 
 
-@given(
+@few_or_many(
     threshold=st.floats(-100, 100).map(lambda x: round(x, 3)),
     slope=st.floats(0.01, 10).map(lambda x: round(x, 3)),
     step=st.sampled_from([0.0, 5.0, -30.0, 200.0]),
+    few=20,
+    many=100,
 )
 def test_a_ramp_is_an_event_if_and_only_if_it_begins_with_a_step(threshold, slope, step):
     text = f"x = K * u\ny = if(x > {threshold}, {slope} * (x - {threshold}) + {step}, 0)"

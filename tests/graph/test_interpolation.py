@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import quad
 
 from kennfeld.graph.interpolation import (
     cell_weights,
@@ -12,6 +12,7 @@ from kennfeld.graph.interpolation import (
     smooth_weights,
     table_weights,
 )
+from tests.draws import few_or_many
 
 POINTS = np.array([0.0, 10.0, 30.0])
 
@@ -67,8 +68,7 @@ def test_the_ends_of_an_axis_belong_to_its_cells():
     assert density(POINTS, POINTS, "clip").tolist() == [0.1, 0.05, 0.05]
 
 
-@settings(deadline=None)
-@given(axes(), st.lists(st.floats(-200, 800), min_size=1, max_size=5))
+@few_or_many(axes(), st.lists(st.floats(-200, 800), min_size=1, max_size=5), few=20, many=100)
 def test_interpolation_is_that_of_numpy(points, xs):
     x = np.array(xs)
     values = np.sin(np.arange(points.size))
@@ -76,8 +76,7 @@ def test_interpolation_is_that_of_numpy(points, xs):
     np.testing.assert_allclose(interpolate(values, [weights]), np.interp(x, points, values), atol=1e-9)
 
 
-@settings(deadline=None)
-@given(axes(), st.floats(-200, 800))
+@few_or_many(axes(), st.floats(-200, 800), few=20, many=100)
 def test_linear_extrapolation_reproduces_a_straight_line(points, x):
     weights, slopes = cell_weights(position(np.array([x]), points, "linear"), points.size)
     assert interpolate(points, [weights])[0] == pytest.approx(x, abs=1e-7)
@@ -120,7 +119,7 @@ def test_smoothing_is_the_convolution_with_a_gaussian(x, extrapolation):
         return exact(x - s) * np.exp(-0.5 * (s / width) ** 2) / (width * np.sqrt(2 * np.pi))
 
     kinks = [x - p for p in POINTS if abs(x - p) < 8 * width]
-    expected, _ = quad(integrand, -8 * width, 8 * width, points=kinks, limit=200)
+    expected, _ = scipy.integrate.quad(integrand, -8 * width, 8 * width, points=kinks, limit=200)
     weights, _ = smooth_weights(np.array([x]), POINTS, extrapolation, width)
     assert interpolate(values, [weights])[0] == pytest.approx(expected, abs=2e-4)  # the kernel is cut off at 4
 

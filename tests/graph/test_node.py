@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.graph import CLOCK, Graph, GraphBuilder, Node, State
 from kennfeld.graph.traversal import rewrite
+from tests.draws import few_or_many
 from tests.graph.random_graphs import cases
 
 
@@ -158,7 +158,7 @@ def feedback(draw):
     return b.finish({f"y{i}": node for i, node in enumerate(made)}), uses
 
 
-@given(feedback())
+@few_or_many(feedback(), few=10, many=100)
 def test_a_name_is_an_output_if_all_that_use_it_are_what_it_uses_itself(case):
     graph, uses = case
     needs = [set(used) for used in uses]
@@ -206,8 +206,7 @@ def test_units_belong_to_the_graph():
     assert b.finish({"y": b.input("x")}, units={"x": "rpm"}).units == {"x": "rpm"}
 
 
-@settings(deadline=None, max_examples=40)
-@given(cases())
+@few_or_many(cases(), few=10, many=40)
 def test_numbers_are_canonical(case):
     def again(b, at, args):
         op, _, payload = case.graph.nodes[at]

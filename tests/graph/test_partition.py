@@ -6,7 +6,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases
 
@@ -19,7 +19,7 @@ def fed(graph):
     return {node.payload for node in graph.nodes if node.op == "input" and node.payload.startswith("#")}
 
 
-@few_or_many(cases(), few=12, many=60)
+@few_or_many(cases(), few=8, many=60)
 def test_the_parts_give_what_the_whole_gives(case):
     low = lower_lookups(case.graph, case.parameters)
     outputs = tuple(case.graph.names)
@@ -41,7 +41,7 @@ def test_the_parts_give_what_the_whole_gives(case):
     assert_close(joined(plain), exact, change, steady(exact, change))
 
 
-@few_or_many(cases(), few=20, many=60)
+@few_or_many(cases(), few=10, many=60)
 def test_columns_are_exactly_what_the_reduced_graph_reads(case):
     low = lower_lookups(case.graph, case.parameters)
     parts = partition_graph(low.graph, ["y0"], case.fitted)
@@ -55,7 +55,7 @@ def test_columns_that_the_chosen_outputs_do_not_need_are_left_out():
     assert partition_graph(graph, ["y"], ["K"]).columns == {}
 
 
-@few_or_many(cases(), few=20, many=40)
+@few_or_many(cases(), few=10, many=40)
 def test_no_column_depends_on_a_free_parameter(case):
     low = lower_lookups(case.graph, case.parameters)
     parts = partition_graph(low.graph, tuple(case.graph.names), case.fitted)

@@ -8,7 +8,7 @@ from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.random_graphs import cases
 
 
@@ -88,7 +88,7 @@ def test_nothing_leaks_from_a_branch_not_taken():
     assert scalars(expression, x=0.0, k=3.0) == [0.0, 1.0]
 
 
-@few_or_many(cases(), few=15, many=60)
+@few_or_many(cases(), few=8, many=60)
 def test_a_pull_back_gives_what_rows_written_out_give(case):
     low = lower_lookups(case.graph, case.parameters)
     roots = list(low.graph.names.values())

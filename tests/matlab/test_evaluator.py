@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -15,6 +14,7 @@ from kennfeld.matlab.evaluator import evaluate
 from kennfeld.matlab.parser import parse_expression
 from kennfeld.matlab.traversal import names_read
 from kennfeld.matlab.values import MatlabCell, MatlabStruct, class_name, text
+from tests.draws import few_or_many
 
 nan, inf = math.nan, math.inf
 VARIABLES = {
@@ -541,7 +541,7 @@ def test_python_values_become_values():
 small = arrays(np.float64, st.tuples(st.integers(1, 3), st.integers(1, 3)), elements=st.floats(-1e3, 1e3))
 
 
-@given(small)
+@few_or_many(small, few=20, many=100)
 def test_reshaping_and_turning_back_changes_nothing(values):
     assert np.array_equal(evaluate("a''", {"a": values}), values)
     assert np.array_equal(evaluate("reshape(a(:), size(a))", {"a": values}), values)
@@ -549,7 +549,7 @@ def test_reshaping_and_turning_back_changes_nothing(values):
     assert np.array_equal(evaluate("fliplr(flipud(a))", {"a": values}), evaluate("rot90(a, 2)", {"a": values}))
 
 
-@given(st.floats(-1e3, 1e3), st.floats(0.01, 10), st.integers(0, 1000))
+@few_or_many(st.floats(-1e3, 1e3), st.floats(0.01, 10), st.integers(0, 1000), few=20, many=100)
 def test_a_range_holds_as_many_steps_as_fit(begin, step, count):
     found = evaluate("a:h:a+n*h", {"a": begin, "h": step, "n": count})
     assert found.size == count + 1
@@ -561,7 +561,7 @@ PIECES += ["*", "^", "'", ".a", "end", "==", "sum(", "zeros(", "@(x)", "cellfun(
 PIECES += ["max(", "sort(", "unique(", "num2str(", "sprintf('%d',", "NaN", "1e9", "-", "~", "int8(", "find(", "A(:,"]
 
 
-@given(st.lists(st.sampled_from(PIECES), max_size=12).map("".join))
+@few_or_many(st.lists(st.sampled_from(PIECES), max_size=12).map("".join), few=20, many=100)
 def test_any_expression_has_a_value_or_the_error_of_the_room(made):
     with contextlib.suppress(MatlabError):
         assert class_name(evaluate(made, VARIABLES, budget=Budget(elements=100_000)))

@@ -9,8 +9,7 @@ from io import BytesIO
 import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
-from scipy.sparse import csc_array
+import scipy
 
 from kennfeld.matlab.mat_nodes import MatFileError, MatNumbers, MatStruct, MatText, MatUnreadable
 from kennfeld.matlab.mat_reader import load_nodes, read_nodes
@@ -34,7 +33,7 @@ def packed(content):
 
 def saved(variables, **options):
     stream = BytesIO()
-    savemat(stream, variables, **options)
+    scipy.io.savemat(stream, variables, **options)
     return stream.getvalue()
 
 
@@ -50,7 +49,7 @@ SPARSE_VALUES = np.array([[0.0, 2.0, 0.0], [3.0, 0.0, -1.5]])
 def save_sparse73(path, full, name="z"):
     """A sparse matrix as MATLAB lays it out in HDF5: no rows nor numbers where all of it is 0."""
     save73(path, {"K": 1.0})
-    given = csc_array(full)
+    given = scipy.sparse.csc_array(full)
     with h5py.File(path, "r+") as file:
         group = file.create_group(name)
         group.attrs["MATLAB_class"], group.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(full.shape[0])
@@ -62,7 +61,9 @@ def save_sparse73(path, full, name="z"):
 
 @pytest.mark.parametrize("options", [{"format": "4"}, {}, {"do_compression": True}])
 def test_sparse_matrices_are_written_out(options):
-    found = read_nodes(saved({"z": csc_array(SPARSE_VALUES), "empty": csc_array((2, 3))}, **options))
+    found = read_nodes(
+        saved({"z": scipy.sparse.csc_array(SPARSE_VALUES), "empty": scipy.sparse.csc_array((2, 3))}, **options)
+    )
     np.testing.assert_array_equal(found["z"].values, SPARSE_VALUES)
     np.testing.assert_array_equal(found["empty"].values, np.zeros((2, 3)))
 
@@ -126,7 +127,7 @@ def test_complex_numbers_are_reported(version):
     found = read_nodes(saved({"z": np.array([[1 + 2j]]), "K": 1.0}, format=version))
     assert found["z"] == MatUnreadable("complex numbers")
     assert found["K"].values.tolist() == [[1.0]]
-    assert read_nodes(saved({"z": csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == MatUnreadable(
+    assert read_nodes(saved({"z": scipy.sparse.csc_array(np.array([[1 + 2j]]))}, format=version))["z"] == MatUnreadable(
         "complex numbers"
     )
 
@@ -308,7 +309,7 @@ def test_corrupt_files_are_read_as_far_as_possible(version):
     given = {
         "A": np.arange(9.0),
         "S": {"a": 1, "b": "x"},
-        "z": csc_array(SPARSE_VALUES),
+        "z": scipy.sparse.csc_array(SPARSE_VALUES),
         "name": np.array(["ab", "cd"]),
     }
     if version == "4":

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+import scipy
 
 from kennfeld.matlab.mat_nodes import MatFileError, MatStruct, MatUnreadable
 from kennfeld.matlab.mat_reader import load_variables, read_nodes, to_value
@@ -31,7 +31,7 @@ PLAIN = {
 
 def saved(variables, **options):
     stream = BytesIO()
-    savemat(stream, variables, **options)
+    scipy.io.savemat(stream, variables, **options)
     return stream.getvalue()
 
 

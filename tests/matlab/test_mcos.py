@@ -248,7 +248,7 @@ def nodes(node: Node):
         yield from nodes(one)
 
 
-@pytest.mark.parametrize("count", [100, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [40, pytest.param(500, marks=pytest.mark.slow)])
 def test_corrupt_workspaces_are_read_as_far_as_possible(count):
     plain = {"K": 2.5, "M": np.arange(12.0), "S": {"a": 1.0, "b": {"c": [[1.0, 2.0]]}}, "name": "turbo"}
     whole, chance, read = mxarray({**plain, "P": parameter(1.0, Min=0.0), "L": table()}), random.Random(3), 0

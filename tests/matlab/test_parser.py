@@ -10,6 +10,7 @@ from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.parser import parse_expression, parse_leniently, parse_script
 from kennfeld.matlab.printer import format_expression
+from tests.draws import few_or_many
 
 a, b, x = m.Name("a"), m.Name("b"), m.Name("x")
 one, two, three = m.Number(1.0), m.Number(2.0), m.Number(3.0)
@@ -270,7 +271,7 @@ PIECES = ["a", "b1", "1", "2.5", " ", "\n", "'", '"', "(", ")", "[", "]", "{", "
 PIECES += ["-", "+", "*", ".*", "^", "&&", "@", "%", "...", "end", "if ", "for ", "function ", "x", "%{\n", "!", "é"]
 
 
-@given(st.lists(st.sampled_from(PIECES), max_size=40).map("".join) | st.text(max_size=40))
+@few_or_many(st.lists(st.sampled_from(PIECES), max_size=40).map("".join) | st.text(max_size=40), few=20, many=100)
 def test_any_text_gives_a_tree_or_the_error_of_the_room(text):
     for read in (parse_expression, parse_script):
         try:

@@ -8,7 +8,7 @@ from kennfeld.errors import InputError
 from kennfeld.measurement import read
 
 # Few damaged files always, many of the same sequence if slow tests are asked for.
-few_or_many = pytest.mark.parametrize("count", [50, pytest.param(300, marks=pytest.mark.slow)])
+few_or_many_copies = pytest.mark.parametrize("count", [25, pytest.param(300, marks=pytest.mark.slow)])
 
 
 def refusals(path, head, *, count, bytes_=range(256), seed=3, **settings):

@@ -82,11 +82,12 @@ def test_a_log_cut_off_within_a_line_is_reported(tmp_path, database, ending, com
         assert any("cut off" in message or "1 line cannot be read" in message for message in messages) == is_cut
 
 
+@pytest.mark.parametrize("count", [15, pytest.param(60, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_a_log_cut_off_anywhere_ends_in_data_or_findings(tmp_path, database, ending):
+def test_a_log_cut_off_anywhere_ends_in_data_or_findings(tmp_path, database, ending, count):
     content = write_log(tmp_path / f"drive{ending}", FRAMES).read_bytes()
     path = tmp_path / f"cut{ending}"
-    for end in range(0, len(content), max(len(content) // 60, 1)):
+    for end in range(0, len(content), max(len(content) // count, 1)):
         path.write_bytes(content[:end])
         with suppress(InputError):
             describe(path, database)

@@ -5,7 +5,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many, refusals
+from tests.measurement.mutants import few_or_many_copies, refusals
 
 GLOBAL = "DIAEXTENDED  {@:ENGLISH\n#BEGINGLOBALHEADER\n  1,WINDOWS 32Bit\n111,9.900000e+034\n112,High -> Low\n"
 
@@ -187,7 +187,7 @@ def test_channels_of_one_unreadable_file_share_a_message(diadem, file, problem):
     assert len(caught.value.findings) == 1
 
 
-@few_or_many
+@few_or_many_copies
 def test_damaged_headers_are_read_or_refused(diadem, count):
     path = diadem(
         implicit("Time", "s", 3, 0.5, 0.1),

@@ -4,41 +4,37 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.measurement.cache import from_parquet, to_parquet
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 
 def bits(values):
     return values.view(np.uint64).tolist()
 
 
-@few_or_many(40, 300)
-def test_every_bit_comes_back(drawn):
-    @drawn
-    @given(
-        st.lists(st.floats(width=64), max_size=20),
-        st.lists(st.tuples(st.text(max_size=5), st.text(max_size=5)), min_size=1, max_size=4),
-        st.booleans(),
+@few_or_many(
+    st.lists(st.floats(width=64), max_size=20),
+    st.lists(st.tuples(st.text(max_size=5), st.text(max_size=5)), min_size=1, max_size=4),
+    st.booleans(),
+    few=15,
+    many=300,
+)
+def test_every_bit_comes_back(values, labels, timed):
+    channels = tuple(Channel(f"c{i}", np.array(values) + 0.0 * i, u, d) for i, (u, d) in enumerate(labels))
+    data = Dataset("a", channels, np.arange(len(values)) * 0.1 if timed else None)
+    back = from_parquet(to_parquet(data), "b")
+    assert back.name == "b"
+    assert [(c.name, c.unit, c.description) for c in back.channels] == [
+        (c.name, c.unit, c.description) for c in channels
+    ]
+    assert all(
+        bits(again.values) == bits(channel.values) for again, channel in zip(back.channels, channels, strict=True)
     )
-    def check(values, labels, timed):
-        channels = tuple(Channel(f"c{i}", np.array(values) + 0.0 * i, u, d) for i, (u, d) in enumerate(labels))
-        data = Dataset("a", channels, np.arange(len(values)) * 0.1 if timed else None)
-        back = from_parquet(to_parquet(data), "b")
-        assert back.name == "b"
-        assert [(c.name, c.unit, c.description) for c in back.channels] == [
-            (c.name, c.unit, c.description) for c in channels
-        ]
-        assert all(
-            bits(again.values) == bits(channel.values) for again, channel in zip(back.channels, channels, strict=True)
-        )
-        assert (back.time is None) == (data.time is None)
-        assert back.time is None or bits(back.time) == bits(data.time)
-
-    check()
+    assert (back.time is None) == (data.time is None)
+    assert back.time is None or bits(back.time) == bits(data.time)
 
 
 def test_every_missing_value_keeps_its_bits():

@@ -10,7 +10,7 @@ import xlsxwriter
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 ROWS = [["time", "Speed", "on"], ["s", "rpm", "-"], [0.0, 1000.5, 1.0], [0.1, 1001.5, 0.0], [0.2, 1002.5, 1.0]]
 RELATED = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
@@ -108,7 +108,7 @@ def test_a_stray_cell_far_away_in_a_binary_workbook_is_refused(tmp_path):
         read(binary_workbook(tmp_path / "bench.xlsb", rows | {2**31: {0: 1.0}}))
 
 
-@few_or_many
+@few_or_many_copies
 def test_mutated_binary_workbooks_give_data_or_findings(tmp_path, capfd, count):
     chance = random.Random(25)
     whole = binary_workbook(tmp_path / "whole.xlsb", dict(enumerate(ROWS)))

@@ -8,7 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 
 def columns(data):
@@ -123,7 +123,7 @@ def test_quoted_numbers_and_exponents_with_a_decimal_comma_are_read(csv):
     np.testing.assert_array_equal(data["x"].values, [0.0015, -250, np.nan])
 
 
-@few_or_many
+@few_or_many_copies
 @pytest.mark.parametrize(
     "text",
     [

@@ -8,7 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many, refusals
+from tests.measurement.mutants import few_or_many_copies, refusals
 
 
 @pytest.fixture
@@ -278,14 +278,14 @@ def test_claims_of_more_numbers_than_a_file_holds_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("write", [lambda file: fixed_frame(file, "datetime64[ns]"), lambda f: stored_table(f, ["a"])])
-@few_or_many
+@few_or_many_copies
 def test_damaged_frames_are_read_or_refused(tmp_path, write, count):
     with h5py.File(tmp_path / "frame.h5", "w") as file:
         write(file)
     assert refusals(tmp_path / "frame.h5", head=8, count=count, raster=0.1) > count / 8
 
 
-@few_or_many
+@few_or_many_copies
 def test_damaged_files_are_read_or_refused(hdf5, count):
     path = hdf5({"a/time": np.arange(30) * 0.1, "a/x": (np.arange(30.0), {"units": "rpm"}), "b/y": np.arange(9)})
     assert refusals(path, head=8, count=count, raster=0.1) > count / 3

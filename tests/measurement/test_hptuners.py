@@ -8,7 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 HEAD = (
     "HP Tuners CSV Log File\nVersion: 1.0\n\n[Log Information]\nCreation Time: 7/7/2026 10:13:47 PM\nNotes: \n\n"
@@ -128,7 +128,7 @@ def test_a_log_that_is_cut_off_is_a_finding(csv, cut):
         read(csv(text[:cut], "pull.csv"))
 
 
-@few_or_many
+@few_or_many_copies
 def test_mutated_logs_give_data_or_findings(log, csv, count):
     chance = random.Random(22)
     content = log("Offset,RPM,AEM (0,1),Status", "s,rpm,%,", *[f"0.{k},{k},,on\n0.{k}5,,{k},OL" for k in range(9)])

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from scipy.io import savemat
+import scipy
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
@@ -31,7 +31,7 @@ def parquet(path):
 
 def matlab(path):
     with path.open("wb") as stream:
-        savemat(stream, {"time": np.array(TIME), "v": np.array(SPEED)})
+        scipy.io.savemat(stream, {"time": np.array(TIME), "v": np.array(SPEED)})
 
 
 def log(path):

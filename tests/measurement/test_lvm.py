@@ -8,7 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 
 @pytest.fixture
@@ -122,7 +122,7 @@ def test_a_file_that_is_cut_off_is_a_finding(lvm):
             read(lvm(text))
 
 
-@few_or_many
+@few_or_many_copies
 def test_mutated_files_give_data_or_findings(lvm, csv, count):
     chance = random.Random(24)
     names = "X_Value Speed X_Value Torque Comment"

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+import scipy
 from hypothesis import strategies as st
-from scipy.io import savemat
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.matlab import holds_samples
+from tests.draws import few_or_many
 from tests.measurement.matlab_files import array5, element, file5, opaque5, save73
 
 TIME = np.array([0.0, 0.1, 0.2])
@@ -40,7 +40,7 @@ def mat(request, tmp_path):
         if request.param == "7.3":
             save73(path, variables)
         else:
-            savemat(path, scipy_form(variables), do_compression=request.param == "7", long_field_names=True)
+            scipy.io.savemat(path, scipy_form(variables), do_compression=request.param == "7", long_field_names=True)
         return path
 
     return write
@@ -78,7 +78,7 @@ def test_vectors_beside_a_time_are_channels(mat):
 
 
 def test_version_4_is_read(tmp_path):
-    savemat(tmp_path / "old.mat", {"t": TIME, "Speed": SPEED}, format="4")
+    scipy.io.savemat(tmp_path / "old.mat", {"t": TIME, "Speed": SPEED}, format="4")
     assert held(read(tmp_path / "old.mat")) == {"Speed": SPEED.tolist()}
 
 
@@ -230,7 +230,9 @@ def test_time_that_goes_back_is_a_finding(mat):
 
 def test_complex_numbers_are_told_and_not_cut(mat5, tmp_path):
     path = tmp_path / "bench.mat"
-    savemat(path, {"time": TIME, "z": SPEED + 1j, "s": {"w": SPEED * 1j, "x": SPEED}, "c": scipy_form((SPEED * 1j,))})
+    scipy.io.savemat(
+        path, {"time": TIME, "z": SPEED + 1j, "s": {"w": SPEED * 1j, "x": SPEED}, "c": scipy_form((SPEED * 1j,))}
+    )
     assert list(read(path)) == ["x"]
     assert findings(path, ["z"])[0].startswith("bench.mat: z (complex numbers) can only be read by MATLAB.")
 
@@ -245,8 +247,7 @@ def test_tables_and_objects_are_told_by_name(mat5):
     assert "only MATLAB can read its variables: log (timetable)" in findings(path)[0]
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
-@given(
+@few_or_many(
     st.integers(2, 6).flatmap(
         lambda n: st.dictionaries(
             st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,20}", fullmatch=True).filter(
@@ -256,7 +257,9 @@ def test_tables_and_objects_are_told_by_name(mat5):
             min_size=1,
             max_size=5,
         )
-    )
+    ),
+    few=20,
+    many=40,
 )
 def test_any_vectors_come_back_as_they_were(mat, channels):
     count = len(next(iter(channels.values())))

@@ -9,12 +9,12 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
 from tests.measurement.matlab_files import HEAD, array5, element, file5, save73
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 TIME = np.arange(20) * 0.1
 VARIABLES = {"time": TIME, "Speed": TIME * 1000, "log": {"a": TIME, "b": {"c": TIME > 1}}, "note": "a test"}
@@ -47,13 +47,13 @@ def contents(tmp_path, form):
     if form == "7.3":
         save73(path, VARIABLES)
     elif form == "4":
-        savemat(path, {"time": TIME, "Speed": TIME * 1000}, format="4")
+        scipy.io.savemat(path, {"time": TIME, "Speed": TIME * 1000}, format="4")
     else:
-        savemat(path, VARIABLES, do_compression=form == "7")
+        scipy.io.savemat(path, VARIABLES, do_compression=form == "7")
     return path.read_bytes()
 
 
-@few_or_many
+@few_or_many_copies
 @pytest.mark.parametrize("form", ["4", "5", "7", "7.3"])
 def test_mutated_files_give_data_or_findings(tmp_path, mat, form, count):
     chance = random.Random(23)

@@ -359,7 +359,7 @@ def frozen_objects():
 
 
 @pytest.mark.usefixtures("frozen_objects")
-@pytest.mark.parametrize("count", [25, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [12, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("version", "compression"), [("3.30", 0), ("4.10", 0), ("4.10", 2)])
 def test_mutated_files_are_read_or_refused(mdf, version, compression, count, capfd):
     states = signal("State", np.arange(6.0), np.array([0, 1, 2, 1, 0, 7], np.uint8), conversion=dict(TEXTS))

@@ -7,13 +7,13 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from tests.draws import few_or_many
 from tests.measurement.mlg_files import SIZES, bits, mark, mlg, number, record
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 TIME = number("Time", unit="s", digits=3)
 RPM = number("RPM", 2, "rpm")
@@ -44,7 +44,7 @@ def test_raw_numbers_are_shifted_and_scaled(log, version):
     assert data.time.tolist() == [0.0, 0.5]
 
 
-@given(st.sampled_from(sorted(SIZES)[:8]), st.data())
+@few_or_many(st.sampled_from(sorted(SIZES)[:8]), st.data(), few=20, many=100)
 def test_every_type_of_number_keeps_its_values(tmp_path_factory, kind, data):
     width = struct.calcsize(SIZES[kind])
     if kind == 7:
@@ -256,7 +256,7 @@ def test_a_head_that_claims_much_costs_no_memory(log):
         tracemalloc.stop()
 
 
-@few_or_many
+@few_or_many_copies
 def test_mutated_logs_give_data_or_findings(log, count):
     chance = random.Random(20)
     fields = [TIME, RPM, bits("Engine", "a", "b", kind=16), number("AFR", 0, scale=0.1)]
@@ -275,8 +275,7 @@ def test_mutated_logs_give_data_or_findings(log, count):
             describe(path)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
-@given(st.lists(st.booleans(), max_size=200))
+@few_or_many(st.lists(st.booleans(), max_size=200), few=10, many=30)
 def test_markers_anywhere_leave_the_records_in_order(log, markers):
     fields = [TIME, RPM]
     records = iter(rows(fields, *((k, k) for k in range(len(markers) + 1))))

@@ -8,7 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many
+from tests.measurement.mutants import few_or_many_copies
 
 HEAD = '"MS2Extra comms330 : MS2/Extra release 3.3.2"\n"Capture Date: Sat Dec 26 19:53:12 EST 2015"\n'
 NAMES = "Time\tRPM\tAFR\tEngine\n"
@@ -89,7 +89,7 @@ def test_a_packed_log_is_read(tmp_path):
     assert read(path).samples == 3
 
 
-@few_or_many
+@few_or_many_copies
 def test_mutated_logs_give_data_or_findings(log, count):
     chance = random.Random(21)
     content = (HEAD + NAMES + UNITS + ROWS * 5 + "MARK 000 - Manual\n" + ROWS).encode()

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.io import netcdf_file
+import scipy
 
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many, refusals
+from tests.measurement.mutants import few_or_many_copies, refusals
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def netcdf(tmp_path):
 
     def write(*variables, version=1):
         path = tmp_path / "bench.nc"
-        with netcdf_file(path, "w", version=version) as file:
+        with scipy.io.netcdf_file(path, "w", version=version) as file:
             for name, dimension, values, attributes in variables:
                 if dimension not in file.dimensions:
                     file.createDimension(dimension, len(values))
@@ -65,7 +65,7 @@ def test_a_coordinate_of_any_name_is_the_time(netcdf):
 
 
 def test_matrices_are_skipped_and_reported(tmp_path):
-    with netcdf_file(tmp_path / "bench.nc", "w") as file:
+    with scipy.io.netcdf_file(tmp_path / "bench.nc", "w") as file:
         for name, length in (("time", 3), ("x", 2), ("one", 1)):
             file.createDimension(name, length)
         for name, dimensions in (("Speed", ("time", "one")), ("map", ("time", "x"))):
@@ -75,7 +75,7 @@ def test_matrices_are_skipped_and_reported(tmp_path):
     assert "channel map: is a matrix of 3 x 2 and is skipped" in str(data.findings[0])
 
 
-@few_or_many
+@few_or_many_copies
 def test_damaged_files_are_read_or_refused(netcdf, count):
     path = netcdf(
         ("time", "time", np.arange(20.0), {"units": "s"}), ("Speed", "time", np.arange(20.0), {"units": "rpm"})

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.measurement.number_code import ODD_FIELDS, PADDING, compile_parser, powers_of_ten
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 EXACT_TIES = ["9007199254740993", "9007199254740992.5", "1.5e-5", "4503599627370497.5", "18014398509481986"]
 
@@ -44,17 +44,12 @@ NUMBERS = st.builds(
 )
 
 
-@few_or_many(40, 300)
-def test_numbers_are_as_python_reads_them(drawn):
-    @drawn
-    @given(st.lists(NUMBERS, min_size=1, max_size=50))
-    def check(cells):
-        assert_as_python(cells)
-
-    check()
+@few_or_many(st.lists(NUMBERS, min_size=1, max_size=50), few=20, many=300)
+def test_numbers_are_as_python_reads_them(cells):
+    assert_as_python(cells)
 
 
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=50))
+@few_or_many(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=50), few=20, many=100)
 def test_doubles_that_python_writes_are_read(numbers):
     odd = assert_as_python([repr(number) for number in numbers])
     fractions = [row for row, number in enumerate(numbers) if 1e-300 < abs(number) < 1e15 and number % 1]

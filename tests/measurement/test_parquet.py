@@ -71,10 +71,11 @@ def test_a_file_without_rows_is_a_finding(parquet):
         read(parquet(pa.table({"a": pa.array([], pa.float64())})))
 
 
-def test_a_damaged_file_gives_findings_and_nothing_else(parquet):
+@pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.slow)])
+def test_a_damaged_file_gives_findings_and_nothing_else(parquet, count):
     path = parquet(pa.table({"time": np.arange(100.0), "a": np.arange(100.0) ** 2}))
     content, generator = path.read_bytes(), random.Random(11)
-    for _ in range(200):
+    for _ in range(count):
         mutant = bytearray(content)
         for _ in range(generator.randint(1, 4)):
             mutant[generator.randrange(4, len(mutant))] = generator.randrange(256)

@@ -4,17 +4,23 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.stamps import is_stamp, parse_stamps
+from tests.draws import few_or_many
 
 FORMS = ("%Y-%m-%d %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%fZ", "%d.%m.%Y %H:%M:%S,%f", "%Y/%m/%d %H:%M:%S.%f")
 
 
-@given(st.datetimes(datetime(1970, 1, 1), datetime(2100, 1, 1)), st.integers(0, 10**12), st.sampled_from(FORMS))
+@few_or_many(
+    st.datetimes(datetime(1970, 1, 1), datetime(2100, 1, 1)),
+    st.integers(0, 10**12),
+    st.sampled_from(FORMS),
+    few=20,
+    many=100,
+)
 def test_stamps_differ_by_the_time_between_them(begin, later, form):
     cells = [(begin + timedelta(microseconds=m)).strftime(form) for m in (0, later)]
     found, _ = parse_stamps(cells)

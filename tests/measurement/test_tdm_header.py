@@ -7,7 +7,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many, refusals
+from tests.measurement.mutants import few_or_many_copies, refusals
 
 HEAD = """<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
 <usi:tdm xmlns:usi="http://www.ni.com/Schemas/USI/1_0" version="1.0">
@@ -222,7 +222,7 @@ def test_entities_are_refused(tmp_path):
         read(path)
 
 
-@few_or_many
+@few_or_many_copies
 def test_damaged_descriptions_are_read_or_refused(tdm, count):
     data = group("bench", 1, 2) + channel(1, "Time", "s", parameters("implicit_linear", 0.0, 0.1))
     data += channel(2, "Speed", "", EXPLICIT, '<values external="inc0"/>')

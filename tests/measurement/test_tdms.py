@@ -7,7 +7,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.mutants import few_or_many, refusals
+from tests.measurement.mutants import few_or_many_copies, refusals
 
 nptdms = pytest.importorskip("nptdms", reason="nptdms is not installed: pip install kennfeld[tdms]")
 START = np.datetime64("2026-11-27T10:00:00")
@@ -191,7 +191,7 @@ def test_without_the_library_its_command_is_named(tdms, monkeypatch):
         read(path)
 
 
-@few_or_many
+@few_or_many_copies
 def test_damaged_files_are_read_or_refused(tdms, count):
     path = tdms(
         ("a", "x", np.arange(50.0), even(0.1)), ("a", "y", np.arange(50.0), even(0.1)), ("b", "z", np.arange(5))

@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
@@ -16,7 +15,7 @@ from kennfeld.measurement import read, text
 from kennfeld.measurement.bulk_csv import read_bulk
 from kennfeld.measurement.file_kind import locate
 from kennfeld.measurement.table import Selection
-from tests.calfiles.draws import few_or_many
+from tests.draws import few_or_many
 
 NAN = np.nan
 
@@ -243,17 +242,12 @@ def written(table, how):
     return (how["end"].join(lines) + how["end"]).encode(how["encoding"])
 
 
-@few_or_many(40, 300)
-def test_a_random_table_in_a_random_dialect_is_read_back_exactly(csv, drawn):
-    @drawn
-    @given(TABLES, dialects())
-    def check(table, how):
-        data = read(csv(written(table, how)))
-        assert list(data) == [f"Größe {i}" for i in range(len(table[0]))]
-        np.testing.assert_array_equal(np.array([c.values for c in data.values()]).T, np.array(table, dtype=float))
-        assert {c.unit for c in data.values()} == {"Nm" if how["units"] else ""}
-
-    check()
+@few_or_many(TABLES, dialects(), few=20, many=300)
+def test_a_random_table_in_a_random_dialect_is_read_back_exactly(csv, table, how):
+    data = read(csv(written(table, how)))
+    assert list(data) == [f"Größe {i}" for i in range(len(table[0]))]
+    np.testing.assert_array_equal(np.array([c.values for c in data.values()]).T, np.array(table, dtype=float))
+    assert {c.unit for c in data.values()} == {"Nm" if how["units"] else ""}
 
 
 def mutants(content, seed, count):
@@ -269,7 +263,7 @@ def mutants(content, seed, count):
         yield bytes(mutant[: generator.randrange(len(mutant) + 1)] if generator.random() < 0.4 else mutant)
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [25, pytest.param(600, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("bulk", [False, True])
 def test_a_damaged_file_gives_findings_and_nothing_else(csv, monkeypatch, bulk, count):
     if bulk:
@@ -288,7 +282,7 @@ def outcome(path):
     return {name: (channel.values.tolist(), channel.unit) for name, channel in data.items()}, str(data.time)
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(400, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [15, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_damaged_files_read_in_bulk_are_as_read_line_by_line(csv, monkeypatch, separator, count):
     numbers = random.Random(5)
@@ -364,7 +358,7 @@ def test_text_after_a_few_rows_is_no_header_of_fewer_columns(csv):
 
 
 def test_a_table_of_very_many_columns_is_read(csv):
-    count = 20_000
+    count = 6_000
     names = ",".join(f"n{i % (count // 2)} [{'rpm' if i < count // 2 else 'Nm'}]" for i in range(count))
     rows = "".join(",".join([f"{k}", *["1.5"] * count]) + "\n" for k in range(5))
     data = read(csv(f"time,{names}\n{rows}"), ["n7 [Nm]", "n7 [rpm]"])
@@ -378,9 +372,10 @@ def test_many_lines_of_very_many_columns_need_not_all_be_looked_at(csv, monkeypa
     assert read(csv(f"time,{','.join(f'n{i}' for i in range(99))}\n{rows}")).samples == 60
 
 
-def test_a_damaged_packed_file_gives_findings_and_nothing_else(csv):
+@pytest.mark.parametrize("count", [60, pytest.param(300, marks=pytest.mark.slow)])
+def test_a_damaged_packed_file_gives_findings_and_nothing_else(csv, count):
     content = gzip.compress(b"time,a\n" + b"".join(b"%d,%d\n" % (i, i * i) for i in range(200)))
-    for mutant in mutants(content, 3, 300):
+    for mutant in mutants(content, 3, count):
         with contextlib.suppress(InputError):
             read(csv(mutant, "run.csv.gz"))
 

@@ -11,7 +11,7 @@ from kennfeld.models import Model
 from kennfeld.models.formula import expression, extend, formula, to_text
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import DECLARATIONS, RESERVED
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.models.formula_graphs import graphs, one_nan
 
 SIGNS = "a b c y f M K _x 0 1 2 3.5 1e3 %q% %r[1]% [Nm] [ ] ( ) , = == < <= + - * / ^ # % $ ** & \\ . ;"
@@ -50,14 +50,14 @@ def read(text: str, known: list[str] | None = None) -> None:
 @few_or_many(
     st.lists(st.sampled_from(WORDS), max_size=60).map(" ".join),
     st.sampled_from([None, [], ["a", "K", "M"]]),
-    few=150,
+    few=60,
     many=600,
 )
 def test_a_soup_of_words_is_read_or_answered(text, known):
     read(text, known)
 
 
-@few_or_many(st.text(st.one_of(st.sampled_from(string.printable), st.characters()), max_size=80), few=100, many=300)
+@few_or_many(st.text(st.one_of(st.sampled_from(string.printable), st.characters()), max_size=80), few=50, many=300)
 def test_any_text_is_read_or_answered(text):
     read(text)
     read("y = " + text)
@@ -65,7 +65,7 @@ def test_any_text_is_read_or_answered(text):
     answer(lambda: extend(formula(BASE), {"new": text}, Location("fuzz.kf")))
 
 
-@few_or_many(st.data(), few=100, many=400)
+@few_or_many(st.data(), few=50, many=400)
 def test_a_text_with_mistakes_is_read_or_answered(data):
     text = BASE
     for _ in range(data.draw(st.integers(1, 4))):
@@ -75,7 +75,7 @@ def test_a_text_with_mistakes_is_read_or_answered(data):
     read(text)
 
 
-@few_or_many(graphs(), st.data(), few=30, many=100)
+@few_or_many(graphs(), st.data(), few=15, many=100)
 def test_a_printed_text_with_a_mistake_is_read_or_answered(graph, data):
     text = to_text(graph)
     at = data.draw(st.integers(0, len(text)))

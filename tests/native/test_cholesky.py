@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.native.envelope import Envelope
+from tests.draws import few_or_many
 
 
 def dense(size, random):
@@ -57,7 +57,7 @@ def test_a_matrix_of_maps_has_a_small_envelope(curve):
     assert factor.envelope.work < 0.25 * Envelope.full(len(matrix)).work
 
 
-@given(st.integers(1, 40), st.integers(0, 2**32 - 1), st.floats(0, 0.3))
+@few_or_many(st.integers(1, 40), st.integers(0, 2**32 - 1), st.floats(0, 0.3), few=20, many=100)
 def test_any_pattern_is_solved_and_learnt(size, seed, density):
     random = np.random.default_rng(seed)
     cholesky = Cholesky(size)
@@ -116,7 +116,7 @@ def test_a_triangle_is_taken_as_a_factor():
     assert Factor.of(np.zeros((0, 0))).solve(np.zeros(0)).shape == (0,)
 
 
-@given(st.integers(1, 30), st.integers(0, 2**32 - 1))
+@few_or_many(st.integers(1, 30), st.integers(0, 2**32 - 1), few=20, many=100)
 def test_part_of_a_matrix_is_factored_as_if_cut_out(size, seed):
     random = np.random.default_rng(seed)
     matrix, ridge = dense(size, random), random.uniform(size=size)

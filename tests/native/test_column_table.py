@@ -3,13 +3,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.column_table import BLOCK, ColumnTable
 from kennfeld.native.samples import Piece, Samples
+from tests.draws import few_or_many
 from tests.native.models import MODELS, case, static
 from tests.native.reference import compiled
 
@@ -24,8 +24,7 @@ def at(address, count):
     return np.array((ctypes.c_double * count).from_address(int(address)))
 
 
-@settings(deadline=None)
-@given(lengths)
+@few_or_many(lengths, few=20, many=100)
 def test_a_block_holds_its_samples_wherever_the_arrays_of_a_row_meet(sizes):
     values = np.random.default_rng(0).standard_normal(sum(sizes))
     rows = ColumnTable([cut(values, sizes)])
@@ -35,8 +34,7 @@ def test_a_block_holds_its_samples_wherever_the_arrays_of_a_row_meet(sizes):
         np.testing.assert_array_equal(at(address, expected.size), expected)
 
 
-@settings(deadline=None)
-@given(lengths, st.integers(0, 2**32 - 1))
+@few_or_many(lengths, st.integers(0, 2**32 - 1), few=20, many=100)
 def test_values_can_be_taken_in_any_order(sizes, seed):
     random = np.random.default_rng(seed)
     values = random.standard_normal((2, sum(sizes)))
@@ -100,7 +98,7 @@ def test_rows_must_be_of_equal_length():
         ColumnTable([np.zeros(3), [np.zeros(1), np.zeros(1)]])
 
 
-@given(lengths)
+@few_or_many(lengths, few=20, many=100)
 def test_what_is_copied_can_be_copied_again(sizes):
     values = np.zeros(sum(sizes))
     rows = ColumnTable([cut(values, sizes)])

@@ -9,7 +9,7 @@ from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many, mostly_slow
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases
 from tests.native.models import MODELS, case
@@ -25,12 +25,12 @@ def results(made):
 
 
 @pytest.mark.parametrize("model", sorted(MODELS))
-@pytest.mark.parametrize("segment", [1, 7, *(pytest.param(segment, marks=pytest.mark.slow) for segment in (2, 30))])
+@pytest.mark.parametrize("segment", mostly_slow([1, 2, 7, 30], 1))
 def test_code_cut_into_functions_gives_what_one_function_gives(model, segment, monkeypatch):
     graph = MODELS[model]()
-    whole = results(compiled(case(graph, 90, (0, 40))))
+    whole = results(compiled(case(graph, 40, (0, 25))))
     cut_code(monkeypatch, segment)
-    for a, b in zip(results(compiled(case(graph, 90, (0, 40)))), whole, strict=True):
+    for a, b in zip(results(compiled(case(graph, 40, (0, 25)))), whole, strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-13 * np.max(np.abs(b)))
 
 

@@ -1,10 +1,10 @@
 """Products of sparse rows through a factor against those of full matrices."""
 
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.native import Cholesky, Factor, Gram
+from tests.draws import few_or_many
 
 
 def tied(size, random):
@@ -28,7 +28,13 @@ def full(columns, coefficients, size):
     return rows
 
 
-@given(st.integers(1, 60), st.lists(st.integers(0, 25), min_size=1, max_size=4), st.integers(0, 2**32 - 1))
+@few_or_many(
+    st.integers(1, 60),
+    st.lists(st.integers(0, 25), min_size=1, max_size=4),
+    st.integers(0, 2**32 - 1),
+    few=20,
+    many=100,
+)
 def test_products_are_those_of_full_matrices_however_the_rows_come(size, counts, seed):
     random = np.random.default_rng(seed)
     matrix = tied(size, random)

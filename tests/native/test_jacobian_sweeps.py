@@ -54,7 +54,7 @@ def register(cells, latency=1, held=False):
     ("cells", "latency", "held"),
     [
         (9, 1, False),
-        (24, 1, False),
+        pytest.param(24, 1, False, marks=pytest.mark.slow),
         (12, 3, False),
         (12, 2, True),
         pytest.param(60, 1, False, marks=pytest.mark.slow),
@@ -66,7 +66,7 @@ def test_rows_of_a_shift_register_are_those_of_the_interpreter(cells, latency, h
     if shared:
         monkeypatch.setattr(derivative, "MAX_VISITS", -1)
         monkeypatch.setattr(derivative, "SHARED", 0.0)
-    made = compiled(case(register(cells, latency, held), 150, (0, 70)))
+    made = compiled(case(register(cells, latency, held), 60, (0, 25)))
     assert isinstance(made.kernel.line.slopes, AdjointProgram if shared else Written)
     pattern = made.kernel.pattern
     assert pattern.carried == cells

@@ -1,10 +1,10 @@
 """Limits in compiled code against their definition in numpy."""
 
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.native.limit_rows import ChosenLimits
+from tests.draws import few_or_many
 
 
 def some_limits(size, rows, random):
@@ -24,7 +24,7 @@ def signs_of(lower, upper, changes, here, equal):
     return np.where(equal, 0, np.where(changes > upper - here, 1, np.where(changes < lower - here, -1, 0)))
 
 
-@given(st.integers(1, 12), st.integers(0, 15), st.integers(0, 2**32 - 1))
+@few_or_many(st.integers(1, 12), st.integers(0, 15), st.integers(0, 2**32 - 1), few=20, many=100)
 def test_violated_limits_are_chosen_once_with_their_sign_and_excess(size, rows, seed):
     random = np.random.default_rng(seed)
     lower, upper, columns, coefficients, matrix, equal = some_limits(size, rows, random)
@@ -45,7 +45,7 @@ def test_violated_limits_are_chosen_once_with_their_sign_and_excess(size, rows, 
     assert limits.violated(step) == 0  # all of them are chosen
 
 
-@given(st.integers(1, 12), st.integers(0, 15), st.integers(0, 2**32 - 1))
+@few_or_many(st.integers(1, 12), st.integers(0, 15), st.integers(0, 2**32 - 1), few=20, many=100)
 def test_what_holds_and_is_violated_counts_as_violation(size, rows, seed):
     random = np.random.default_rng(seed)
     lower, upper, columns, coefficients, matrix, equal = some_limits(size, rows, random)

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+import scipy
 from hypothesis import strategies as st
-from scipy.optimize import nnls
 
 from kennfeld.native.multipliers import exchange_blocks, solve_active
+from tests.draws import few_or_many
 
 
-@given(st.integers(1, 30), st.integers(0, 2**32 - 1))
+@few_or_many(st.integers(1, 30), st.integers(0, 2**32 - 1), few=20, many=100)
 def test_active_equations_are_solved_and_the_others_are_zero(count, seed):
     random = np.random.default_rng(seed)
     root = random.standard_normal((count + 5, count))
@@ -38,5 +38,5 @@ def test_block_pivoting_solves_nonnegative_least_squares(seed):
     root, target = random.standard_normal((60, 25)), random.standard_normal(60)
     guess = random.integers(0, 2, 25)
     m = exchange_blocks(root.T @ root, root.T @ target, 0, guess)
-    np.testing.assert_allclose(m, nnls(root, target)[0], atol=1e-8)
+    np.testing.assert_allclose(m, scipy.optimize.nnls(root, target)[0], atol=1e-8)
     assert m.min() >= 0

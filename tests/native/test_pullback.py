@@ -4,6 +4,8 @@ import pytest
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
+from kennfeld.native.adjoint_loop import PullProgram
+from tests.draws import mostly_slow
 from tests.native.models import MODELS, case, coupled
 from tests.native.reference import compiled
 from tests.native.segments import cut_code
@@ -54,7 +56,7 @@ def test_any_number_of_rows_is_shared_among_the_lanes(states, share):
     assert_equal(results(pulled, sparse=False), results(written, sparse=False))
 
 
-@pytest.mark.parametrize("segment", [1, 5, 30])
+@pytest.mark.parametrize("segment", mostly_slow([1, 5, 30], 1))
 def test_the_code_around_a_pull_back_may_be_cut(segment, share, monkeypatch):
     share()
     model = case(coupled(3), 60, (0, 20))
@@ -89,3 +91,16 @@ def test_a_slope_that_is_not_finite_stays_in_its_own_row(share):
     at = written.kernel.values.offsets["K"]
     assert not np.isfinite(got[scored, 1, at]).any()
     assert np.isfinite(np.delete(got[:, 1], at, axis=1)).all()
+
+
+def test_factors_take_no_memory_of_adjoints(share):
+    _, pulled = both(case(MODELS["static"](), 5), share)
+    back = pulled.kernel.line.slopes
+    program = PullProgram("rows", back, [() for _ in back.roots], 1)
+    leaves = {leaf for row in back.reach for leaf in row}
+    assert set(program.source) == {
+        *back.roots,
+        *leaves,
+        *(node for pull in back.pulls for node in (pull.of, pull.onto)),
+    }
+    assert any(pull.factor not in program.source for pull in back.pulls)

@@ -9,7 +9,7 @@ from kennfeld.graph import derivative
 from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.graph.random_graphs import cases
 from tests.native.reference import compiled, sums, weighted_rows

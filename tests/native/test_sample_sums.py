@@ -57,7 +57,7 @@ def wide(model):
         total = b.call("add", total, term)
     second = b.call("mul", total, b.input("u"))
     graph = b.finish({"y": total, "z": second})
-    return compiled(case(graph, 700, values=tables(), free=tuple(f"M{i}" for i in range(TABLES))))
+    return compiled(case(graph, 250, values=tables(), free=tuple(f"M{i}" for i in range(TABLES))))
 
 
 MODELS = {"selected": selected, "added": added, "scattered": scattered}

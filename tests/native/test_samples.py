@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.native.samples import Chunk, Piece, Samples, shares
+from tests.draws import few_or_many
 
 
 def samples(*lengths):
@@ -13,7 +14,7 @@ def samples(*lengths):
     return Samples(np.zeros((1, edges[-1])), np.zeros((1, edges[-1])), pieces)
 
 
-@given(st.lists(st.integers(1, 40), min_size=1, max_size=6), st.integers(1, 50))
+@few_or_many(st.lists(st.integers(1, 40), min_size=1, max_size=6), st.integers(1, 50), few=20, many=100)
 def test_chunks_cover_every_sample_once_and_never_two_pieces(lengths, length):
     made = samples(*lengths)
     chunks = made.chunks(length)
@@ -65,7 +66,7 @@ def test_inputs_can_be_picked_and_all_else_stays():
     assert (picked.order is made.order, picked.count, picked.pieces) == (True, 2, made.pieces)
 
 
-@given(st.lists(st.integers(1, 1000), min_size=1, max_size=40), st.integers(1, 8))
+@few_or_many(st.lists(st.integers(1, 1000), min_size=1, max_size=40), st.integers(1, 8), few=20, many=100)
 def test_shares_deal_everything_once_in_order(work, count):
     dealt = shares(work, count)
     assert [i for share in dealt for i in share] == list(range(len(work)))
@@ -73,7 +74,7 @@ def test_shares_deal_everything_once_in_order(work, count):
     assert all(len(share) for share in dealt)
 
 
-@given(st.lists(st.integers(90, 110), min_size=16, max_size=40))
+@few_or_many(st.lists(st.integers(90, 110), min_size=16, max_size=40), few=20, many=100)
 def test_shares_of_like_items_are_about_equal(work):
     loads = [sum(work[i] for i in share) for share in shares(work, 4)]
     assert len(loads) == 4

@@ -8,7 +8,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Curve, Map, parameter
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 
 SPECIAL = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 1e-310]
 

@@ -1,12 +1,13 @@
 import pickle
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 import kennfeld as kf
 
-pytest.importorskip("matplotlib")
+pytestmark = pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
 
 
 @pytest.fixture(scope="module")

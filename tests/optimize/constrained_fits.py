@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import cvxpy as cp
 import numpy as np
 
 import kennfeld as kf
@@ -30,6 +29,8 @@ class ConstrainedFit:
     @property
     def least_cost(self):
         """What Clarabel reaches."""
+        import cvxpy as cp
+
         values = cp.Variable(self.table.size)
         squares = cp.sum_squares(self._matrix() @ values - self.data["z"])
         lower, upper = (np.broadcast_to(side, self.table.values.shape).ravel() for side in self._bounds())
@@ -100,6 +101,8 @@ def map_fit(random):
 
 def least_cost(problem: Problem):
     """What Clarabel reaches for a problem that is linear in its values, roughness among its costs."""
+    import cvxpy as cp
+
     compiled = CompiledProblem(problem)
     residual, jacobian = LeastSquaresObjective(compiled).rows(np.zeros(compiled.values.free))
     rows = linear_limits(problem, compiled.values).rows

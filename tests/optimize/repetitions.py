@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+import scipy
 
 from kennfeld.native import Samples
 from kennfeld.optimize.compiled import CompiledProblem
@@ -75,11 +75,13 @@ def _agree_roughly(covariance, ends):
     units, freedom = units[moving], len(ends) - 1
     away = (ends[:, moving] - ends[:, moving].mean(axis=0)) / units
     squares = np.sum(away**2, axis=0)
-    assert np.all((squares > chi2.ppf(1e-4, freedom)) & (squares < chi2.isf(1e-4, freedom))), squares / freedom
+    assert np.all((squares > scipy.stats.chi2.ppf(1e-4, freedom)) & (squares < scipy.stats.chi2.isf(1e-4, freedom))), (
+        squares / freedom
+    )
     values, vectors = np.linalg.eigh(covariance[np.ix_(moving, moving)] / np.outer(units, units))
     kept = values > 1e-9 * values[-1]
     whole, freedoms = np.sum((away @ vectors[:, kept]) ** 2 / values[kept]), freedom * int(kept.sum())
-    assert chi2.ppf(1e-4, freedoms) < whole < chi2.isf(1e-4, freedoms), whole / freedoms
+    assert scipy.stats.chi2.ppf(1e-4, freedoms) < whole < scipy.stats.chi2.isf(1e-4, freedoms), whole / freedoms
     return int(moving.sum())
 
 

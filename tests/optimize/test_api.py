@@ -1,5 +1,4 @@
 import numpy as np
-import pandas as pd
 import pytest
 
 import kennfeld as kf
@@ -22,11 +21,17 @@ def rough(**arguments):
     return kf.calibrate("m = C(x) + M(x, z)", data, tables(), target="y", **arguments)
 
 
+def frame():
+    import pandas as pd
+
+    return pd.DataFrame(LINE)
+
+
 @pytest.mark.parametrize(
     "data",
     [
         LINE,
-        pd.DataFrame(LINE),
+        frame,
         kf.Dataset.of("bench", LINE),
         [LINE],
         [kf.Dataset.of("a", LINE), {"x": X[:5], "y": 2 * X[:5] + 1}],
@@ -35,7 +40,7 @@ def rough(**arguments):
     ids=["dict", "DataFrame", "Dataset", "list", "mixed list", "lists"],
 )
 def test_data_may_come_in_many_forms(data):
-    result = kf.calibrate(TEXT, data, START, target="y")
+    result = kf.calibrate(TEXT, data() if data is frame else data, START, target="y")
     assert result.parameters["a"].value == pytest.approx(2.0)
     assert result.parameters["b"].value == pytest.approx(1.0)
 

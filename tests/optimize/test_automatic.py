@@ -5,6 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.errors import ArgumentError
+from tests.draws import mostly_slow
 
 FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 1e4)
 
@@ -29,7 +30,7 @@ def fitted(data, smoothness="auto", start=None, **arguments):
 
 
 @pytest.mark.parametrize("seeds", [2, pytest.param(6, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("noise", [0.02, 0.3])
+@pytest.mark.parametrize("noise", mostly_slow([0.02, 0.3], [0.3]))
 def test_the_choice_is_about_one_standard_error_from_the_best_fixed_factor(noise, seeds):
     """On data with the same noise, in the mean over seeds. A fit has only an estimate of that error, hence the 1.3."""
     ratios = []
@@ -40,6 +41,7 @@ def test_the_choice_is_about_one_standard_error_from_the_best_fixed_factor(noise
     assert 1 <= np.mean(ratios) <= 1 + 1.3 * (2 / 150) ** 0.5
 
 
+@pytest.mark.slow
 def test_it_is_smoother_than_the_best():
     """The factor of the least error against the truth is not known to a fit; the one chosen is above it."""
     data = noisy(150, 0.3)
@@ -67,9 +69,9 @@ def test_data_without_noise_are_met():
 
 def test_each_axis_has_its_own_factor_and_given_ones_stay():
     rng = np.random.default_rng(3)
-    x, y = rng.uniform(0, 6, (2, 600))
-    data = {"x": x, "y": y, "wanted": np.sin(2 * x) + 0.5 * y + 0.2 * rng.normal(size=600)}
-    start = kf.ParameterSet([kf.Map("M", np.linspace(0, 6, 10), np.linspace(0, 6, 10), np.zeros((10, 10)))])
+    x, y = rng.uniform(0, 6, (2, 300))
+    data = {"x": x, "y": y, "wanted": np.sin(2 * x) + 0.5 * y + 0.2 * rng.normal(size=300)}
+    start = kf.ParameterSet([kf.Map("M", np.linspace(0, 6, 7), np.linspace(0, 6, 7), np.zeros((7, 7)))])
     for given, kept in (("auto", None), (("auto", 7.0), 7.0)):
         result = kf.calibrate("z = M(x, y)", data, start, target="wanted", smoothness={"M": given})
         found = result.smoothness["M"]
@@ -105,13 +107,11 @@ def tables():
     return kf.ParameterSet([*maps, kf.Curve("E", points, 1 - 0.1 * points)])
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     "pins",
-    [
-        pytest.param([], id="free"),
-        pytest.param([kf.Pin("E", (0.3,), 1.0)], id="pinned", marks=pytest.mark.slow),
-    ],
+    [pytest.param([], id="free"), pytest.param([kf.Pin("E", (0.3,), 1.0)], id="pinned")],
 )
 def test_tables_that_can_be_exchanged_stay_near_their_start(seed, pins):
     """Scaling A, dividing E and raising B by A change no output; factors of their own let the scale drift for ever."""
@@ -133,7 +133,7 @@ def test_tables_that_can_be_exchanged_stay_near_their_start(seed, pins):
         assert np.abs(np.diff(found["A"], axis=axis)).max() < 40
 
 
-@pytest.mark.parametrize(("samples", "seed"), [(300, 0), (100, 2)])
+@pytest.mark.parametrize(("samples", "seed"), [pytest.param(300, 0, marks=pytest.mark.slow), (100, 2)])
 def test_a_plane_through_noise_is_not_twisted_beyond_the_data(samples, seed):
     """Any multiple of x * y is smooth, and data in a narrow band hardly tell it: where they end, it must not grow."""
     rng = np.random.default_rng(seed)
@@ -166,6 +166,7 @@ def test_bounds_locks_and_pins_hold_while_factors_are_chosen():
     assert np.interp(1.1, np.linspace(0, 6, 25), values) == pytest.approx(0.3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_model_with_memory_is_smoothed_too():
     rng = np.random.default_rng(5)
     time = np.arange(3000) * 0.1
@@ -195,13 +196,15 @@ def drives(count, seed=0, resembling=0.3, samples=600):
 
 def test_stretches_are_held_back_where_errors_last_and_the_result_says_so():
     lasting = fitted(list(drives(2, samples=200)), start=curve(9))
+    assert lasting.smoothness["C"]["x"] > 100
     assert "by 20 held-out blocks of the recordings: the smoothest fit within" in lasting.message
     quick = kf.Dataset.of("d", noisy(600, 0.2), time=0.1 * np.arange(600))
     for result in (fitted(quick), fitted(noisy(150, 0.1))):
         assert "Smoothness was chosen by generalised cross-validation: the smoothest fit within" in result.message
 
 
-@pytest.mark.parametrize("seeds", [1, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [1, 8])
 def test_lasting_errors_are_not_followed(seeds):
     """On data with such errors, the choice is about as good as the best fixed factor, and far smoother than most."""
     ratios = []
@@ -217,7 +220,7 @@ def test_lasting_errors_are_not_followed(seeds):
 def test_a_table_that_matters_only_after_others_is_smoothed():
     """Behind a map of zeros a time constant has no effect, so it has no derivative at the start."""
     rng = np.random.default_rng(2)
-    time = np.arange(4000) * 0.1
+    time = np.arange(2000) * 0.1
     load = 3 + 2.9 * np.sin(np.cumsum(rng.normal(0, 0.3, time.size)))
     points = np.linspace(0, 6, 9)
     truth = kf.ParameterSet([kf.Curve("C", points, np.cos(points)), kf.Curve("T", points, 1 + points / 6)])
@@ -277,6 +280,11 @@ def test_a_factor_chosen_on_a_coarse_grid_is_told_for_the_full_one():
     fine = stepwise(kf.Step(smoothness="auto"))
     ratio = coarse.smoothness["C"]["x"] / fine.smoothness["C"]["x"]
     assert 1 / 3 < ratio < 3  # on the coarse grid itself it would be 1/15
+
+
+@pytest.mark.slow
+def test_a_step_on_the_full_grid_chooses_like_the_first_one():
+    fine = stepwise(kf.Step(smoothness="auto"))
     again = stepwise(kf.Step(grid_reduction=2, smoothness="auto"), kf.Step(smoothness={"C": "auto"}))
     assert again.smoothness["C"]["x"] == pytest.approx(fine.smoothness["C"]["x"], rel=0.2)
     assert again.quality[1].rmse_after < 1.1 * fine.quality[1].rmse_after
@@ -295,9 +303,11 @@ def test_a_step_that_says_a_number_needs_no_choice():
     assert result.parameters["C"].values == pytest.approx(five.parameters["C"].values, abs=1e-4)
 
 
-def test_every_start_chooses_for_itself_and_the_same_again():
-    starts = {"starts": 2, "spread": 2.0}
-    here, there = (stepwise(kf.Step(smoothness="auto"), workers=workers, **starts) for workers in (1, 2))
+@pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
+def test_every_start_chooses_for_itself_and_the_same_again(workers):
+    here, there = (
+        stepwise(kf.Step(smoothness="auto"), workers=number, starts=2, spread=2.0) for number in (1, workers)
+    )
     assert here.smoothness == there.smoothness != {}
     assert np.array_equal(here.parameters["C"].values, there.parameters["C"].values)
 
@@ -326,6 +336,7 @@ def test_limits_of_outputs_and_of_slopes_hold_with_it():
     assert rising.smoothness["C"]["x"] > 0
 
 
+@pytest.mark.slow
 def test_the_same_choice_comes_from_the_same_data():
     data = noisy(100, 0.1)
     assert fitted(data).smoothness == fitted(data).smoothness

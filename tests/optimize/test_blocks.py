@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -12,6 +11,7 @@ from kennfeld.models.formula import formula
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.tuning.holdout_blocks import BLOCKS, FEWEST, NEVER, HoldoutBlocks
+from tests.draws import few_or_many
 
 TEXTS = {"memory": "y = PT1(C(x), T)", "none": "y = C(x) * T", "before": "y = C(PT1(x, 0.3)) * T"}
 
@@ -58,8 +58,7 @@ def test_a_block_adds_what_its_samples_alone_would(text):
         np.testing.assert_allclose(block.matrix, expected.matrix, rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=30)
-@given(st.lists(st.integers(1, 400), min_size=1, max_size=60), st.integers(0, 2**31))
+@few_or_many(st.lists(st.integers(1, 400), min_size=1, max_size=60), st.integers(0, 2**31), few=10, many=60)
 def test_every_scored_sample_is_held_back_once_in_blocks_that_do_not_cross_recordings(lengths, seed):
     total = sum(lengths)
     rng = np.random.default_rng(seed)

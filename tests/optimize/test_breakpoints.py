@@ -10,6 +10,7 @@ from kennfeld.optimize import run
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import breakpoint_bounds, linear_limits
 from kennfeld.optimize.problem import Problem
+from tests.draws import mostly_slow
 
 KINKS, HEIGHTS = [0, 1.2, 2.1, 6.5, 10.0], [0, 4.0, 1.0, 2.0, 8.0]
 
@@ -47,7 +48,7 @@ def test_exact_kinks_are_recovered_exactly():
     assert result.cost_after < 1e-10
 
 
-@pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))])
+@pytest.mark.parametrize("seed", mostly_slow(range(6), [1]))
 def test_the_end_is_that_of_a_start_at_the_truth(seed):
     random = np.random.default_rng(seed)
     while True:
@@ -109,7 +110,7 @@ def test_breakpoints_keep_their_distance_and_the_result_says_so():
 
 
 def test_more_breakpoints_than_kinks_do_no_harm():
-    result = fitted(even(9))
+    result = fitted(even(9), bent(samples=300))
     assert result.status == "converged"
     assert result.quality[0].rmse_after < 0.051
 
@@ -172,12 +173,12 @@ def test_the_cost_after_is_that_of_the_breakpoints_after():
 
 def test_a_map_finds_the_breakpoints_of_both_axes():
     random = np.random.default_rng(1)
-    x, y = random.uniform(0, 10, (2, 3000))
+    x, y = random.uniform(0, 10, (2, 1000))
     target = np.interp(x, [0, 2, 3, 10], [0, 3, 0, 1]) * np.interp(y, [0, 6, 7.5, 10], [1, 1, 2, 0])
     axes = [kf.Axis(np.linspace(0, 10, 4), free=True) for _ in range(2)]
     result = fitted(
         kf.Map("M", *axes, np.zeros((4, 4))),
-        {"x": x, "z": y, "y": target + 0.02 * random.standard_normal(3000)},
+        {"x": x, "z": y, "y": target + 0.02 * random.standard_normal(1000)},
         "m = M(x, z)",
     )
     np.testing.assert_allclose(points(result, "M", 0), [0, 2, 3, 10], atol=0.05)
@@ -283,6 +284,7 @@ def test_limits_of_outputs_hold_where_breakpoints_move():
     assert "C.x" in result.moved
 
 
+@pytest.mark.slow
 def test_creases_of_a_chain_are_smoothed_while_its_free_axis_is_dense():
     random = np.random.default_rng(4)
     u, v = random.uniform(0, 10, (2, 1500))
@@ -306,9 +308,10 @@ def cost_of(result):
     return float(np.sum((reached - data["y"]) ** 2))
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
 def test_several_starts_keep_the_breakpoints_of_the_best(workers):
-    result = fitted(even(), options=kf.Options(starts=3, workers=workers))
+    result = fitted(even(), options=kf.Options(starts=2, workers=workers))
     np.testing.assert_allclose(points(result), KINKS, atol=0.02)
     assert cost_of(result) == pytest.approx(result.cost_after, rel=1e-9)
     best = min(result.starts, key=lambda row: row.cost_after)

@@ -13,6 +13,7 @@ from kennfeld.optimize.options import Options
 from kennfeld.optimize.sample_slopes import SampleSlopes
 from kennfeld.optimize.search.multistart import run
 from kennfeld.optimize.validation import check_problem, trajectory_findings
+from tests.draws import mostly_slow
 from tests.optimize.trajectory_functions import TEXT, lag_function
 
 RNG = np.random.default_rng(5)
@@ -91,7 +92,7 @@ def test_slopes_at_a_sample_are_those_of_the_formula(calls, text):
         assert slopes[0][name] == pytest.approx(slope, rel=1e-7, abs=1e-9)
 
 
-@pytest.mark.parametrize("calls", ["algebra", "lagged", "kinked"])
+@pytest.mark.parametrize("calls", mostly_slow(["algebra", "lagged", "kinked"], 2))
 def test_a_calibration_ends_where_that_of_the_formula_does(calls):
     measured = kf.simulate(kf.formula(PAIRS[calls][1], parameters=list(values())), DATA, values())["y"].values
     data = kf.Dataset.of("drive", {"u": U, "z": measured}, time=DATA.time)
@@ -137,8 +138,9 @@ def test_slopes_of_trajectories_at_a_sample_are_those_of_the_formula(calls, text
         assert slopes[0][name] == pytest.approx(slope, rel=1e-6, abs=1e-7)
 
 
-@pytest.mark.parametrize(("calls", "text"), TRAJECTORIES.values(), ids=TRAJECTORIES)
-def test_parameters_of_a_trajectory_are_calibrated(calls, text):
+@pytest.mark.parametrize("name", mostly_slow(TRAJECTORIES, ["loop", "between"]))
+def test_parameters_of_a_trajectory_are_calibrated(name):
+    calls, text = TRAJECTORIES[name]
     true = trajectory_problem(text)
     measured = kf.simulate(true.model, DATA, true.parameters)["y"].values
     data = kf.Dataset.of("drive", {"u": U, "z": measured}, time=DATA.time)

@@ -10,6 +10,7 @@ from kennfeld.optimize import Problem, run
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
+from tests.draws import mostly_slow
 
 GRID = np.linspace(0, 10, 6)
 START = kf.ParameterSet([kf.Curve("C", GRID, 2 * GRID)])
@@ -52,7 +53,7 @@ def test_targets_that_are_changed_in_place_are_read_anew(text, missing):
     assert LeastSquaresObjective(doubled).cost(compiled.start) == pytest.approx(2 * expected, rel=1e-14)
 
 
-@pytest.mark.parametrize("missing", [0, 50])
+@pytest.mark.parametrize("missing", mostly_slow([0, 50], [50]))
 def test_a_limit_holds_over_several_datasets_some_points_of_which_are_dropped(missing):
     problem = Problem(
         kf.formula("m = C(u)", parameters=["C"]),

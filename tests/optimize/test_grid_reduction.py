@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -18,6 +18,7 @@ from kennfeld.optimize.search.step_problem import (
 from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Map
+from tests.draws import few_or_many
 
 
 class Packed:
@@ -51,8 +52,7 @@ def test_the_ends_are_kept_and_the_others_lie_evenly(count, factor):
     assert left.size < 3 or np.ptp(np.diff(left)) <= 1
 
 
-@settings(deadline=None)
-@given(gaps, gaps, coefficients, factors, factors)
+@few_or_many(gaps, gaps, coefficients, factors, factors, few=25, many=200)
 def test_a_surface_of_even_curvature_keeps_its_penalty(x, y, c, along_x, along_y):
     def surface(x, y):
         u, v = x[:, None], y[None, :]
@@ -75,8 +75,7 @@ def test_half_the_points_of_a_long_curve_make_the_roughness_about_sixteen_times_
     assert penalty_ratio(full, reduce_table(full, (2,)), 0) == pytest.approx(15.6, abs=0.1)
 
 
-@settings(deadline=None, max_examples=20)
-@given(gaps, gaps, factors, factors, st.integers(0, 99))
+@few_or_many(gaps, gaps, factors, factors, st.integers(0, 99), few=8, many=40)
 def test_a_refined_surface_is_the_coarse_one_everywhere(x, y, along_x, along_y, seed):
     random = np.random.default_rng(seed)
     full = Map("M", x, y, random.standard_normal((x.size, y.size)))

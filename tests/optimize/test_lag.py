@@ -9,6 +9,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.project.demo import torque
+from tests.draws import mostly_slow
 
 TRANSIENT = Path(__file__).resolve().parents[3] / "shared" / "data" / "engine_transient" / "gengine1_m10.csv.gz"
 
@@ -49,17 +50,17 @@ def calibrated(data, shift, **arguments):
 @pytest.mark.slow
 def test_a_torque_recorded_one_sample_late_is_moved_back():
     data = bench(1)
-    blurred, found = calibrated(data, None), calibrated(data, {"Torque": "auto"})
-    assert found.shifts == {"training 0": {"Torque": -1.0}}
-    assert found.quality[0].rmse_after < 1.1 * torque.NOISE < 0.4 * blurred.quality[0].rmse_after
-    assert found.parameters["MapDragTorque"] == calibrated(data, {"Torque": -1.0}).parameters["MapDragTorque"]
-    assert found.as_json()["shifts"] == {"training 0": {"Torque": -1.0}}
+    blurred, result = calibrated(data, None), calibrated(data, {"Torque": "auto"})
+    assert result.shifts == {"training 0": {"Torque": -1.0}}
+    assert result.quality[0].rmse_after < 1.1 * torque.NOISE < 0.4 * blurred.quality[0].rmse_after
+    assert result.parameters["MapDragTorque"] == calibrated(data, {"Torque": -1.0}).parameters["MapDragTorque"]
+    assert result.as_json()["shifts"] == {"training 0": {"Torque": -1.0}}
 
 
 @pytest.mark.slow
 def test_channels_of_a_torque_bench_in_step_are_left_alone():
-    found = calibrated(bench(0), {"Torque": "auto", "Speed": "auto"})
-    assert found.shifts == {"training 0": {"Torque": 0, "Speed": 0}}
+    result = calibrated(bench(0), {"Torque": "auto", "Speed": "auto"})
+    assert result.shifts == {"training 0": {"Torque": 0, "Speed": 0}}
 
 
 @pytest.mark.slow
@@ -67,6 +68,11 @@ def test_an_input_of_a_torque_bench_may_be_late_too():
     data = bench(0)
     late = shift_channels(data, {"Ignition": 2.0})
     assert calibrated(late, {"Ignition": "auto"}).shifts == {"training 0": {"Ignition": -2.0}}
+
+
+@pytest.fixture
+def narrow_window(monkeypatch):
+    monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.WINDOW", 6)
 
 
 def moving(noise=0.02, samples=3000):
@@ -83,7 +89,7 @@ def moving(noise=0.02, samples=3000):
     return text, data.with_channels(kf.Channel("wanted", clean + noise * rng.normal(size=samples))), start
 
 
-@pytest.mark.parametrize("late", [0.0, 3.4, *(pytest.param(late, marks=pytest.mark.slow) for late in (0.5, -2.7, 7.0))])
+@pytest.mark.parametrize("late", mostly_slow([0.0, 3.4, 0.5, -2.7, 7.0], [3.4]))
 def test_fractions_of_a_sample_are_found_in_time_data(late):
     text, data, start = moving()
     delayed = shift_channels(data, {"wanted": late * 0.1})
@@ -93,7 +99,7 @@ def test_fractions_of_a_sample_are_found_in_time_data(late):
 
 
 def test_a_shift_at_the_end_of_the_window_is_said_to_be_there():
-    text, data, start = moving()
+    text, data, start = moving(samples=1000)
     result = kf.calibrate(text, shift_channels(data, {"wanted": 3.0}), start, target="wanted", shift={"wanted": "auto"})
     assert "The estimated shift of wanted in drive is at the edge of the search window (20 samples)" in result.message
 
@@ -106,13 +112,13 @@ def test_a_shift_put_on_a_real_engine_is_found_beside_its_own():
     axes = [np.linspace(-1.5, 1.9, 7), np.linspace(-1.16, 2.3, 7)]
     start = kf.ParameterSet([kf.Map("M", *axes, np.zeros((7, 7))), kf.Scalar("T", 2.0, lower=0.01)])
 
-    def found(late):
+    def estimated(late):
         model = "y = PT1(M(speed, load), T)"
         delayed = shift_channels(data, {"NOx": late * 0.1})
         result = kf.calibrate(model, delayed, start, target="NOx", smoothness={"M": 10.0}, shift={"NOx": "auto"})
         return result.shifts[data.name]["NOx"], result.quality[0].rmse_after
 
-    (own, error), (more, _) = found(0.0), found(3.4)
+    (own, error), (more, _) = estimated(0.0), estimated(3.4)
     assert own - more == pytest.approx(0.34, abs=0.015)
     without = kf.calibrate("y = PT1(M(speed, load), T)", data, start, target="NOx", smoothness={"M": 10.0})
     assert error < 0.9 * without.quality[0].rmse_after
@@ -151,13 +157,18 @@ def search(text, data, start, **arguments):
     ("shape", "late", "noise"),
     [
         ("line", 3.0, 0.02),
-        ("curve", -7.0, 0.3),
-        ("bump", 15.0, 0.3),
-        ("sum", 3.0, 0.3),
-        ("product", -7.0, 0.02),
-        ("zeros", 11.0, 0.1),
         ("map", 15.0, 0.02),
-        ("map", 0.0, 0.3),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                ("curve", -7.0, 0.3),
+                ("bump", 15.0, 0.3),
+                ("sum", 3.0, 0.3),
+                ("product", -7.0, 0.02),
+                ("zeros", 11.0, 0.1),
+                ("map", 0.0, 0.3),
+            )
+        ),
     ],
 )
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
@@ -167,7 +178,7 @@ def test_the_shift_of_steady_points_in_any_order_is_found(shape, late, noise, se
     assert f"The estimated shift of t in d is {0 - late:g} samples: the error is" in result.message
 
 
-@pytest.mark.parametrize("late", [0.0, 4.0, -9.0])
+@pytest.mark.parametrize("late", mostly_slow([0.0, 4.0, -9.0], [4.0]))
 def test_the_shift_of_signals_that_change_with_every_sample_is_found(late):
     result = search(*recorded("sum", late, noise=0.02, samples=1200, time=0.1 * np.arange(1200)))
     assert result.shifts["d"]["t"] == pytest.approx(-0.1 * late, abs=0.006)
@@ -190,10 +201,12 @@ def walked(late):
     return text, shift_channels(data, {"t": late}), start
 
 
+@pytest.mark.usefixtures("narrow_window")
 def test_channels_in_step_are_left_alone():
     assert kf.calibrate(*walked(0.0), "t", shift={"t": "auto", "u": "auto"}).shifts == {"d": {"t": 0.0, "u": 0.0}}
 
 
+@pytest.mark.usefixtures("narrow_window")
 def test_a_channel_recorded_one_sample_late_is_moved_back():
     late, told = kf.calibrate(*walked(1.0), "t"), kf.calibrate(*walked(1.0), "t", shift={"t": -1.0})
     result = search(*walked(1.0))
@@ -202,9 +215,10 @@ def test_a_channel_recorded_one_sample_late_is_moved_back():
     assert result.parameters["A"].values == pytest.approx(told.parameters["A"].values, abs=1e-6)
 
 
+@pytest.mark.usefixtures("narrow_window")
 def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
     def dataset(seed, late, use="training"):
-        text, data, start = recorded("line", late, seed, samples=150)
+        text, data, start = recorded("line", late, seed, samples=100)
         return text, replace(data, name=f"{use} {seed}", use=use), start
 
     (text, first, start), *others, (_, test, _) = (dataset(0, 1), dataset(1, 3), dataset(2, 3), dataset(9, 5, "test"))
@@ -212,8 +226,9 @@ def test_each_dataset_has_its_own_shift_and_test_data_take_their_median():
     assert [shift["t"] for shift in result.shifts.values()] == [-1.0, -3.0, -3.0, -3.0]
 
 
+@pytest.mark.usefixtures("narrow_window")
 def test_two_late_channels_are_both_found():
-    text, data, start = recorded("sum", 0.0, samples=400)
+    text, data, start = recorded("sum", 0.0, samples=200)
     late = shift_channels(data, {"u": 4.0, "v": -3.0})
     result = kf.calibrate(text, late, start, "t", shift={"u": "auto", "v": "auto"})
     assert result.shifts == {"d": {"u": -4.0, "v": 3.0}}

@@ -6,6 +6,7 @@ import pytest
 from kennfeld.native import Cholesky
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, Stop, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
+from tests.draws import mostly_slow
 
 
 class Residuals:
@@ -70,7 +71,7 @@ def test_the_valley_of_rosenbrock_is_followed_to_its_end(small):
 
 
 @both_paths
-@pytest.mark.parametrize("scale", [(1e-6, 1e6), (1e8, 1e-3), (1e-10, 1e-10)])
+@pytest.mark.parametrize("scale", mostly_slow([(1e-6, 1e6), (1e8, 1e-3), (1e-10, 1e-10)], 1))
 def test_units_of_the_values_do_not_matter(small, scale):
     end = descend(rosenbrock(small, scale), np.array([-1.2, 1.0]) * scale)
     assert end.status == "converged"
@@ -78,7 +79,7 @@ def test_units_of_the_values_do_not_matter(small, scale):
 
 
 @both_paths
-@pytest.mark.parametrize("unit", [1e-12, 1e12])
+@pytest.mark.parametrize("unit", mostly_slow([1e-12, 1e12], 1))
 def test_the_unit_of_the_residuals_does_not_matter(small, unit):
     plain = rosenbrock(small)
     other = Residuals(lambda p: unit * plain.residuals(p), lambda p: unit * plain.jacobian(p), small)
@@ -230,7 +231,7 @@ def test_the_cost_falls_with_every_accepted_step(small):
 
 
 @both_paths
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", mostly_slow(range(8), 3))
 def test_within_bounds_the_answer_is_that_of_scipy(small, seed):
     from scipy.optimize import lsq_linear
 
@@ -244,7 +245,7 @@ def test_within_bounds_the_answer_is_that_of_scipy(small, seed):
 
 
 @both_paths
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", mostly_slow(range(12), 4))
 def test_equalities_and_bounds_hold_at_every_iterate(small, seed):
     random = np.random.default_rng([seed, 4])
     matrix, right = random.standard_normal((40, 12)), 5 * random.standard_normal(40)
@@ -317,6 +318,7 @@ def test_residuals_that_stay_large_are_no_obstacle(small, factor):
     assert end.cost == pytest.approx(85822.20162635, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_growth_beyond_every_number_is_no_warning():
     x = np.linspace(0, 3, 10)
     model = Residuals(lambda p: np.exp(p[0] * x) - 5.0, lambda p: (x * np.exp(p[0] * x))[:, None])

@@ -2,10 +2,8 @@
 
 from types import SimpleNamespace
 
-import cvxpy
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -17,6 +15,7 @@ from kennfeld.optimize import Options, Problem, Seconds, run
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.table_penalties import Roughness
+from tests.draws import few_or_many, mostly_slow
 
 FREE = (-np.inf, np.inf)
 
@@ -49,6 +48,8 @@ class Fit:
 
     def judged(self, conditions):
         """The values of the convex program; `conditions` makes the constraints of its variable, shaped as the table."""
+        import cvxpy
+
         shape = self.table.values.shape
         sides = [
             cell_weights(position(x, a, "clip"), a.size)[0] for x, a in zip((self.u, self.v), self.axes, strict=True)
@@ -67,11 +68,13 @@ class Fit:
 
     def slopes(self, z, axis):
         """dz/dx along an axis, of a table or of a variable."""
+        import cvxpy
+
         gaps = np.diff(self.axes[axis])
         return cvxpy.diag(1 / gaps) @ (z[1:] - z[:-1]) if axis == 0 else (z[:, 1:] - z[:, :-1]) @ cvxpy.diag(1 / gaps)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", mostly_slow(range(4), 2))
 def test_a_monotonic_map_is_that_of_a_convex_solver(seed):
     fit = Fit(seed)
     found = fit.fitted([Shape("M", 0, "slope", 0.0), Shape("M", 1, "slope", 0.0, 1.5)])
@@ -103,6 +106,8 @@ def test_a_convex_map_is_that_of_a_convex_solver():
     found = fit.fitted([Shape("M", 1, "curvature", 0.0), Shape("M", 0, "curvature", -5.0, 5.0)])
 
     def curvature(z, axis):
+        import cvxpy
+
         x = fit.axes[axis]
         slopes = fit.slopes(z, axis)
         between = cvxpy.diag(2 / (x[2:] - x[:-2]))
@@ -113,6 +118,8 @@ def test_a_convex_map_is_that_of_a_convex_solver():
 
 
 def test_values_can_be_made_equal_and_summed():
+    import cvxpy
+
     fit = Fit(5)
     x, y = fit.axes
     equal = Equality([Term("M", (x[1], y[2])), Term("M", (x[6], y[2]), -1.0)])
@@ -155,8 +162,7 @@ def test_limits_hold_at_every_iterate():
     assert max(seen) <= 1e-9
 
 
-@settings(max_examples=10, deadline=None)
-@given(st.integers(0, 10_000), st.floats(-3, 0), st.floats(0, 3))
+@few_or_many(st.integers(0, 10_000), st.floats(-3, 0), st.floats(0, 3), few=5, many=20)
 def test_any_range_of_slopes_is_kept(seed, lower, upper):
     fit = Fit(seed, (5, 4), 60)
     found = fit.fitted([Shape("M", 0, "slope", lower, upper), Shape("M", 1, "slope", lower, upper)])

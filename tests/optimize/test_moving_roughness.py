@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.free_axes import AxisKey, with_breakpoints
@@ -8,6 +7,7 @@ from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.optimize.table_penalties import MovingRoughness, Roughness, roughness_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map
+from tests.draws import few_or_many
 
 FACTORS = {"M": (0.7, 0.0), "C": (3.0,)}
 X, Y = AxisKey("A"), AxisKey("M", "y")
@@ -40,8 +40,7 @@ def test_the_cost_is_that_of_the_breakpoints_as_they_are(factors):
         assert moving.cost(values.pack(held)) == pytest.approx(still(held, values, factors), rel=1e-12)
 
 
-@settings(deadline=None, max_examples=40)
-@given(st.integers(0, 10**6), st.integers(2, 6), st.integers(2, 5))
+@few_or_many(st.integers(0, 10**6), st.integers(2, 6), st.integers(2, 5), few=10, many=100)
 def test_slopes_are_those_of_finite_differences(seed, nx, ny):
     held, values = tables(seed, nx, ny), order(nx, ny)
     made = roughness_of(held, values, {"M": (0.7, 0.4), "C": (3.0,)})

@@ -12,6 +12,7 @@ import kennfeld as kf
 from kennfeld.errors import ArgumentError
 from kennfeld.optimize.options import MAX_STARTS
 from kennfeld.optimize.search import multistart, worker_pool
+from tests.draws import mostly_slow
 
 X = np.linspace(0, 10, 120)
 
@@ -52,8 +53,13 @@ def comparable(result):
     return values, trace, told, [row.as_json() for row in result.starts]
 
 
-def test_the_global_minimum_of_a_sine_is_found_where_the_given_start_fails():
-    result = sine()
+@pytest.fixture(scope="module")
+def twelve():
+    return sine()
+
+
+def test_the_global_minimum_of_a_sine_is_found_where_the_given_start_fails(twelve):
+    result = twelve
     assert result.starts[0].cost_after > 100
     assert result.parameters["w"].value == pytest.approx(3.7, rel=1e-9)
     assert result.cost_after < 1e-12
@@ -61,7 +67,8 @@ def test_the_global_minimum_of_a_sine_is_found_where_the_given_start_fails():
     assert result.cost_before == sine(starts=1).cost_before
 
 
-@pytest.mark.parametrize("continuation", [pytest.param("off", marks=pytest.mark.slow), "auto"])
+@pytest.mark.slow
+@pytest.mark.parametrize("continuation", ["off", "auto"])
 def test_the_global_minimum_of_a_chain_of_tables_is_found(continuation):
     alone = chain(continuation=continuation)
     result = chain(continuation=continuation, starts=3, seed=2, workers=1)
@@ -70,8 +77,8 @@ def test_the_global_minimum_of_a_chain_of_tables_is_found(continuation):
     assert result.cost_after < 1e-6
 
 
-def test_every_start_has_a_row():
-    result = sine()
+def test_every_start_has_a_row(twelve):
+    result = twelve
     assert [row.start for row in result.starts] == list(range(1, 13))
     costs = [row.cost_after for row in result.starts]
     best = result.starts[int(np.argmin(costs))]
@@ -109,7 +116,7 @@ def failing(**options):
     return kf.calibrate("m = log(k * x)", {"x": [1.0, 2.0], "y": [0.0, 1.0]}, start, "y", options=kf.Options(**options))
 
 
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("processes", mostly_slow([1, 2], 1))
 def test_a_start_that_fails_is_a_row(processes):
     result = failing(starts=8, workers=processes)
     states = [row.status for row in result.starts]
@@ -188,8 +195,9 @@ def interruptible():
 
 
 @pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize("processes", [1, 2])
-@pytest.mark.parametrize("how", ["stop", "ctrl-c"])
+@pytest.mark.parametrize(
+    ("how", "processes"), [("stop", 1), ("ctrl-c", 1), pytest.param("stop", 2, marks=pytest.mark.slow), ("ctrl-c", 2)]
+)
 def test_a_request_to_stop_ends_all_starts_and_keeps_the_best(processes, how):
     seen = []
 
@@ -216,7 +224,7 @@ def test_a_script_without_a_guard_can_use_several_processes(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import kennfeld as kf\nprint('once')\n"
-        "options = kf.Options(starts=3, workers=2)\n"
+        "options = kf.Options(starts=2, workers=2)\n"
         "r = kf.calibrate('m = k * x', {'x': [1, 2], 'y': [2, 4]}, {'k': 1}, 'y', options=options)\n"
         "print(r.message)\n",
         encoding="utf-8",
@@ -230,7 +238,7 @@ def test_a_script_without_a_guard_can_use_several_processes(tmp_path):
         check=True,
     )
     assert done.stdout.count("once") == 1
-    assert "Best of 3 starts" in done.stdout
+    assert "Best of 2 starts" in done.stdout
     assert "ran sequentially" not in done.stdout
 
 
@@ -251,7 +259,8 @@ def test_options_that_make_no_sense_are_refused(name, value):
         kf.Options(**{name: value})
 
 
-def test_a_model_with_memory_can_be_started_several_times():
+@pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
+def test_a_model_with_memory_can_be_started_several_times(workers):
     t = 0.1 * np.arange(200)
     u = (np.sin(t) > 0).astype(float)
     data = kf.Dataset.of("d", {"u": u}, time=t)
@@ -259,7 +268,7 @@ def test_a_model_with_memory_can_be_started_several_times():
     y = kf.simulate(text, data, {"g": 3.0, "T": 0.7})["m"].values
     start = kf.ParameterSet([kf.Scalar("g", 1.0), kf.Scalar("T", 5.0, lower=0.0, upper=10.0)])
     result = kf.calibrate(
-        text, data.with_channels(kf.Channel("y", y)), start, target="y", options=kf.Options(starts=4, workers=2)
+        text, data.with_channels(kf.Channel("y", y)), start, target="y", options=kf.Options(starts=4, workers=workers)
     )
     assert result.parameters["T"].value == pytest.approx(0.7, rel=1e-6)
 

@@ -7,6 +7,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.constraints import Equality, Shape, Term
+from tests.draws import mostly_slow
 
 NUMBERS = [int, np.int8, np.int64, np.float32, np.float64, np.array]
 X = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
@@ -77,7 +78,7 @@ def result_of_floats():
     return fitted()
 
 
-@pytest.mark.parametrize("of", NUMBERS)
+@pytest.mark.parametrize("of", mostly_slow(NUMBERS, [np.int8, np.array]))
 def test_settings_of_any_type_give_the_result_of_floats(of):
     expected, found = result_of_floats(), fitted(of)
     assert found.status == expected.status == "converged"
@@ -85,7 +86,7 @@ def test_settings_of_any_type_give_the_result_of_floats(of):
         np.testing.assert_allclose(found.parameters[name].values, parameter.values, rtol=1e-12)
 
 
-@pytest.mark.parametrize("kind", COLUMNS)
+@pytest.mark.parametrize("kind", mostly_slow(COLUMNS, ["list of int", "big-endian", "backwards", "Int64"]))
 def test_columns_of_any_type_and_layout_give_the_result_of_doubles(kind):
     make = COLUMNS[kind]
     columns = {"x": X, "z": 3 * X, "w": X}

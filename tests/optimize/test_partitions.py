@@ -1,7 +1,7 @@
 """Partitions are fixed by files and lengths."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.optimize.partitioned_sums import NormalSum, add_packed, pack
@@ -11,6 +11,7 @@ from kennfeld.preprocessing.recording_sources import RecordingSource
 lengths = st.lists(st.integers(0, 50), min_size=1, max_size=8)
 
 
+@settings(max_examples=40)
 @given(lengths, st.integers(1, 40))
 def test_every_sample_is_in_one_partition_in_order(lengths, size):
     sources = [RecordingSource(f"{i}.csv", "") for i in range(len(lengths))]
@@ -20,6 +21,7 @@ def test_every_sample_is_in_one_partition_in_order(lengths, size):
     assert all(0 < partition.samples <= size for partition in partitions)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.integers(1, 20), min_size=1, max_size=8), st.integers(1, 40))
 def test_pieces_stay_whole(pieces, size):
     starts = tuple(np.cumsum([0, *pieces[:-1]]).tolist())
@@ -38,6 +40,7 @@ def test_normal_equations_are_added_in_order_and_unpacked():
     assert np.array_equal(total.matrix, sums[0].matrix + sums[1].matrix + sums[2].matrix)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.lists(st.integers(1, 90_000), min_size=1, max_size=30), min_size=1, max_size=3))
 def test_stretches_are_long_parts_of_all_datasets(datasets):
     parts = [

@@ -12,6 +12,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 from kennfeld.optimize.tuning.prediction_error import GAMMA, HOLDOUT_SHARE, Linearised, Prediction, minimise_prediction
+from tests.draws import mostly_slow
 
 AXES = {"M": 2, "C": 1}
 
@@ -57,7 +58,9 @@ def linearised(compiled, held=(), rows=(), blocks=()):
     )
 
 
-@pytest.fixture(scope="module", params=["free", "held", "pulled", "free with blocks", "held with blocks"])
+@pytest.fixture(
+    scope="module", params=mostly_slow(["free", "held", "pulled", "held with blocks", "free with blocks"], 4)
+)
 def prediction(compiled, request):
     limits = {"free": ((), ()), "pulled": ((), ()), "held": ((3, 4, 11), ((7, 8), (32, 33)))}[request.param.split()[0]]
     limits = (*limits, parts(compiled) if "blocks" in request.param else ())
@@ -133,7 +136,7 @@ def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
     assert (both - (1 - HOLDOUT_SHARE) * alone) / HOLDOUT_SHARE == pytest.approx(200 * np.mean(logarithms), rel=1e-6)
 
 
-@pytest.mark.parametrize("count", [9, pytest.param(25, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [7, pytest.param(25, marks=pytest.mark.slow)])
 def test_the_minimum_is_that_of_a_grid(prediction, count):
     bounds = np.full(2, -12.0), np.full(2, 12.0)
     found = minimise_prediction(prediction, np.zeros(2), *bounds)

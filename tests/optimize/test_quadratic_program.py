@@ -2,14 +2,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+import scipy
 from hypothesis import strategies as st
-from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import LinearConstraint, lsq_linear, minimize, nnls
 
 from kennfeld.native import Factor
 from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
 from kennfeld.optimize.solver.quadratic_program import QuadraticProgram, nonnegative_dual
+from tests.draws import few_or_many, mostly_slow
 
 
 def limited(lower, upper, matrix=None, target=None):
@@ -31,7 +30,7 @@ def convex(size, random, condition=1e2):
 
 
 def solved(matrix, gradient, at, limits, guess=None):
-    factor = Factor.of(np.asarray(cholesky(matrix, lower=True)))
+    factor = Factor.of(np.asarray(scipy.linalg.cholesky(matrix, lower=True)))
     return QuadraticProgram(limits).solve(factor, -np.linalg.solve(matrix, gradient), at, guess)
 
 
@@ -68,7 +67,7 @@ def some_limits(size, random, equalities):
     return at, limited(at - room[0], at + room[1], matrix, matrix @ at)
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))])
+@pytest.mark.parametrize("seed", mostly_slow(range(12), 2))
 @pytest.mark.parametrize("equalities", [0, 1, 2])
 def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
     random = np.random.default_rng([seed, equalities])
@@ -79,7 +78,7 @@ def test_small_programs_end_where_the_best_active_set_does(seed, equalities):
     np.testing.assert_allclose(step, best_of_all_active_sets(matrix, gradient, at, limits), atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 15))])
+@pytest.mark.parametrize("seed", mostly_slow(range(15), 2))
 @pytest.mark.parametrize("equalities", [0, 1])
 def test_a_wrong_guess_of_active_bounds_changes_nothing(seed, equalities):
     random = np.random.default_rng([seed, equalities, 7])
@@ -98,7 +97,7 @@ def test_programs_with_bounds_agree_with_scipy(seed):
     at, limits = some_limits(60, random, 0)
     limits = LinearLimits(limits.lower - 1e-3, limits.upper + 1e-3)
     step = solved(rows.T @ rows, rows.T @ (rows @ at - right), at, limits).step
-    judge = lsq_linear(rows, right, (limits.lower, limits.upper), method="bvls", tol=1e-14)
+    judge = scipy.optimize.lsq_linear(rows, right, (limits.lower, limits.upper), method="bvls", tol=1e-14)
     np.testing.assert_allclose(at + step, judge.x, atol=1e-7)
 
 
@@ -109,12 +108,12 @@ def test_programs_with_bounds_and_equalities_agree_with_scipy(seed):
     matrix, gradient = convex(25, random)
     at, limits = some_limits(25, random, 3)
     step = solved(matrix, gradient, at, limits).step
-    judge = minimize(
+    judge = scipy.optimize.minimize(
         lambda d: worth(matrix, gradient, d),
         np.zeros(25),
         jac=lambda d: matrix @ d + gradient,
         bounds=list(zip(limits.lower - at, limits.upper - at, strict=True)),
-        constraints=LinearConstraint(equalities(limits, 25)[0], 0.0, 0.0),
+        constraints=scipy.optimize.LinearConstraint(equalities(limits, 25)[0], 0.0, 0.0),
         method="SLSQP",
         options={"ftol": 1e-15, "maxiter": 500},
     )
@@ -160,7 +159,7 @@ def test_an_equality_that_a_bound_decides_is_met():
     np.testing.assert_allclose(step, [0.0, 1.0], atol=1e-9)
 
 
-@given(st.integers(1, 20), st.integers(0, 2**32 - 1))
+@few_or_many(st.integers(1, 20), st.integers(0, 2**32 - 1), few=40, many=200)
 def test_bounds_that_hold_the_step_are_reached_bit_for_bit(size, seed):
     random = np.random.default_rng(seed)
     matrix, gradient = convex(size, random)
@@ -235,7 +234,7 @@ def neighbours(grid):
     return (grid[:-1], grid[1:]), (grid[:, :-1], grid[:, 1:])
 
 
-@given(st.integers(2, 7), st.integers(0, 2**32 - 1), st.booleans())
+@few_or_many(st.integers(2, 7), st.integers(0, 2**32 - 1), st.booleans(), few=30, many=200)
 def test_limits_that_depend_on_each_other_end_at_the_optimum(count, seed, guessed):
     random = np.random.default_rng(seed)
     limits = limited_map(count, random)
@@ -245,7 +244,7 @@ def test_limits_that_depend_on_each_other_end_at_the_optimum(count, seed, guesse
     assert_optimal(matrix, gradient, limits, solved(matrix, gradient, np.zeros(size), limits, guess))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", mostly_slow(range(20), 6))
 def test_a_guess_of_very_many_dependent_limits_ends_at_the_optimum(seed):
     random = np.random.default_rng([seed, 8])
     limits = limited_map(8, random)
@@ -261,7 +260,7 @@ def assert_optimal(matrix, gradient, limits, solution):
     assert np.all(np.abs(solution.step) <= 2 + 1e-9)
     rows = np.vstack([np.eye(size), limits.rows.matrix(np.arange(limits.rows.count), size)])
     slope = matrix @ solution.step + gradient
-    assert nnls((solution.active[:, None] * rows).T, -slope)[1] <= 1e-6 * np.linalg.norm(gradient)
+    assert scipy.optimize.nnls((solution.active[:, None] * rows).T, -slope)[1] <= 1e-6 * np.linalg.norm(gradient)
 
 
 def test_no_rows_have_no_multipliers():
@@ -293,22 +292,27 @@ def test_the_solution_is_where_no_feasible_direction_falls():
 
 def test_the_factor_is_used_as_it_is():
     matrix, gradient = convex(5, np.random.default_rng(2))
-    lower = np.asarray(cholesky(matrix, lower=True))
+    lower = np.asarray(scipy.linalg.cholesky(matrix, lower=True))
     factor = Factor.of(lower)
     kept = factor.panels.copy()
-    free = -solve_triangular(lower.T, solve_triangular(lower, gradient, lower=True), lower=False)
+    free = -scipy.linalg.solve_triangular(
+        lower.T, scipy.linalg.solve_triangular(lower, gradient, lower=True), lower=False
+    )
     QuadraticProgram(LinearLimits(np.full(5, -0.01), np.full(5, 0.01))).solve(factor, free, np.zeros(5))
     assert np.array_equal(factor.panels, kept)
 
 
-@given(st.integers(2, 5), st.lists(st.integers(0, 2**32 - 1), min_size=2, max_size=5))
+@few_or_many(st.integers(2, 5), st.lists(st.integers(0, 2**32 - 1), min_size=2, max_size=5), few=25, many=200)
 def test_programs_of_earlier_steps_leave_nothing_behind(count, seeds):
     limits = limited_map(count, np.random.default_rng(count))
     program, size = QuadraticProgram(limits), count * count
     for seed in seeds:
         random = np.random.default_rng(seed)
         matrix, gradient = convex(size, random)
-        factor, free = Factor.of(np.asarray(cholesky(matrix, lower=True))), -np.linalg.solve(matrix, gradient)
+        factor, free = (
+            Factor.of(np.asarray(scipy.linalg.cholesky(matrix, lower=True))),
+            -np.linalg.solve(matrix, gradient),
+        )
         guess = random.integers(-1, 2, size + limits.rows.count) if seed % 2 else None
         again, first = (
             program.solve(factor, free, np.zeros(size), guess),

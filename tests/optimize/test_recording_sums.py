@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -14,6 +13,7 @@ from kennfeld.graph import GraphBuilder
 from kennfeld.optimize.recording_sums import BINS, ENOUGH, RecordingSums, ScoredErrors
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.bound_parts import BoundPart
+from tests.draws import few_or_many
 
 
 def graph():
@@ -67,13 +67,14 @@ def reference_worst(errors, step):
     return first, last - 1, rms(errors[first:last])
 
 
-@settings(max_examples=40)
-@given(
+@few_or_many(
     st.lists(st.integers(1, 700), min_size=1, max_size=4),
     st.sampled_from([None, 0.1, 2.0]),
     st.sampled_from([0.0, 0.3]),
     st.integers(0, 1000),
     st.data(),
+    few=12,
+    many=80,
 )
 def test_rows_are_those_of_the_samples_of_each_file(lengths, step, missing, seed, data):
     random = np.random.default_rng(seed)

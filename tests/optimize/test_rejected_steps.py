@@ -5,6 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.rejected_steps import RejectionReasons
+from tests.draws import mostly_slow
 
 STEP = 0.1
 
@@ -64,7 +65,7 @@ def test_a_loop_that_explodes_at_the_start_is_named_with_its_first_sample():
     assert "y was not finite at sample 1024 of drive" in result.message  # 2^1024 is beyond all floats
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", mostly_slow(range(4), 2))
 def test_trial_values_that_explode_do_not_end_a_run(seed):
     u = levels(200, 40, seed)
     y, found = 0.0, []
@@ -139,7 +140,7 @@ def test_values_at_which_all_is_well_have_no_reason_of_their_own():
     assert RejectionReasons(problem).of(problem.parameters) == "the errors overflowed"
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_each_of_several_starts_tells_its_own(workers):
     u = levels()
     bounds = {"T": (-5.0, 5.0)}

@@ -8,6 +8,7 @@ from kennfeld.dataset import Settling
 from kennfeld.optimize import Problem
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.sample_slopes import SampleSlopes
+from tests.draws import mostly_slow
 
 RNG = np.random.default_rng(3)
 TIME = 0.1 * np.arange(60)
@@ -31,7 +32,7 @@ HELD = kf.Dataset.of("points", {"u": U, "v": V, "z": V}, settling=Settling(1.0, 
 
 @pytest.mark.parametrize("text", MODELS.values(), ids=MODELS)
 @pytest.mark.parametrize("data", [RECORDED, HELD], ids=["recorded", "held"])
-@pytest.mark.parametrize("sample", [0, 17, 29, 30, 41])
+@pytest.mark.parametrize("sample", mostly_slow([0, 17, 29, 30, 41], [30]))
 def test_slopes_are_those_of_the_simulation(text: str, data: kf.Dataset, sample: int) -> None:
     values = parameters()
     problem = Problem(kf.formula(text, parameters=list(values)), (data,), values, (kf.Criterion("y", "z"),))

@@ -7,6 +7,7 @@ import kennfeld as kf
 from kennfeld.optimize.api import build_problem
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective, _Sensitivity
+from tests.draws import mostly_slow
 
 RANDOM = np.random.default_rng(0)
 COUNT = 1500
@@ -25,7 +26,9 @@ def drive(warmup, text="y = PT1(2.5 * u, 0.5, 3.0)"):
 
 
 @pytest.mark.parametrize("warmup", [90, *(pytest.param(warmup, marks=pytest.mark.slow) for warmup in (130, 180)), 400])
-@pytest.mark.parametrize(("x0", "T"), [(0.0, 1.0), (0.0, 20.0), (1.0, 20.0)])
+@pytest.mark.parametrize(
+    ("x0", "T"), [*(pytest.param(0.0, T, marks=pytest.mark.slow) for T in (1.0, 20.0)), (1.0, 20.0)]
+)
 def test_an_initial_state_that_has_faded_keeps_its_start_and_is_named(warmup, x0, T):
     result = kf.calibrate("y = PT1(k*u, T, x0)", drive(warmup), {"k": 1.0, "T": T, "x0": x0}, "m")
     assert result.converged
@@ -38,7 +41,7 @@ def test_an_initial_state_that_has_faded_keeps_its_start_and_is_named(warmup, x0
     assert any("kept at its start value: x0" in str(direction) for direction in result.trust.directions)
 
 
-@pytest.mark.parametrize("warmup", [40, 55, 70])
+@pytest.mark.parametrize("warmup", mostly_slow([40, 55, 70], [55]))
 def test_an_initial_state_that_has_nearly_faded_does_not_run_away(warmup):
     result = kf.calibrate("y = PT1(k*u, T, x0)", drive(warmup), {"k": 1.0, "T": 1.0, "x0": 0.0}, "m")
     assert abs(result.parameters["x0"].value) < 5 * result.trust.deviation["x0"]
@@ -65,7 +68,7 @@ def test_a_table_that_matters_only_during_the_warmup_keeps_its_start():
     ["m = c * (k*x) / (k*z)", "m = c * (x/z + sin(k)^2 + cos(k)^2 - 1)", "m = c * x / z * exp(k) * exp(-k)"],
     ids=["ratio", "circle", "exponentials"],
 )
-@pytest.mark.parametrize("k", [1.0, 0.3, -2e-5])
+@pytest.mark.parametrize("k", mostly_slow([1.0, 0.3, -2e-5], [0.3]))
 def test_a_value_that_cancels_in_the_model_keeps_its_start(text, k):
     result = kf.calibrate(text, {"x": X, "z": Z, "t": RATIO}, {"c": 1.0, "k": k}, "t")
     assert result.converged

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
@@ -11,6 +10,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.optimize import Problem
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
+from tests.draws import few_or_many, mostly_slow
 from tests.optimize.reference_settling import held
 
 U = np.array([0.5, 1.5, 2.0, 3.0, 0.1, 2.7])
@@ -25,8 +25,19 @@ MODELS = {
     "relay": "on = hysteresis(t, 0.35, 0.1)\ny = a * on + b * prev(on, 0) * u",
 }
 UNSETTLED = "y = PT1(a * u, b, 0) + log(t - 0.65)"  # no number before 0.7 s
-by_model = pytest.mark.parametrize("text", MODELS.values(), ids=MODELS)
-by_window = pytest.mark.parametrize("average", [0.0, 0.1, 0.3, 1.0])
+by_model_and_window = pytest.mark.parametrize(
+    ("text", "average"),
+    [
+        pytest.param(
+            text,
+            average,
+            id=f"{name}-{average}",
+            marks=() if average == 0.3 or name == "state from a state" else pytest.mark.slow,
+        )
+        for name, text in MODELS.items()
+        for average in (0.0, 0.1, 0.3, 1.0)
+    ],
+)
 
 
 def points(average=0.0, target=0.0, **attributes):
@@ -44,8 +55,7 @@ def problem(text, *datasets, loss="square", target="z"):
     return Problem(model, datasets, values(), (kf.Criterion("y", target, loss=loss, delta=0.5),))
 
 
-@by_model
-@by_window
+@by_model_and_window
 def test_a_point_counts_with_the_mean_of_its_window(text, average):
     """Against each point simulated by itself, by the reference interpreter."""
     expected = np.array([held(text, u, values(), 11)[-max(round(average / 0.1), 1) :].mean() for u in U])
@@ -56,8 +66,7 @@ def test_a_point_counts_with_the_mean_of_its_window(text, average):
         assert objective.cost(objective.start) == pytest.approx(cost.sum(), rel=1e-12)
 
 
-@by_model
-@by_window
+@by_model_and_window
 def test_the_derivative_of_the_mean_is_exact(text, average):
     objective = LeastSquaresObjective(CompiledProblem(problem(text, points(average))))
     at = objective.start
@@ -70,8 +79,9 @@ def test_the_derivative_of_the_mean_is_exact(text, average):
         assert 2 * gradient[i] == pytest.approx(slope, rel=1e-6, abs=1e-7)
 
 
-@settings(max_examples=25, deadline=None)
-@given(
+@few_or_many(
+    few=8,
+    many=50,
     text=st.sampled_from(sorted(MODELS.values())),
     seconds=st.floats(0.1, 3),
     share=st.floats(0, 1),
@@ -90,7 +100,7 @@ def test_fit_and_simulation_see_the_same_values(text, seconds, share, step, coun
     assert objective.cost(objective.start) == pytest.approx(np.sum((shown - np.cos(u)) ** 2), rel=1e-9)
 
 
-@pytest.mark.parametrize("average", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("average", mostly_slow([0.0, 0.1, 0.3], [0.3]))
 def test_what_is_no_number_before_the_window_does_no_harm(average):
     test_a_point_counts_with_the_mean_of_its_window(UNSETTLED, average)
     test_the_derivative_of_the_mean_is_exact(UNSETTLED, average)
@@ -119,6 +129,7 @@ def test_points_and_recordings_are_fitted_together():
         np.testing.assert_allclose(gradient, sum(one.normal(one.start)[0].copy() for one in alone), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_held_points_go_through_the_continuation():
     """Smoothed lookups see the same samples."""
     u = np.linspace(0.2, 3.8, 20)
@@ -195,7 +206,7 @@ def test_points_with_time_stamps_are_refused():
         kf.Dataset.of("points", {"u": U}, time=np.arange(U.size), settling=Settling(1.0))
 
 
-@pytest.mark.parametrize("average", [0.0, 0.4])
+@pytest.mark.parametrize("average", mostly_slow([0.0, 0.4], [0.4]))
 def test_limits_of_outputs_hold_at_the_last_sample_of_a_point(average):
     data = points(average, 2.5)
     text = "y = PT1(a * u, 0.2, 0)"

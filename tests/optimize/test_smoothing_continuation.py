@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.optimize import compiled as compilation
 from kennfeld.optimize.api import build_problem
-from kennfeld.optimize.compiled import SEARCH_SAMPLES, CompiledProblem
+from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings
 from kennfeld.optimize.strategies.smoothing_continuation import LONG_SCHEDULE, SHORT_SCHEDULE, Continuation
+from tests.draws import mostly_slow
 
 TEXT = "delta = Opt(u, v) - w\nm = M(u, v) * Eta(delta)"
 GRID = np.linspace(0, 1, 6)
@@ -102,7 +104,10 @@ def test_a_function_without_creases_to_smooth_has_one_descent():
     assert {line.stage for line in result.trace} == {"plain"}
 
 
-@pytest.mark.parametrize("stage", ["smooth 1", "smooth 0.25", "plain", "smooth 4", "exact", "final"])
+@pytest.mark.parametrize(
+    "stage",
+    mostly_slow(["smooth 1", "smooth 0.25", "plain", "smooth 4", "exact", "final"], ["smooth 0.25", "plain", "exact"]),
+)
 def test_a_stop_on_the_way_keeps_the_better_values(stage):
     def stop(line):
         if line.stage == stage:
@@ -134,20 +139,26 @@ def test_bounds_hold_at_the_end_of_the_continuation():
     assert np.interp(0.1, DELTA, result.parameters["Eta"].values) == pytest.approx(0.95, rel=1e-9)
 
 
-def test_many_samples_are_thinned_for_the_search_but_not_for_its_end():
-    data, start = problem(samples=2 * SEARCH_SAMPLES)
+@pytest.fixture
+def few_search_samples(monkeypatch):
+    monkeypatch.setattr(compilation, "SEARCH_SAMPLES", 2000)
+    return compilation.SEARCH_SAMPLES
+
+
+def test_many_samples_are_thinned_for_the_search_but_not_for_its_end(few_search_samples):
+    data, start = problem(samples=2 * few_search_samples)
     result = kf.calibrate(TEXT, data, start, target="y", node="m", smoothness=1e-3)
     assert result.converged
     squares = result.quality[0].samples * result.quality[0].rmse_after ** 2
-    assert result.quality[0].samples == 2 * SEARCH_SAMPLES
+    assert result.quality[0].samples == 2 * few_search_samples
     assert squares <= result.cost_after <= 1.01 * squares
     searched = [line.cost for line in result.trace if line.stage in ("exact", "plain")]
     assert min(searched) == pytest.approx(result.cost_after, rel=0.05)  # with the weight of all samples
 
 
 @pytest.mark.parametrize("stage", ["smooth 1", "plain"])
-def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage):
-    data, start = problem(samples=2 * SEARCH_SAMPLES)
+def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage, few_search_samples):
+    data, start = problem(samples=2 * few_search_samples)
 
     def stop(line):
         if line.stage == stage:
@@ -160,7 +171,7 @@ def test_a_stop_of_a_search_on_thinned_samples_tells_the_cost_of_all(stage):
     assert result.cost_after < result.cost_before
 
 
-@pytest.mark.parametrize("text", ["y = PT1(G(u) * k, T)", "y = PT1(G(k * u), T)"])
+@pytest.mark.parametrize("text", mostly_slow(["y = PT1(G(u) * k, T)", "y = PT1(G(k * u), T)"], 1))
 def test_a_search_of_a_model_with_memory_begins_with_some_recordings(text, monkeypatch):
     monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 1000)
     rng, truth = np.random.default_rng(1), {"k": 2.0, "T": 0.5}

@@ -158,15 +158,24 @@ def test_limits_of_outputs_hold_at_the_end_of_a_sequence():
     assert result.status == "converged"
 
 
-def test_limits_of_outputs_hold_for_every_start():
-    result = kf.calibrate(
-        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=2, workers=2)
-    )
-    again = kf.calibrate(
-        TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=kf.Options(starts=2, workers=1)
-    )
-    assert kf.simulate(TEXT, DATA, result.parameters)["m"].values.max() <= 2.4 + 1e-5
-    assert [row.as_json() for row in result.starts] == [row.as_json() for row in again.starts]
+@pytest.fixture(scope="module")
+def limited():
+    return limited_starts(workers=1)
+
+
+def limited_starts(workers):
+    options = kf.Options(starts=2, workers=workers)
+    return kf.calibrate(TEXT, DATA, members(), criteria=CRITERIA, limits={"m": (-np.inf, 2.4)}, options=options)
+
+
+def test_limits_of_outputs_hold_for_every_start(limited):
+    assert kf.simulate(TEXT, DATA, limited.parameters)["m"].values.max() <= 2.4 + 1e-5
+
+
+@pytest.mark.slow
+def test_limits_of_outputs_hold_alike_in_processes(limited):
+    again = limited_starts(workers=2)
+    assert [row.as_json() for row in limited.starts] == [row.as_json() for row in again.starts]
 
 
 def test_a_step_has_its_own_iterations():
@@ -200,6 +209,7 @@ def test_a_request_to_stop_ends_the_whole_sequence():
     assert result.cost_after < result.cost_before
 
 
+@pytest.mark.slow
 def test_a_sequence_from_several_starts_does_not_depend_on_the_starts_before():
     steps = (Step(free=["k"], criteria=["n"]), Step(free=["C"], grid_reduction=2), Step())
     one, two = (sequence(*steps, options={"starts": 3, "workers": n, "seed": 5}) for n in (1, 2))
@@ -236,6 +246,7 @@ def test_a_step_that_makes_no_sense_is_refused(key, value):
         Step(**{key: value})
 
 
+@pytest.mark.slow
 def test_the_torque_maps_from_coarse_to_fine_end_no_higher_than_the_direct_fit():
     def cost(**options):
         return kf.calibrate(
@@ -265,9 +276,11 @@ KINKED = {"x": X, "y": np.abs(X - 1.13)}
     "options",
     [
         {"steps": [Step(grid_reduction=2), Step()]},
-        {"steps": [Step(), Step(free=["k"], lock={"k": False}, max_iterations=1)]},
+        pytest.param(
+            {"steps": [Step(), Step(free=["k"], lock={"k": False}, max_iterations=1)]}, marks=pytest.mark.slow
+        ),
         {"starts": 2, "workers": 1},
-        {"starts": 2, "workers": 2},
+        pytest.param({"starts": 2, "workers": 2}, marks=pytest.mark.slow),
     ],
 )
 def test_breakpoints_that_move_are_carried_from_step_to_step_and_from_start_to_result(options):

@@ -68,7 +68,7 @@ def test_locked_values_and_parameters_that_are_not_free_stay():
     assert np.all(start["M"][~locked] != table.values[~locked])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(
     st.integers(0, 50),
     st.integers(2, 40),

@@ -106,7 +106,8 @@ def test_native_code_meets_the_protocol():
     assert all(hasattr(sums, name) for name in [*names, "widths"])
 
 
-@pytest.mark.parametrize("size", [3, 7], ids=["rows", "normal equations"])
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [pytest.param(3, id="rows"), pytest.param(7, id="normal equations")])
 def test_another_implementation_fits_the_same_values(size):
     problem = torque_problem(size=size)
     created = []
@@ -125,13 +126,13 @@ def test_another_implementation_fits_the_same_values(size):
 
 def test_a_whole_calibration_needs_no_more_than_the_protocol(monkeypatch):
     """Continuation, output limits and the uncertainty of the values are included."""
-    limited = replace(torque_problem(count=300, size=3), limits=(kf.Limit("torque", upper=190.0),))
-    expected = run(limited, Options())
+    limited = replace(torque_problem(count=150, size=3), limits=(kf.Limit("torque", upper=190.0),))
+    expected = run(limited, Options(max_iterations=5))
     created = []
     monkeypatch.setattr(
         "kennfeld.optimize.compiled.Accumulator", lambda *args: created.append(TwoHalves(*args)) or created[-1]
     )
-    result = run(limited, Options())
+    result = run(limited, Options(max_iterations=5))
     assert sum(sums.calls for sums in created) > result.iterations
     assert result.status == expected.status
     assert result.cost_after == pytest.approx(expected.cost_after, rel=1e-4)

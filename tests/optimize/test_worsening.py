@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from tests.draws import mostly_slow
 
 GRID = np.arange(10.0)
 
@@ -30,8 +31,10 @@ def share_of(result):
     return float(re.search(r"by about (\S+),", warning.remedy)[1])
 
 
-@pytest.mark.parametrize("text", ["m = A(x, z)", "m = 40 * tanh(A(x, z) / 40)"])
-@pytest.mark.parametrize("seed", [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.parametrize(
+    "text", mostly_slow(["m = A(x, z)", "m = 40 * tanh(A(x, z) / 40)"], ["m = 40 * tanh(A(x, z) / 40)"])
+)
+@pytest.mark.parametrize("seed", mostly_slow(range(4), 2))
 def test_the_share_that_is_named_makes_smoothness_yield(seed, text):
     smoothness = 10.0 ** (1 + seed % 3)
     worse = rough_map(seed, smoothness, text)

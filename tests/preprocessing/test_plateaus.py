@@ -1,7 +1,6 @@
 """Plateaus of a recording, against a search that tries every stretch."""
 
 import numpy as np
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Dataset
@@ -13,6 +12,7 @@ from kennfeld.preprocessing.plateaus import (
     longest_stretch,
     segment_starts,
 )
+from tests.draws import few_or_many
 
 ONE = np.zeros(1, dtype=np.int64)
 
@@ -34,16 +34,14 @@ def within(values, starts, begin, end, tolerance):
     return not np.any((starts > begin) & (starts <= end)) and np.ptp(values[begin : end + 1]) <= 2 * tolerance
 
 
-@given(recordings())
-@settings(max_examples=100)
+@few_or_many(recordings(), few=20, many=100)
 def test_each_sample_has_the_longest_stretch_that_ends_there(recording):
     _, values, starts, tolerance, _ = recording
     expected = [next(b for b in range(e + 1) if within(values, starts, b, e, tolerance)) for e in range(values.size)]
     assert first_in_band(values, tolerance, starts).tolist() == expected
 
 
-@given(recordings())
-@settings(max_examples=100)
+@few_or_many(recordings(), few=20, many=100)
 def test_plateaus_are_the_longest_stretches_one_after_the_other(recording):
     time, values, starts, tolerance, window = recording
     found = find_plateaus(time, first_in_band(values, tolerance, starts), window)
@@ -66,8 +64,7 @@ def test_plateaus_are_the_longest_stretches_one_after_the_other(recording):
     assert found == sorted(found)
 
 
-@given(recordings())
-@settings(max_examples=200)
+@few_or_many(recordings(), few=20, many=200)
 def test_the_tolerance_that_is_named_gives_a_plateau_and_no_smaller_one_does(recording):
     time, values, starts, _, window = recording
     least = least_tolerance(time, values, starts, window)

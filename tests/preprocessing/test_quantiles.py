@@ -1,16 +1,16 @@
 """Quantiles of values that lie in several places are those of numpy on all of them."""
 
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kennfeld.preprocessing.quantiles import count_digits, quantiles
+from tests.draws import few_or_many
 
 values = arrays(np.float64, st.integers(1, 200), elements=st.floats(allow_nan=True, allow_infinity=False, width=64))
 
 
-@given(values, st.integers(1, 5), st.integers(1, 9))
+@few_or_many(values, st.integers(1, 5), st.integers(1, 9), few=20, many=100)
 def test_quantiles_are_those_of_numpy(column, parts, count):
     known = column[np.isfinite(column)]
     probabilities = np.linspace(0, 1, count)

@@ -1,11 +1,11 @@
 """Channels moved in time."""
 
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 
 from kennfeld.dataset import Dataset
 from kennfeld.preprocessing.time_shift import inside_pieces, resample_channel, shift_channels, shifted_values
+from tests.draws import few_or_many
 
 
 def made(time, starts=(0,), **columns):
@@ -37,7 +37,7 @@ def test_a_switch_is_held_between_samples():
     np.testing.assert_allclose(resample_channel(np.arange(3.0), values, np.array([0.5, 1.5])), [0.0, 1.0])
 
 
-@given(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=20), st.integers(-3, 3))
+@few_or_many(st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=20), st.integers(-3, 3), few=20, many=100)
 def test_shifting_there_and_back_gives_the_inner_samples_again(values, by):
     data = Dataset.of("d", {"u": values})
     back = shift_channels(shift_channels(data, {"u": float(by)}), {"u": float(-by)})
@@ -49,7 +49,7 @@ def test_shifting_there_and_back_gives_the_inner_samples_again(values, by):
 recordings = st.lists(st.integers(1, 30), min_size=1, max_size=5)
 
 
-@given(recordings, st.floats(-4, 4), st.booleans(), st.booleans(), st.integers(0, 2**31))
+@few_or_many(recordings, st.floats(-4, 4), st.booleans(), st.booleans(), st.integers(0, 2**31), few=20, many=100)
 def test_a_range_of_samples_is_shifted_like_the_whole(lengths, by, timed, stepped, seed):
     random = np.random.default_rng(seed)
     total, starts = sum(lengths), np.cumsum([0, *lengths[:-1]])
@@ -63,7 +63,7 @@ def test_a_range_of_samples_is_shifted_like_the_whole(lengths, by, timed, steppe
     np.testing.assert_array_equal(part, whole[first:last])
 
 
-@given(recordings, st.integers(0, 10), st.integers(0, 2**31))
+@few_or_many(recordings, st.integers(0, 10), st.integers(0, 2**31), few=20, many=100)
 def test_ends_of_pieces_are_those_of_the_whole(lengths, margin, seed):
     total, starts = sum(lengths), np.cumsum([0, *lengths[:-1]])
     data = Dataset.of("d", {"u": np.zeros(total)}, starts=starts)

@@ -18,6 +18,7 @@ from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
+from tests.draws import mostly_slow
 from tests.project.partitioned_projects import (
     FEW,
     OFF,
@@ -55,7 +56,7 @@ def write_few_points(folder):
 
 def write_few_drives(folder):
     text = TIMED.replace("smoothness = 1e-4", AUTO).replace("count = 5", "count = 4")
-    return write_timed(folder, files=2, samples=300, text=text + OFF)
+    return write_timed(folder, files=2, samples=200, text=text + OFF)
 
 
 def write_few_lasting_errors(folder):
@@ -84,17 +85,18 @@ def blocks_in(result):
     return int(match[1]) if match else 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("write", "size", "blocks", "closeness"),
     [
-        (write_few_points, 100, 0, 1e-5),  # the order in which samples are added changes the last digits
-        (write_few_drives, 300, 20, 1e-5),
+        (write_few_points, 100, 0, 1e-5),
+        (write_few_drives, 200, 20, 1e-5),
         (write_few_lasting_errors, 2500, 20, 1e-5),  # files are whole
-        pytest.param(write_automatic_points, 300, 0, 1e-5, marks=pytest.mark.slow),
-        pytest.param(write_automatic_drives, 450, 18, 1e-5, marks=pytest.mark.slow),
-        pytest.param(write_lasting_errors, 2500, 20, 1e-5, marks=pytest.mark.slow),
+        (write_automatic_points, 300, 0, 1e-5),
+        (write_automatic_drives, 450, 18, 1e-5),
+        (write_lasting_errors, 2500, 20, 1e-5),
         # pairs of errors are not counted across the cuts of files
-        pytest.param(write_lasting_errors, 700, 20, 0.01, marks=pytest.mark.slow),
+        (write_lasting_errors, 700, 20, 0.01),
     ],
 )
 def test_the_choice_is_that_of_all_data(tmp_path, write, size, blocks, closeness):
@@ -121,8 +123,8 @@ def test_a_step_chooses_its_factors_in_partitions(tmp_path):
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-4)  # it follows the factors
 
 
-@pytest.mark.parametrize("write", [write_lasting_errors, write_automatic_drives])
-@pytest.mark.parametrize("size", [150, pytest.param(700, marks=pytest.mark.slow), 10**6])
+@pytest.mark.parametrize("write", mostly_slow([write_lasting_errors, write_automatic_drives], [write_automatic_drives]))
+@pytest.mark.parametrize("size", mostly_slow([150, 700, 10**6], 1))
 def test_blocks_are_those_of_all_data(tmp_path, write, size):
     """The block of a recording that is cut goes on in the next partition."""
     plain, parted = (CompiledProblem(project.problem()) for project in pair(write(tmp_path), size))
@@ -159,15 +161,17 @@ def test_independent_samples_are_counted_over_all_partitions(tmp_path, size, clo
 SCANNED = [
     ("memory", 2, 250, 150),
     ("none", 2, 250, 300),
-    *(
-        pytest.param(model, 4, 820, size, marks=pytest.mark.slow)
-        for model in ("memory", "none")
-        for size in (300, 1000)
-    ),
+    *((model, 4, 820, size) for model in ("memory", "none") for size in (300, 1000)),
 ]
 
 
-@pytest.mark.parametrize(("model", "files", "samples", "size"), SCANNED)
+def all_but_one_slow(unmarked):
+    """The cases of scans, all but the first of a model marked as slow."""
+    first = next(case for case in SCANNED if case[0] == unmarked)
+    return [case if case is first else pytest.param(*case, marks=pytest.mark.slow) for case in SCANNED]
+
+
+@pytest.mark.parametrize(("model", "files", "samples", "size"), all_but_one_slow("memory"))
 def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, files, samples, size):
     path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)
     plain, parted = (project.calibrate() for project in pair(path, size))
@@ -181,7 +185,7 @@ def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, fil
     assert parted.trust.noise["Y"] == pytest.approx(plain.trust.noise["Y"], rel=1e-3)
 
 
-@pytest.mark.parametrize(("model", "files", "samples", "size"), SCANNED)
+@pytest.mark.parametrize(("model", "files", "samples", "size"), all_but_one_slow("none"))
 def test_a_shift_scanned_on_a_part_is_refined_on_all_samples(tmp_path, model, files, samples, size, monkeypatch):
     path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)
     plain = Project.read(path).calibrate()
@@ -197,6 +201,7 @@ def test_a_shift_scanned_on_a_part_is_refined_on_all_samples(tmp_path, model, fi
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_fraction_of_a_sample_does_not_follow_the_part_that_is_scanned(tmp_path, monkeypatch):
     """One recording is half a sample later than the others: the estimate is between them, wherever lags are scanned."""
     path = write_shifted(tmp_path, "none")
@@ -223,8 +228,8 @@ def test_layouts_of_other_lags_do_not_stay_on_the_disk(tmp_path, monkeypatch):
     assert set(folder.glob(f"*{ENDING}")) == before
 
 
-@pytest.mark.parametrize("model", ["memory", "none"])
-@pytest.mark.parametrize("size", [300, 500])
+@pytest.mark.parametrize("model", mostly_slow(["memory", "none"], 1))
+@pytest.mark.parametrize("size", mostly_slow([300, 500], 1))
 def test_a_simulation_with_shifts_is_that_of_all_data(tmp_path, model, size):
     shifts = {"drives": {"y": -0.34, "u": 0.27}, "road": {"y": 0.2}}
     tables = []
@@ -239,6 +244,7 @@ def test_a_simulation_with_shifts_is_that_of_all_data(tmp_path, model, size):
         close(np.array(parted[name], dtype=None if exact else float), np.array(values, dtype=None if exact else float))
 
 
+@pytest.mark.slow
 def test_points_without_time_are_shifted_by_whole_samples(tmp_path, monkeypatch):
     path = write_shifted(tmp_path, "none", delay=3.0, text=SHIFTED + OFF, files=3, samples=400)
     for file in (*tmp_path.glob("drive_*.csv"), tmp_path / "road.csv"):
@@ -250,6 +256,7 @@ def test_points_without_time_are_shifted_by_whole_samples(tmp_path, monkeypatch)
     assert parted.cost_after == pytest.approx(plain.cost_after, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_folds_of_partitions_estimate_their_own_shifts(tmp_path):
     text = SHIFTED.replace(
         '[[dataset]]\nname = "road"\nfiles = ["road.csv"]\nuse = "test"\nshift = { y = "auto" }\n', ""
@@ -265,6 +272,7 @@ def test_an_automatic_shift_that_cannot_be_estimated_is_reported(tmp_path):
     assert any("channel z is not used" in message for message in messages)
 
 
+@pytest.mark.slow
 def test_the_command_writes_chosen_shifts_and_factors(tmp_path, capsys):
     text = SHIFTED.replace("smoothness = 1e-4", AUTO) + "\n[cluster]\npartition = 200\n"
     path = write_shifted(tmp_path, text=text + OFF, files=2, samples=250)
@@ -275,6 +283,7 @@ def test_the_command_writes_chosen_shifts_and_factors(tmp_path, capsys):
     assert "shift of y in drives: -0.3" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_command_simulates_with_the_shifts_of_a_result(tmp_path, capsys):
     path = write_shifted(tmp_path)
     assert run(["calibrate", str(path)]) == 0

@@ -9,6 +9,7 @@ from kennfeld import InputError, Stop, cli, read_parameters
 from kennfeld.calfiles import describe
 from kennfeld.project import Project
 from kennfeld.project.checkpoints import Saves
+from tests.draws import mostly_slow
 
 TEXT = "input x\nm = a * exp(b * x) + C(x)\n"
 TOML = """\
@@ -177,7 +178,7 @@ def test_without_a_state_there_is_nothing_to_resume(make):
         make().calibrate(resume=True)
 
 
-@pytest.mark.parametrize("content", [b"", b'{"a": {"kind": "sca', b"\0\0\0\0", b"[]", b"{}"])
+@pytest.mark.parametrize("content", mostly_slow([b"", b'{"a": {"kind": "sca', b"\0\0\0\0", b"[]", b"{}"], 2))
 def test_a_half_written_state_is_left_out(make, tmp_path, content):
     make(SAVING).calibrate(after(5))
     (tmp_path / "results" / "saves" / "1-000004.json").write_bytes(content)
@@ -236,7 +237,7 @@ def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
     assert result.cost_after == pytest.approx(whole.cost_after, rel=1e-6)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_of_several_starts_those_at_their_end_are_done(make, workers):
     several = f"{SAVING}\nstarts = 4\nspread = 0.2"
     whole = make(several).calibrate(workers=1)

@@ -20,6 +20,7 @@ from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
 from kennfeld.report import document
+from tests.draws import mostly_slow
 from tests.project.cluster_processes import (
     FIXED,
     SHORT,
@@ -59,7 +60,7 @@ def on_two_workers_and_on_the_last(path, size, cluster):
     yield calibrate(in_partitions(path, size, scheduler=cluster.address))
 
 
-@pytest.mark.parametrize("write", [write_short_with_quantiles, write_short_drives])
+@pytest.mark.parametrize("write", mostly_slow([write_short_with_quantiles, write_short_drives], [write_short_drives]))
 def test_two_workers_give_the_bits_of_this_process(tmp_path, write, shared_cluster):
     path = write(tmp_path)
     serial = calibrate(in_partitions(path, SIZE))
@@ -84,6 +85,7 @@ def scan_a_part(monkeypatch, samples):
 AUTOMATIC = SHIFTED.replace("smoothness = 1e-4", 'smoothness = "auto"')
 
 
+@pytest.mark.slow
 def test_a_choice_of_shifts_is_the_same_bits(tmp_path, shared_cluster, monkeypatch):
     scan_a_part(monkeypatch, 200)
     monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.WINDOW", 6)
@@ -116,6 +118,7 @@ def write_automatic(folder):
     return write_steady(folder, files=2, samples=120, text=text)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_while_smoothness_is_chosen_ends_with_the_best_values(tmp_path, start_cluster):
     path, cluster, lines = write_automatic(tmp_path), start_cluster(1), []
 
@@ -141,6 +144,7 @@ def test_a_scheduler_that_dies_while_smoothness_is_chosen_ends_with_the_best_val
 LIMIT = '\n[[limit]]\nnode = "Lagged"\nmax = 2.0\nwhere = "u > 0.1"\n'
 
 
+@pytest.mark.slow
 def test_limits_of_outputs_give_the_same_bits(tmp_path, shared_cluster):
     text = TIMED.replace("count = 5", "count = 3") + LIMIT + SHORT + "tolerance = 1e-2\n"
     path = write_timed(tmp_path, files=2, samples=120, text=text)
@@ -160,6 +164,7 @@ def test_limits_of_outputs_give_the_same_bits_on_any_number_of_workers(tmp_path,
         assert result.trust.holdings == serial.trust.holdings
 
 
+@pytest.mark.slow
 def test_a_search_that_begins_with_some_recordings_gives_the_same_bits(tmp_path, shared_cluster, monkeypatch):
     monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECE_SAMPLES", 300)  # read in this process only
     monkeypatch.setattr("kennfeld.optimize.compiled.SEARCH_PIECES", 4)
@@ -178,6 +183,7 @@ def test_a_simulation_on_workers_gives_the_same_table(tmp_path, shared_cluster):
     assert tables[0].to_pydict() == tables[1].to_pydict()
 
 
+@pytest.mark.slow
 def test_a_report_on_workers_has_the_same_figures(tmp_path, shared_cluster):
     path, figures = write_short_drives(tmp_path), []
     result = calibrate(in_partitions(path, SIZE))
@@ -214,6 +220,7 @@ def test_a_killed_worker_costs_its_tasks_only(tmp_path, start_cluster):
     assert_same_bits(result, serial)
 
 
+@pytest.mark.slow
 def test_all_workers_may_be_replaced(tmp_path, start_cluster):
     path, cluster = write_short(tmp_path), start_cluster(1)
     serial = calibrate(in_partitions(path, SIZE))
@@ -251,6 +258,7 @@ def test_a_killed_scheduler_ends_with_the_best_values(tmp_path, start_cluster):
     assert compiled.sums.cost(values) + compiled.roughness.cost(values[: compiled.values.free]) == costs[-1]
 
 
+@pytest.mark.slow
 def test_a_killed_scheduler_leaves_results(tmp_path, start_cluster, capsys, monkeypatch):
     monkeypatch.setattr("kennfeld.dask_runner.CONNECT_TIMEOUT", 5.0)  # for so long, Dask tries to find it again
     path, cluster = write_short(tmp_path), start_cluster(1)

@@ -14,6 +14,7 @@ from kennfeld.project import demo
 from kennfeld.project.document import ProjectDocument
 from kennfeld.project.schema import read_project
 from kennfeld.project.surrogate_training import TrainingFile
+from tests.draws import few_or_many, mostly_slow
 
 FOLDERS = (Path(__file__).parents[2] / "examples", Path(demo.__file__).parent)
 EXAMPLES = sorted(path for folder in FOLDERS for path in folder.rglob("*.toml"))
@@ -140,11 +141,12 @@ FORMS = {
 OTHER_FORMS = [form for form in FORMS if form != "plain"]
 
 
-def test_what_is_set_back_leaves_the_text_as_it_was():
-    check_every_path(TEXT)
+@pytest.mark.parametrize("share", [4, pytest.param(1, marks=pytest.mark.slow)])
+def test_what_is_set_back_leaves_the_text_as_it_was(share):
+    check_paths(TEXT, [*paths_in(tomllib.loads(TEXT))][::share])
 
 
-@pytest.mark.parametrize("form", OTHER_FORMS)
+@pytest.mark.parametrize("form", mostly_slow(OTHER_FORMS, ["windows", "unfinished"]))
 def test_what_is_set_back_leaves_the_text_in_another_form_as_it_was(form):
     paths = [*paths_in(tomllib.loads(TEXT))]
     check_paths(FORMS[form], paths[OTHER_FORMS.index(form) :: len(OTHER_FORMS)])
@@ -181,7 +183,11 @@ def first_of_each_kind():
 every_example = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: f"{path.parent.name}/{path.name}")
 
 
-@every_example
+@pytest.mark.parametrize(
+    "path",
+    mostly_slow(EXAMPLES, [path for path in EXAMPLES if path.parent.name in ("demo", "nox", "simulink")]),
+    ids=lambda path: f"{path.parent.name}/{path.name}",
+)
 def test_what_is_set_back_once_of_each_kind_leaves_an_example_as_it_was(path):
     check_paths(path.read_text(encoding="utf-8"), first_of_each_kind()[path])
 
@@ -192,8 +198,7 @@ def test_what_is_set_back_leaves_an_example_as_it_was(path):
     check_every_path(path.read_text(encoding="utf-8"))
 
 
-@settings(max_examples=20)
-@given(data=st.data(), form=st.sampled_from(sorted(FORMS)))
+@few_or_many(data=st.data(), form=st.sampled_from(sorted(FORMS)), few=7, many=40)
 def test_several_changes_in_any_order_change_nothing_else(data, form):
     check_changes(data, form)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from kennfeld.project.folder_replacement import finish_interrupted, move, scratch_folder
+from tests.draws import mostly_slow
 
 NAMES = ["a", "b", "c"]
 posix = pytest.mark.skipif(os.name != "posix", reason="kills a process")
@@ -80,7 +81,7 @@ def test_files_are_replaced_and_nothing_else_is_left(folder):
 
 
 @posix
-@pytest.mark.parametrize("renames", range(len(NAMES)))
+@pytest.mark.parametrize("renames", mostly_slow(range(len(NAMES)), 1))
 def test_what_a_killed_process_began_to_replace_is_replaced_by_the_next_one(folder, renames):
     die(folder, renames)
     finish_interrupted(folder)

@@ -93,7 +93,9 @@ def close(left, right):
     return left == right
 
 
-@pytest.mark.parametrize("formula", [LAG, STEADY], ids=["memory", "no memory"])
+@pytest.mark.parametrize(
+    "formula", [pytest.param(LAG, id="memory"), pytest.param(STEADY, id="no memory", marks=pytest.mark.slow)]
+)
 def test_results_do_not_depend_on_the_size_of_parts(project, monkeypatch, formula):
     drives = [drive(samples, seed) for seed, samples in enumerate((700, 300, 500, 40, 900, 600))]
     drives[4]["Load"][100:130] = np.nan

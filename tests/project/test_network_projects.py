@@ -13,6 +13,7 @@ from kennfeld.cli import run
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project import Project
+from tests.draws import mostly_slow
 from tests.models.onnx_network.networks import perceptron, random_layers
 
 PROJECT = """
@@ -67,6 +68,7 @@ def test_a_section_frees_the_weights_of_a_layer(project_of):
     assert not project_of('[parameters."net.layer2"]\nlock = "no-data"').problem().parameters["net.layer2"].locked.any()
 
 
+@pytest.mark.slow
 def test_directions_of_weights_that_the_data_leave_undetermined_are_described(project_of):
     result = project_of('[parameters."net.layer1"]\nfree = true\n[parameters."net.layer2"]\nfree = true').calibrate()
     assert result.trust.directions
@@ -110,7 +112,7 @@ def run_kennfeld(capsys, *arguments):
     return printed.out
 
 
-@pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json"])
+@pytest.mark.parametrize("ending", mostly_slow(["dcm", "cdfx", "csv", "json"], ["dcm", "json"]))
 def test_fitted_weights_simulate_to_the_same_errors_from_each_file(project_of, tmp_path, capsys, ending):
     project_of(FITTED)
     path = tmp_path / "kennfeld.toml"
@@ -158,7 +160,7 @@ def test_a_network_that_starts_at_zero_is_warned_of_and_fitted_from_other_weight
 
 
 def test_neurons_that_start_with_equal_weights_are_warned_of(project_of, tmp_path):
-    project = project_of(FITTED)
+    project = project_of(FITTED + "\n[optimizer]\nmax_iterations = 1\n")
     perceptron(tmp_path / "net.onnx", [(np.ones((2, 8)), np.zeros(8)), (np.ones((8, 1)), np.zeros(1))])
     (warning,) = [str(finding) for finding in project.check() if finding.severity == "warning"]
     assert "8 of 8 neurons of net.layer1 start with equal weights" in warning

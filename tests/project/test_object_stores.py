@@ -13,6 +13,7 @@ from kennfeld.errors import InputError
 from kennfeld.preprocessing.recording_sources import find_addresses, find_sources, local_file
 from kennfeld.project import Project
 from kennfeld.report.provenance import sources
+from tests.draws import mostly_slow
 from tests.project.cluster_processes import FIXED, SHORT, SIZE, calibrate, values_of, write_short
 from tests.project.partitioned_projects import STEADY, in_partitions, write_steady
 
@@ -41,7 +42,7 @@ def empty_memory():
     fsspec.filesystem("memory").store.clear()
 
 
-@pytest.fixture(params=["file", "local", "memory"])
+@pytest.fixture(params=mostly_slow(["file", "local", "memory"], ["memory"]))
 def stored(request, tmp_path):
     return write_stored(tmp_path, request.param)
 
@@ -72,6 +73,7 @@ def test_info_describes_a_file_of_a_store(tmp_path, capsys):
     assert f"file://{path.parent}/none.csv: file not found" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_other_processes_read_addresses(tmp_path, shared_cluster):
     path = write_stored(tmp_path)
     remote = calibrate(in_partitions(path, SIZE, scheduler=shared_cluster.address))

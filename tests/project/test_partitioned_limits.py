@@ -10,6 +10,7 @@ from kennfeld.optimize.strategies.limit_excess import FEASIBLE, LimitRound
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.preprocessing.prepared_files import ENDING
 from kennfeld.project import Project
+from tests.draws import mostly_slow
 from tests.project.partitioned_projects import STEADY, TIMED, in_partitions, write_steady, write_timed
 
 OFF = '\n[optimizer]\ncontinuation = "off"\ntolerance = 1e-8\n'
@@ -67,7 +68,7 @@ def limits_of(path, size):
     return OutputLimits(project.problem())
 
 
-@pytest.fixture(scope="module", params=WRITERS)
+@pytest.fixture(scope="module", params=mostly_slow(WRITERS, [write_limited_drives]))
 def calibrated(request, tmp_path_factory):
     """A project file, and the results without and with partitions."""
     path = request.param(tmp_path_factory.mktemp("limited"))
@@ -179,7 +180,7 @@ def test_a_limit_with_memory_keeps_pieces_whole(tmp_path):
     path = write_steady(
         tmp_path,
         files=3,
-        samples=500,
+        samples=200,
         text=text.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nraster = 0.1'),
     )
     for file in tmp_path.glob("*.csv"):
@@ -192,6 +193,7 @@ def test_a_limit_with_memory_keeps_pieces_whole(tmp_path):
     assert parted.describe_violations(start) == plain.describe_violations(start) != ""
 
 
+@pytest.mark.slow
 def test_limits_that_contradict_each_other_are_reported_with_how_far(tmp_path):
     path = write_limited(tmp_path)
     path.write_text(path.read_text() + '\n[[limit]]\nnode = "TorqueModel"\nmin = 160.0\nwhere = "n < 2000"\n')
@@ -201,6 +203,7 @@ def test_limits_that_contradict_each_other_are_reported_with_how_far(tmp_path):
     assert "TorqueModel >= 160 is exceeded at" in result.message
 
 
+@pytest.mark.slow
 def test_a_global_search_keeps_limits_in_partitions(tmp_path):
     text = TIMED + TIMED_LIMITS + '\n[optimizer]\nmethod = "global"\nmax_evaluations = 30\n'
     text = text.replace("smoothness = 1e-4", "bounds = [0, 5]").replace("count = 5", "count = 3")
@@ -220,8 +223,8 @@ def test_weights_of_a_penalised_problem_reach_every_partition(tmp_path):
 
 
 def test_the_cost_of_the_result_is_that_without_penalty(tmp_path):
-    path = write_limited(tmp_path)
-    path.write_text(path.read_text().replace("tolerance = 1e-8", "max_iterations = 3"))
+    path = write_limited_drives(tmp_path)
+    path.write_text(path.read_text().replace("tolerance = 1e-8", "max_iterations = 1"))
     project = in_partitions(path, 100)
     run = FitRun(project.problem(), project.options, None, Seconds(0.0, 0.0, 0.0, 0.0))
     result = run.result()

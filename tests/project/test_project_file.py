@@ -1,11 +1,11 @@
 """The project file alone: syntax, keys, types, and what later versions bring."""
 
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
 from kennfeld.project import Project
+from tests.draws import few_or_many
 
 
 def test_a_right_project_has_no_findings(shop):
@@ -270,8 +270,7 @@ steady = [{ channel = "n", window = 5, tolerance = 1 }, { channel = "half", wind
 TOKENS = [*'=[]{}",.#', "\n", "nan", "-1", "true", "'", "[[dataset]]", "x = 1", "1e999", "inf", '"', "é", "\t"]
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
+@few_or_many(data=st.data(), few=50, many=400)
 def test_a_damaged_project_file_raises_input_error_or_reads(shop, sound_toml, data):
     text = (
         sound_toml.replace("[[dataset]]", STEADY)

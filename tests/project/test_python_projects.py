@@ -5,6 +5,7 @@ import pytest
 from kennfeld import cli
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.project import Project
+from tests.draws import mostly_slow
 from tests.project.partitioned_projects import TIMED, in_partitions, write_timed
 
 CODE = """\
@@ -26,7 +27,7 @@ def write_calling(folder, model="Lagged = PT1(gain(K(u), 0.5), T)"):
     return path
 
 
-@pytest.mark.parametrize("size", [300, 10**6])
+@pytest.mark.parametrize("size", mostly_slow([300, 10**6], 1))
 @pytest.mark.parametrize("model", ["Lagged = PT1(gain(K(u), 0.5), T)", "Lagged = gain(K(u), T)"])
 def test_functions_over_partitions_give_what_they_give_for_all_samples(tmp_path, size, model):
     path = write_calling(tmp_path, model)

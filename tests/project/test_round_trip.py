@@ -15,6 +15,7 @@ from kennfeld.project.document import ProjectDocument
 from kennfeld.project.schema import ChannelsForm, ProjectFile
 from kennfeld.project.section import KeyLocation, Section
 from kennfeld.project.surrogate_training import TrainingFile
+from tests.draws import few_or_many
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 ends = st.floats(allow_nan=False)
@@ -119,8 +120,7 @@ def check(file):
     assert document.text == text
 
 
-@settings(max_examples=25)
-@given(file=entry_of(ProjectFile, path=Path("kennfeld.toml"), lines={}))
+@few_or_many(file=entry_of(ProjectFile, path=Path("kennfeld.toml"), lines={}), few=8, many=60)
 def test_a_project_file_survives_writing_and_reading(file):
     check(file)
 
@@ -132,7 +132,6 @@ def test_many_project_files_survive_writing_and_reading(file):
     check(file)
 
 
-@settings(max_examples=50)
-@given(file=entry_of(TrainingFile, path=Path("engine.toml"), lines={}))
+@few_or_many(file=entry_of(TrainingFile, path=Path("engine.toml"), lines={}), few=15, many=100)
 def test_a_training_file_survives_writing_and_reading(file):
     check(file)

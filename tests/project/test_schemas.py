@@ -8,6 +8,7 @@ from kennfeld import InputError
 from kennfeld.app.workspace import AppWorkspace
 from kennfeld.project.demo import NAMES, write
 from kennfeld.project.schemas import DIRECTIVE, PROJECT_SCHEMA, TRAINING_SCHEMA, directive, schema_text
+from tests.draws import mostly_slow
 
 
 def without_schema(path):
@@ -19,7 +20,7 @@ def without_schema(path):
     return text
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", mostly_slow(NAMES, ["exhaust", "torque"]))
 def test_every_file_of_a_demo_names_a_schema_that_is_beside_it(name, tmp_path):
     write(name, tmp_path)
     files = list(tmp_path.glob("*.toml"))

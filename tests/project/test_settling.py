@@ -1,7 +1,6 @@
 """Steady-state points for a function with memory, as a project file gives them."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from kennfeld.project.results import write
@@ -28,6 +27,8 @@ def test_points_are_held_and_scored_once_each(points, tmp_path):
     assert result.quality[0].samples == 6
     assert result.parameters["offset"].value == pytest.approx(5.0, rel=1e-3)
     write(result, project, tmp_path / "out")
+    import pandas as pd
+
     simulated = pd.read_parquet(tmp_path / "out" / "simulation.parquet")
     assert len(simulated) == 6
     assert simulated["Predict"].to_numpy() == pytest.approx(simulated["Torque"].to_numpy(), rel=1e-3)

@@ -21,6 +21,7 @@ from kennfeld.parameters import Curve, Scalar
 from kennfeld.project import Project
 from kennfeld.project.demo import write
 from kennfeld.report.provenance import sources
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_data import sldd, thing
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.torque_drawing import torque
@@ -325,7 +326,7 @@ def test_info_tells_how_much_of_a_model_is_supported(drawn, capsys):
 AXES = {table: (f"{table}_n", f"{table}_q") for table in ("MapOptTorque", "MapOptIgnition", "MapDragTorque")}
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, 1))
 def test_the_demo_drawn_as_blocks_takes_the_same_steps(layout, tmp_path):
     path = write("torque", tmp_path / "demo").with_name("load-only.toml")
     text = path.read_text(encoding="utf-8").replace("[optimizer]\n", "[optimizer]\nmax_iterations = 2\n")

@@ -202,6 +202,7 @@ def test_a_shift_comes_first(ridden):
     assert shifted[1] < plain[1]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the recordings of the engine are not at {REAL}")
 def test_real_drives_have_plateaus_within_their_bands(shop):
     (shop.folder / "m.kf").write_text("y = M(speed, load)\n")

@@ -79,6 +79,7 @@ def a_long_drive(shop):
     return shop.project("half = C(x) / 2\ny = 2 * half\n", f"[parameters.C]\n{LONG}", columns)
 
 
+@pytest.mark.slow
 def test_a_part_of_a_long_strip_shows_its_samples(show):
     page = show(a_long_drive)
     strip = canvas_of(page, "strip")
@@ -103,6 +104,7 @@ def test_a_part_of_a_long_strip_shows_its_samples(show):
     page.wait_for_selector("figure.strip [data-shown=ranges]")
 
 
+@pytest.mark.slow
 def test_inputs_and_nodes_are_added_below_a_strip_and_removed(show):
     page = show(a_long_drive)
     strip = canvas_of(page, "strip")
@@ -118,6 +120,7 @@ def test_inputs_and_nodes_are_added_below_a_strip_and_removed(show):
     page.wait_for_function("node => node.dataset.signals === 'half'", arg=host.element_handle())
 
 
+@pytest.mark.slow
 def test_every_axis_of_errors_has_two_numbers_or_more(show):
     page = show(a_long_drive)
     canvas_of(page, "strip")
@@ -149,6 +152,7 @@ def test_the_tooltip_says_what_the_data_say(show):
     assert not page.locator(".tooltip").is_visible()
 
 
+@pytest.mark.slow
 def test_a_name_in_the_legend_hides_and_shows_its_line(show):
     page = show(a_map)
     strip = canvas_of(page, "strip")

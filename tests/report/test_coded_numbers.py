@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -11,6 +11,7 @@ from kennfeld.report.coded_numbers import code_numbers, decode_numbers
 NUMBERS = st.floats(-1e6, 1e6) | st.just(np.nan)
 
 
+@settings(max_examples=40)
 @given(arrays(float, st.integers(0, 60), elements=NUMBERS), st.sampled_from([1e-3, 0.5, 7.0]), st.sampled_from([1, 2]))
 def test_numbers_are_within_half_a_step_and_gaps_stay(values, step, order):
     coded = code_numbers(values, step, order)

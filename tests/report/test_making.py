@@ -12,7 +12,17 @@ from kennfeld.project import Project
 from kennfeld.project.results import write
 from kennfeld.report import document, document_safely, from_folder
 from tests.app.browser import tab
-from tests.report.report_projects import a_map, limited, scattered, several_files
+from tests.draws import mostly_slow
+from tests.report.report_projects import (
+    PROJECTS,
+    a_cube,
+    a_failed_fit,
+    a_map,
+    limited,
+    scattered,
+    several_files,
+    two_criteria,
+)
 
 
 def test_every_report_stands_alone_and_says_what_the_result_says(project, opened):
@@ -36,6 +46,12 @@ def test_every_report_can_be_made_before_a_calibration(project, opened):
     assert "not calibrated yet" in page.words_in_a_row
 
 
+@pytest.mark.parametrize(
+    "project",
+    mostly_slow(PROJECTS, [a_map, a_cube, limited, a_failed_fit, two_criteria]),
+    ids=lambda build: build.__name__,
+    indirect=True,
+)
 def test_the_report_of_a_folder_equals_the_one_of_the_run(project, tmp_path, opened):
     direct = opened(project.report)
     write(project.result, project.project, tmp_path / "results", {"report.html": direct.text})
@@ -47,6 +63,12 @@ def test_the_report_of_a_folder_equals_the_one_of_the_run(project, tmp_path, ope
     assert (tmp_path / "results" / "report.html").read_text(encoding="utf-8") == direct.text
 
 
+@pytest.mark.parametrize(
+    "project",
+    mostly_slow(PROJECTS, [a_map, a_cube, limited, several_files]),
+    ids=lambda build: build.__name__,
+    indirect=True,
+)
 def test_a_browser_draws_every_picture(project, tmp_path):
     path = tmp_path / "report.html"
     path.write_text(project.report, encoding="utf-8")
@@ -196,6 +218,7 @@ def test_a_long_recording_makes_no_large_report(shop, opened, count):
     assert sum(page.figures("histograms")[0]["own"]["after"]["counts"]) == count
 
 
+@pytest.mark.slow
 def test_many_datasets_share_the_room(shop, opened):
     for i in range(20):
         rng = np.random.default_rng(i)

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -13,6 +13,7 @@ from kennfeld.report.drawings import Histogram, Trace, TraceEnvelope, sample_ind
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
 
 
+@settings(max_examples=40)
 @given(arrays(np.float64, array_shapes(max_dims=3, max_side=5), elements=FLOATS))
 def test_rounded_numbers_are_close_and_fit_json(values):
     text = json.dumps(round_digits(values), allow_nan=False)
@@ -37,6 +38,7 @@ def test_every_number_can_be_shown(value):
     assert math.isfinite(value) or decimal(value) == "–"
 
 
+@settings(max_examples=40)
 @given(arrays(np.float64, st.integers(0, 400), elements=FLOATS), st.integers(2, 60), st.integers(0, 400))
 def test_an_envelope_keeps_extremes_within_its_size(values, most, cut):
     groups = TraceEnvelope(values.size, most)
@@ -63,6 +65,7 @@ def test_some_samples_are_drawn_once(count, most):
     assert (np.diff(chosen) > 0).all()
 
 
+@settings(max_examples=40)
 @given(arrays(np.float64, st.integers(0, 100), elements=FLOATS), st.integers(0, 100))
 def test_a_histogram_loses_no_finite_number(values, cut):
     counted = Histogram.of(values[:cut], (-1.0, 1.0), 7)

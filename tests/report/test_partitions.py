@@ -14,6 +14,7 @@ from kennfeld.optimize.problem import partitions_of
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
+from tests.draws import mostly_slow
 from tests.project.partitioned_projects import (
     SHIFTED,
     STEADY,
@@ -41,7 +42,7 @@ target = { channel = "m" }
 
 
 def write_steady_points(folder):
-    return write_steady(folder, text=STEADY + SHORT)
+    return write_steady(folder, files=3, samples=300, text=STEADY + SHORT)
 
 
 def write_drives(folder):
@@ -52,7 +53,7 @@ def write_paused_drives(folder):
     """Recordings with pauses of a function without memory, whose errors are correlated; files are cut anywhere."""
     random = np.random.default_rng(4)
     (folder / "line.kf").write_text("y = a * x\n")
-    for number, count in enumerate((900, 1300)):
+    for number, count in enumerate((600, 800)):
         time = 0.1 * np.arange(count) + 60 * (np.arange(count) > 400)
         x = np.sin(0.05 * time)
         m = 2 * x + 0.2 * np.sin(0.21 * time + number) + random.normal(0, 0.02, count)
@@ -113,7 +114,7 @@ def page_of_partitions(plain, size, monkeypatch):
 
 
 @pytest.mark.parametrize("write", WRITERS)
-@pytest.mark.parametrize("size", [300, pytest.param(1000, marks=pytest.mark.slow), 10**6])
+@pytest.mark.parametrize("size", mostly_slow([300, 1000, 10**6], 1))
 def test_figures_are_those_of_all_data(plain, write, size, monkeypatch):
     whole, parted = plain(write).page, page_of_partitions(plain(write), size, monkeypatch)
     assert len(parted.data["figures"]) == len(whole.data["figures"])
@@ -126,7 +127,7 @@ def test_figures_are_those_of_all_data(plain, write, size, monkeypatch):
     assert ("autocorrelation" in kinds) == (write is not write_steady_points)
 
 
-@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize("write", mostly_slow(WRITERS, [write_drives]))
 def test_tables_are_those_of_all_data(plain, write, monkeypatch):
     texts = []
     for page in (plain(write).page, page_of_partitions(plain(write), 300, monkeypatch)):
@@ -137,7 +138,7 @@ def test_tables_are_those_of_all_data(plain, write, monkeypatch):
     assert texts[1] == texts[0]
 
 
-@pytest.mark.parametrize("write", WRITERS)
+@pytest.mark.parametrize("write", mostly_slow(WRITERS, [write_drives]))
 def test_strips_and_dots_are_bounded(plain, write, monkeypatch):
     monkeypatch.setattr("kennfeld.report.drawings.TRACE_POINTS", (40, 100))
     monkeypatch.setattr("kennfeld.report.drawings.SCATTER_POINTS", (20, 50))
@@ -150,6 +151,7 @@ def test_strips_and_dots_are_bounded(plain, write, monkeypatch):
         assert same(pages[1].figures(kind), pages[0].figures(kind)), kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [300, pytest.param(1000, marks=pytest.mark.slow)])
 def test_estimated_shifts_are_those_of_the_result(plain, size, monkeypatch):
     whole = plain(write_shifted_drives)

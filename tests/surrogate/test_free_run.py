@@ -11,6 +11,7 @@ from kennfeld.surrogate.narx_training import (
     train_free_run,
 )
 from kennfeld.surrogate.recursion import Lags, Recording, Runs, simulate
+from tests.draws import mostly_slow
 from tests.surrogate.surrogates import random_expansion
 
 LAGS = Lags((1, 3), ((0, 2),))
@@ -74,7 +75,7 @@ def test_training_starts_at_the_expansion_that_it_is_given():
     np.testing.assert_allclose(same(x), start(x), rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.parametrize("moves_centres", [False, True])
+@pytest.mark.parametrize("moves_centres", mostly_slow([False, True], [True]))
 def test_training_recovers_a_model_from_its_own_free_run(moves_centres):
     truth, rng = random_expansion(5, 4, 6), np.random.default_rng(1)
     made = []

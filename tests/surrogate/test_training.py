@@ -8,6 +8,7 @@ from kennfeld.surrogate.model_selection import _lowest, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 from kennfeld.surrogate.training_data import split_recordings
+from tests.draws import mostly_slow
 from tests.surrogate.surrogates import tank_recording
 
 
@@ -80,12 +81,19 @@ def test_training_for_free_run_helps_where_one_step_is_misled_by_noise():
     assert free_run["b", "free run"].rmse < 0.6 * one_step["b", "free run"].rmse
 
 
-def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out():
+@pytest.mark.parametrize(
+    ("samples", "centres", "most"), [(80, 5, 0.04), pytest.param(130, 8, 0.03, marks=pytest.mark.slow)]
+)
+def test_how_firmly_it_is_held_is_chosen_on_blocks_left_out(samples, centres, most):
+    """Held a hundred times as firmly, the error is 0.07 with few samples."""
     told = []
-    data = [tank_recording("a", 0, samples=130), tank_recording("b", 1, samples=130, noise=0.0, use="test")]
-    made = train_surrogate(data, tank_settings(hold=None, centres=8), told.append)
+    data = [
+        tank_recording("a", 0, samples=samples),
+        tank_recording("b", 1, samples=samples, noise=0.0, use="test"),
+    ]
+    made = train_surrogate(data, tank_settings(hold=None, centres=centres), told.append)
     assert sum("blocks left out" in line for line in told) >= 3
-    assert rows(made)["b", "free run"].rmse < 0.03
+    assert rows(made)["b", "free run"].rmse < most
 
 
 class After:
@@ -111,7 +119,7 @@ def test_a_stopped_static_training_returns_the_best_so_far(method, times):
 def test_a_training_that_is_stopped_at_once_is_shorter_than_a_whole_one():
     whole, asked = After(10**6), After(0)
     settings = tank_settings(hold=None, lags="auto", output_lags="auto", centres=3, longest_lag=1)
-    data = [tank_recording("a", 0, samples=60), tank_recording("b", 1, samples=60, noise=0.0, use="test")]
+    data = [tank_recording("a", 0, samples=45), tank_recording("b", 1, samples=45, noise=0.0, use="test")]
     told = []
     model = train_surrogate(data, settings, told.append, asked)
     assert (model.output_lags, model.lags) == ((1,), ((1,),))
@@ -121,7 +129,7 @@ def test_a_training_that_is_stopped_at_once_is_shorter_than_a_whole_one():
     assert len(told) > 10
 
 
-@pytest.mark.parametrize("words", ["blocks left out", "free run over 30 samples, step 2"])
+@pytest.mark.parametrize("words", mostly_slow(["blocks left out", "free run over 30 samples, step 2"], 1))
 def test_a_stop_ends_the_selection_and_the_training_for_free_run(words):
     told = []
     data = [tank_recording("a", 0, samples=90), tank_recording("b", 1, samples=90, noise=0.0, use="test")]
@@ -141,11 +149,11 @@ def test_a_single_low_among_high_ones_is_not_chosen():
 
 def test_a_dead_time_is_found_among_the_lags():
     rng = np.random.default_rng(0)
-    u = np.repeat(rng.uniform(-1, 1, 20), 6)
-    y = np.zeros(120)
-    for k in range(3, 120):
+    u = np.repeat(rng.uniform(-1, 1, 10), 6)
+    y = np.zeros(60)
+    for k in range(3, 60):
         y[k] = 0.7 * y[k - 1] + u[k - 3]
-    data = Dataset.of("delayed", {"u": u, "y": y + 0.01 * rng.normal(size=120)}, time=0.1 * np.arange(120))
+    data = Dataset.of("delayed", {"u": u, "y": y + 0.01 * rng.normal(size=60)}, time=0.1 * np.arange(60))
     lags = select_lags(split_recordings(data, ("u",), "y", 0.1), 1, TrainingSettings(), longest=4, output_lags=(1,))
     assert lags.output == (1,)
     assert 3 in lags.inputs[0]

@@ -60,7 +60,7 @@ def shorten_timeout(project: Path) -> None:
         ),
         slow(f"-DIN_GET={LATE}abort()", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: aborted (SIGABRT)"),
         slow(f"-DIN_GET={LATE}exit(3)", "ended the program with exit status 3 in fmi2GetDerivatives, instance 1, at"),
-        (f"-DIN_GET={LATE}exit(0)", "ended the program with exit status 0 in fmi2GetDerivatives"),
+        slow(f"-DIN_GET={LATE}exit(0)", "ended the program with exit status 0 in fmi2GetDerivatives"),
         slow(f"-DIN_GET={LATE}m->k = overflow(0)", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segment"),
         slow(f"-DIN_GET={LATE}raise(SIGFPE)", "(SIGFPE)"),
         slow(
@@ -69,7 +69,7 @@ def shorten_timeout(project: Path) -> None:
         (f"-DIN_GET={LATE}{HANGING}", "did not return within 1 s in fmi2GetDerivatives, instance 1, at t = 5.05 s"),
         slow("-DIN_INSTANTIATE=*(volatile int *)0 = 1", "crashed in fmi2Instantiate: segmentation fault (SIGSEGV)"),
         slow(f"-DIN_INSTANTIATE={HANGING}", "did not return within 1 s in fmi2Instantiate"),
-        ("-DIN_LOADING=abort()", "crashed while loading its library: aborted (SIGABRT)"),
+        slow("-DIN_LOADING=abort()", "crashed while loading its library: aborted (SIGABRT)"),
     ],
 )
 def test_a_fault_of_an_fmu_is_one_message(tmp_path: Path, fault: str, message: str) -> None:
@@ -88,7 +88,7 @@ def test_a_fault_of_an_fmu_is_one_message(tmp_path: Path, fault: str, message: s
 @pytest.mark.parametrize(
     ("version", "options", "message"),
     [
-        (3, ABORTING_STEP, "crashed in fmi3DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
+        slow(3, ABORTING_STEP, "crashed in fmi3DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
         slow(2, ABORTING_STEP, "crashed in fmi2DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
         *(
             slow(version, HANGING_STEP, f"did not return within 1 s in fmi{version}DoStep, instance 1, at t = 5.1 s")
@@ -141,6 +141,7 @@ def test_a_fault_of_python_is_one_message(tmp_path: Path, body: str, message: st
 
 
 @POSIX
+@pytest.mark.slow
 def test_python_that_ends_the_program_by_an_exception_fails_at_that_sample(tmp_path: Path) -> None:
     project, target = write_python_project(tmp_path, "if x > 3:\n    raise SystemExit(3)"), tmp_path / "simulation.csv"
     status, _, err = run_command(project, "simulate", "--output", str(target))
@@ -151,6 +152,7 @@ def test_python_that_ends_the_program_by_an_exception_fails_at_that_sample(tmp_p
 
 
 @POSIX
+@pytest.mark.slow
 def test_a_crash_after_the_work_is_a_warning(tmp_path: Path) -> None:
     status, out, err = run_command(write_fmu_project(tmp_path, "-DIN_UNLOADING=abort()"), "simulate")
     assert status == 0
@@ -194,7 +196,8 @@ def test_ctrl_c_writes_the_best_values_so_far(tmp_path: Path, whole_group: bool)
 
 
 @POSIX
-@pytest.mark.parametrize("closes", [slow(True), False])
+@pytest.mark.slow
+@pytest.mark.parametrize("closes", [True, False])
 def test_a_terminal_is_that_of_the_command(tmp_path: Path, closes: bool) -> None:
     project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
     terminal, other_end = os.openpty()
@@ -242,6 +245,7 @@ def wait_for_lasting_call(folder: Path) -> None:
 
 
 @POSIX
+@pytest.mark.slow
 def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}{HANGING}")
     project.write_text(project.read_text().replace("timeout = 5", "timeout = 1000"))

@@ -265,9 +265,12 @@ def _doubled(form, count):
         "class A0 { real m; } "
         + _doubled("class A{0} {{ A{1} a; A{1} b; A{1} c; }} ", 14)
         + "class C { A13 z; public real calc(real in x) { return z.a.a.a.m + x; } }",
-        "class C { real f0(real in x) { return x; } "
-        + _doubled("real f{0}(real in x) {{ return f{1}(x) + f{1}(x); }} ", 40)
-        + "public real calc(real in x) { return f39(x); } }",
+        pytest.param(
+            "class C { real f0(real in x) { return x; } "
+            + _doubled("real f{0}(real in x) {{ return f{1}(x) + f{1}(x); }} ", 40)
+            + "public real calc(real in x) { return f39(x); } }",
+            marks=pytest.mark.slow,
+        ),
         "type S is enum { A, B }; class C { @get real y; public void calc() triggers M; statemachine M using S { "
         "start A; state A { transition true to j0; } state B { } "
         + "".join(

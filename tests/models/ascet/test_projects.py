@@ -94,6 +94,7 @@ def test_the_initializer_of_an_instance_sets_its_values(battery):
     assert (own["base"].value, own["gain"].value) == (1.4, 0.001)
 
 
+@pytest.mark.slow
 def test_a_disturbed_curve_of_the_sensor_is_recovered_from_the_plant(battery):
     plant = esdl(battery / "Cell/Plant.esdl")
     columns = {"current": np.tile([-3.0, -2.0, 0.0, 1.0], 100), "ambient": np.linspace(-10.0, 75.0, 400)}
@@ -206,6 +207,7 @@ def test_the_torque_model_is_that_of_the_formula_and_calibrates_to_the_same_bits
         np.testing.assert_array_equal(results[0].parameters[name].values, results[1].parameters[name].values)
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_plant_are_those_of_differences(battery):
     model = esdl(battery / "Cell/Plant.esdl")
     columns = {name: column[:20] for name, column in load_cycle().items()}

@@ -4,20 +4,19 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from hypothesis import HealthCheck, event
+from hypothesis import event
 
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import formula, to_text
 from kennfeld.native.simulator import Simulator
-from tests.graph.draws import few_or_many
+from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.models.ascet.esdl_projects import class_model, run
 from tests.models.ascet.random_programs import programs, run_oracle
 
 SAMPLES = 12
-GENEROUS = [HealthCheck.too_slow, HealthCheck.data_too_large]
 COLUMNS = {
     "x": np.array([0.5, -1.0, 2.0, 0.25, 3.5, -2.5, 0.0, 1.0, 1.5, -0.75, 4.0, 0.5]),
     "y": np.array([1.0, 0.0, -1.5, 2.0, 0.5, 0.5, -3.0, 1.0, 0.0, 2.5, -0.5, 1.25]),
@@ -47,7 +46,7 @@ def noisy(model):
     return low, exact, change, np.logical_and.accumulate(sound.all(axis=0))[None, :] & sound
 
 
-@few_or_many(programs(), few=12, many=60, suppress_health_check=GENEROUS)
+@few_or_many(programs(), few=8, many=60)
 def test_a_program_runs_like_the_same_program_in_python(program):
     text, code = program
     model = lowered(text)
@@ -62,7 +61,7 @@ def test_a_program_runs_like_the_same_program_in_python(program):
             np.testing.assert_allclose(nodes[name][where], values[where], rtol=1e-9, atol=1e-9, err_msg=name)
 
 
-@few_or_many(programs(), few=8, many=40, suppress_health_check=GENEROUS)
+@few_or_many(programs(), few=5, many=40)
 def test_formula_text_and_compiled_code_agree_with_the_interpreter(program):
     model = lowered(program[0])
     low, exact, change, sound = noisy(model)
@@ -75,7 +74,7 @@ def test_formula_text_and_compiled_code_agree_with_the_interpreter(program):
     assert_close(np.asarray(compiled).reshape(exact.shape), exact, change, sound)
 
 
-@few_or_many(programs(), few=10, many=25, suppress_health_check=GENEROUS)
+@few_or_many(programs(), few=6, many=25)
 def test_derivatives_are_those_of_differences(program):
     model = lowered(program[0])
     low, exact, _, sound = noisy(model)

@@ -99,10 +99,11 @@ def _names(ports):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@pytest.mark.slow
 def test_structs_are_computed_as_the_compiler_computes_them(tmp_path, monkeypatch, capsys):
     for name, text in {"generated": GENERATED, "pointers": POINTERS, "controller": CONTROLLER}.items():
         (tmp_path / f"{name}.c").write_text(text)
-    monkeypatch.setattr(sys, "argv", ["c_functions.py", str(tmp_path), "--calls", "40", "--list"])
+    monkeypatch.setattr(sys, "argv", ["c_functions.py", str(tmp_path), "--calls", "15", "--list"])
     status = c_functions.main()
     agreeing = [line.split(":")[1] for line in capsys.readouterr().out.splitlines() if ": agree" in line]
     assert agreeing == ["update", "run", "model_step", "model_initialize", "error_of", "control", "vectors"]

@@ -206,7 +206,7 @@ def _reference(source, folder, u, n):
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_it_computes_what_the_compiler_makes_of_it(program, tmp_path):
     rng = np.random.default_rng(3)
-    u, n = rng.normal(0.0, 5.0, 60), rng.integers(-2, 5 if program == "ends" else 6, 60).astype(float)
+    u, n = rng.normal(0.0, 5.0, 30), rng.integers(-2, 5 if program == "ends" else 6, 30).astype(float)
     value, y = _reference(PROGRAMS[program], tmp_path, u, n)
     model = as_model(read_function_file("program.c:step", tmp_path))
     columns = {"u": u, "n": n}

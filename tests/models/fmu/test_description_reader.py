@@ -127,8 +127,9 @@ def test_members_outside_of_the_folder_are_refused(tmp_path, member):
         read_archive(path)
 
 
-def test_zip_bombs_are_refused(tmp_path):
-    path = pack(tmp_path / "lag.fmu", description_2(), {"resources/zeros": b"\0" * 110_000_000})
+def test_zip_bombs_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("kennfeld.archives.LARGE", 5_000_000)
+    path = pack(tmp_path / "lag.fmu", description_2(), {"resources/zeros": b"\0" * 10_000_000})
     with pytest.raises(InputError, match="packed into"):
         read_archive(path)
 

@@ -15,6 +15,7 @@ from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
+from tests.draws import mostly_slow
 from tests.models.fmu.lag_fmu import TABLE, build, equations_of
 
 STEP, COUNT = 0.1, 50
@@ -144,7 +145,7 @@ def test_formula_text_calls_an_fmu_with_its_own_solver(lag):
 
 
 @pytest.mark.parametrize(("capability", "count"), [("", 16), ('canBeInstantiatedOnlyOncePerProcess="true"', 0)])
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
 def test_differences_along_parameters_have_instances_of_their_own(tmp_path, version, capability, count):
     path = build(tmp_path, version, head=capability)
     instance = load_instance(str(path), digest_of(path))
@@ -170,7 +171,7 @@ def test_slopes_along_many_parameters_are_the_same_with_one_instance_and_with_ma
     np.testing.assert_allclose(slopes[0][0, 1, 5:], [10 * i + j for i, j in reversed(table)], rtol=1e-7)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_equations_with_memory_are_refused(tmp_path, version):
     path = build(tmp_path, version, "-DMEMORY")
     with pytest.raises(InputError, match="depend on earlier evaluations"):
@@ -197,7 +198,7 @@ def test_slopes_that_are_not_needed_are_not_computed(lag):
     np.testing.assert_allclose(slopes[1], [7, 7, 7, 0, *[7] * 7], atol=1e-8)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
 def test_a_simulation_that_ends_is_nan_there_alone(tmp_path, version):
     path = build(tmp_path, version, "-DENDING", indicators=1)
     points = np.array([[0.0, x, 3.0, 0.8, 1.2, *range(6)] for x in (1.0, 2.5, 1.0)])

@@ -7,6 +7,7 @@ import kennfeld as kf
 from kennfeld.errors import InputError
 from kennfeld.graph.external_function import evaluate_points
 from kennfeld.models.fmu.importing import fmu
+from tests.draws import mostly_slow
 from tests.models.fmu.lag_fmu import build, equations_of
 from tests.models.fmu.signals_fmu import build_signals
 
@@ -30,7 +31,7 @@ def simulated(path, step, **values):
     return kf.simulate(fmu(path, step=step), data, {"tau": TAU, **values})["y"].values
 
 
-@pytest.fixture(params=[2, 3])
+@pytest.fixture(params=[2, pytest.param(3, marks=pytest.mark.slow)])
 def jumping(request, tmp_path):
     return build(tmp_path, request.param, "-DSTATE_EVENT", indicators=1)
 
@@ -69,7 +70,7 @@ def test_a_step_goes_on_with_its_own_states(jumping):
     np.testing.assert_allclose(results[:, 0], (U - points[:, 1]) / TAU)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_conditions_on_the_time_follow_announced_events(tmp_path, version):
     path = build_signals(tmp_path, version, "-DTIME_EVENT")
     t = np.arange(21) * 0.1
@@ -77,7 +78,7 @@ def test_conditions_on_the_time_follow_announced_events(tmp_path, version):
     np.testing.assert_array_equal(y - 100.0, t >= 1.0)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
 def test_events_that_count_are_refused(tmp_path, version):
     other = '<CoSimulation modelIdentifier="signals"/>'
     path = build_signals(tmp_path, version, "-DCOUNTER", interfaces=other)

@@ -5,13 +5,14 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.models.fmu.importing import fmu
+from tests.draws import mostly_slow
 from tests.models.fmu.lag_fmu import build
 
 STEP, COUNT = 0.1, 50
 DATA = {"time": np.arange(COUNT) * STEP, "u": np.full(COUNT, 3.0)}
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=mostly_slow([2, 3], [3]))
 def settable(request, tmp_path_factory):
     return build(tmp_path_factory.mktemp("lag"), request.param, "-DSTART", start='start="1.5"')
 

@@ -9,6 +9,7 @@ from kennfeld.errors import ArgumentError, InputError
 from kennfeld.models.fmu.fmu_archive import digest_of
 from kennfeld.models.fmu.importing import fmu
 from kennfeld.models.fmu.trajectories import load_trajectories
+from tests.draws import mostly_slow
 from tests.models.fmu.tank_fmu import COUNT, build, closed_form, recording
 
 SINGLE = 'canHandleVariableCommunicationStepSize="true" canBeInstantiatedOnlyOncePerProcess="true"'
@@ -80,8 +81,17 @@ def load(path):
     return load_trajectories(str(path), digest_of(path))
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize(("option", "resets"), [("-DUSUAL", True), ("-DNO_RESET", True), ("-DLAZY_RESET", False)])
+@pytest.mark.parametrize(
+    ("version", "option", "resets"),
+    [
+        (2, "-DUSUAL", True),
+        (3, "-DNO_RESET", True),
+        (2, "-DLAZY_RESET", False),
+        pytest.param(3, "-DUSUAL", True, marks=pytest.mark.slow),
+        pytest.param(2, "-DNO_RESET", True, marks=pytest.mark.slow),
+        pytest.param(3, "-DLAZY_RESET", False, marks=pytest.mark.slow),
+    ],
+)
 def test_an_instance_that_is_not_as_new_after_a_reset_is_replaced(tmp_path, version, option, resets):
     path = build(tmp_path, version, option)
     assert load(path).resets == resets
@@ -91,7 +101,7 @@ def test_an_instance_that_is_not_as_new_after_a_reset_is_replaced(tmp_path, vers
         np.testing.assert_allclose(y, closed_form(data, gain), rtol=1e-12)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_steps_of_equal_length_are_passed_on_as_equal(tmp_path, version):
     data = recording()
     y = kf.simulate(fmu(build(tmp_path, version, "-DEVEN", head="")), data, {})["y"].values
@@ -134,7 +144,7 @@ def test_threads_run_trajectories_at_once(tank):
         np.testing.assert_allclose(y, closed_form(data, gain), rtol=1e-9)
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", mostly_slow([2, 3], [2]))
 def test_an_fmu_with_one_instance_runs_one_trajectory_at_a_time(tmp_path, version):
     path = build(tmp_path, version, "-DSINGLE", head=SINGLE)
     assert load(path).step.trajectories == 1

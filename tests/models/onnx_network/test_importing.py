@@ -108,7 +108,7 @@ def test_weights_are_blocks_that_stay_unless_they_are_freed(tmp_path):
 
 def test_a_network_between_maps_is_calibrated_with_them(tmp_path):
     """The maps are found again that made the data, with the network as it is."""
-    net = read_function(perceptron(tmp_path / "net.onnx", random_layers([2, 16, 16, 1])), name="net")
+    net = read_function(perceptron(tmp_path / "net.onnx", random_layers([2, 8, 8, 1])), name="net")
     text = "raw = net(Before(u, v), w)\ny[Nm] = After(raw) + K * v"
     model = formula(text, functions=[net], parameters=["Before", "After", "K", *net.values])
     grid = [-1.0, 0.0, 1.0]
@@ -118,7 +118,7 @@ def test_a_network_between_maps_is_calibrated_with_them(tmp_path):
         kf.Scalar("K", 0.7),
     ]
     random = np.random.default_rng(5)
-    data = {name: random.uniform(-1, 1, 800) for name in "uvw"}
+    data = {name: random.uniform(-1, 1, 300) for name in "uvw"}
     exact = net.values.with_parameters(*true)
     data["target"] = kf.simulate(model, data, exact)["y"].values
     start = exact.with_parameters(

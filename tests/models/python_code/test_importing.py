@@ -76,7 +76,7 @@ def test_a_function_of_numbers_becomes_a_graph_without_running(tmp_path):
     np.testing.assert_allclose([nodes["first"], nodes["y2"]], expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["lag", "called"])
+@pytest.mark.parametrize("name", ["lag", pytest.param("called", marks=pytest.mark.slow)])
 def test_the_exhaust_model_calibrates_to_the_parameters_of_the_formula(name, tmp_path):
     (tmp_path / "lag.py").write_text(LAG)
     function = read_function_file(f"lag.py:{name}", tmp_path, "lag")

@@ -7,6 +7,7 @@ from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
 from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
@@ -307,7 +308,7 @@ def nested():
     return drawn
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_tags_and_subsystems_are_wires(layout, tmp_path):
     model = imported(nested(), tmp_path, layout)
     assert run(model, {"u": U})["y"].tolist() == (2 * U).tolist()

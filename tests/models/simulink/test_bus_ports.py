@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import imported, run
 
@@ -46,7 +47,7 @@ def drawn(control=None):
     return model
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_a_subsystem_takes_and_gives_elements_of_buses(layout, tmp_path):
     found = run(imported(drawn(), tmp_path, layout), {"u": U, "v": V})
     np.testing.assert_allclose(found["a"], U + V)

@@ -8,6 +8,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.chart_runs import IO, U, V, drawn_chart, lone, muxed
 from tests.models.simulink.simulink_files import LAYOUTS, Chart, Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
@@ -211,7 +212,7 @@ def test_unknown_functions_in_charts_are_reported(language, code, told, tmp_path
         imported(drawn_chart(chart), tmp_path)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
 def test_bits_in_a_chart_are_those_of_the_types_of_its_data(layout, tmp_path):
     code = "during:\ny = bitshift(k, 1);\nz = bitshift(uint8(u), 1);\nw = bitshift(k + 1, 1);\nk = u;"
     data = [*IO, ("z", "OUTPUT_DATA"), ("w", "OUTPUT_DATA"), ("k", "LOCAL_DATA", "100")]

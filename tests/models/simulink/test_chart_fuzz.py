@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.draws import mostly_slow
 from tests.models.simulink.chart_runs import both
 from tests.models.simulink.simulink_files import Chart
 
@@ -116,7 +117,7 @@ class Drawing:
             self.arrows.append((second, first if self.chance(0.0) else target, self.braced("{}"), holder))
 
 
-@pytest.mark.parametrize("seed", [*range(8), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(8, 40))])
+@pytest.mark.parametrize("seed", mostly_slow(range(40), 2))
 def test_random_charts_run_as_an_interpreter_does(seed, tmp_path):
     random = np.random.default_rng(1000 + seed)
     columns = {name: np.round(random.normal(size=80), 2) for name in ("u", "v")}

@@ -6,6 +6,7 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import simulink
 from kennfeld.models.simulink.stateflow import chart_machine
+from tests.draws import mostly_slow
 from tests.models.simulink.chart_runs import IO, U, V, both, drawn_chart, lone, muxed, pair
 from tests.models.simulink.simulink_files import LAYOUTS, Chart, Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
@@ -187,7 +188,7 @@ CHARTS = {
 }
 
 
-@pytest.mark.parametrize("name", CHARTS)
+@pytest.mark.parametrize("name", mostly_slow(CHARTS, ["parallel", "history", "loop", "temporal", "deep"]))
 def test_charts_run_as_an_interpreter_does(name, tmp_path):
     chart = CHARTS[name]
     columns = {"u": U, "v": V} if len(chart.data) > 3 else {"u": U}
@@ -198,7 +199,7 @@ def test_charts_run_as_an_interpreter_does(name, tmp_path):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("name", ["parallel", "history", "inner"])
+@pytest.mark.parametrize("name", mostly_slow(["parallel", "history", "inner"], ["history"]))
 def test_charts_are_the_same_in_every_layout(name, layout, tmp_path):
     for found, expected in both(CHARTS[name], tmp_path, {"u": U, "v": V}, ("y", "z"), layout=layout):
         np.testing.assert_allclose(found, expected, atol=1e-12)

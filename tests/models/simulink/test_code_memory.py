@@ -5,6 +5,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_code import U, V, body, check_slopes, function, outputs
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import imported, run
@@ -253,7 +254,7 @@ def sharing(writer, reader):
     return drawn
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_functions_share_data_stores(layout, tmp_path):
     found = run(imported(sharing("1", "2"), tmp_path, layout, parameters=[{"start": 2.0}]), {"u": U})
     total = 2 + np.cumsum(np.maximum(U, 0))

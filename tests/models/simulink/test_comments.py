@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import imported, run
 
@@ -24,7 +25,7 @@ def summed(**parameters):
     return drawn
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 @pytest.mark.parametrize(("how", "factor"), [("off", 71), ("on", 1), ("through", 11)])
 def test_a_commented_block_gives_nothing_or_passes_on(layout, how, factor, tmp_path):
     found = run(imported(summed(Commented=how), tmp_path, layout), {"u": U})["y"]

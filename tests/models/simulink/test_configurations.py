@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_data import entry, sldd, thing
 from tests.models.simulink.simulink_files import Model
 from tests.models.simulink.simulink_runs import run
@@ -25,7 +26,7 @@ def integrator(**options):
     return drawn
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 @pytest.mark.parametrize("own", [True, False])
 def test_the_solver_is_that_of_the_configuration_in_the_dictionary(layout, own, tmp_path):
     (tmp_path / "data.sldd").write_bytes(sldd({"Shared": solver("ode1", "T/2"), "T": entry(0.5)}))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, crossings, imported, run, slopes
 
@@ -90,7 +91,7 @@ def test_a_changing_delay_without_feedthrough_may_stand_in_a_loop(tmp_path):
     np.testing.assert_allclose(y, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
 @pytest.mark.parametrize("kind", ["Rising", "Falling", "Either", "Level", "Level hold"])
 def test_a_delay_is_reset_to_its_initial_value(kind, layout, tmp_path):
     drawn = alone("Delay", 2, DelayLength="3", InitialCondition="[5 6 7]", ExternalReset=kind)

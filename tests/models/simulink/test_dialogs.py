@@ -5,6 +5,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 from tests.models.simulink.simulink_runs import imported, run
 
@@ -25,7 +26,7 @@ def value_of(drawn, folder, layout="slx parts", **given):
     return run(imported(drawn, folder, layout, parameters=[given]), samples=1)["y"][0]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 @pytest.mark.parametrize(
     ("kind", "shown", "value"),
     [("checkbox", "on", 1.0), ("checkbox", "off", 0.0), ("popup", "two words", 2.0), ("radiobutton", "IDLE", 1.0)],
@@ -51,7 +52,7 @@ def test_the_choices_of_old_masks_are_their_numbers_as_well(tmp_path):
     assert value_of(drawn, tmp_path, "mdl", K=2.0) == 214.0
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 @pytest.mark.parametrize(
     ("code", "value"),
     [

@@ -7,6 +7,7 @@ from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
 from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
 from kennfeld.models.simulink.variables.enumerations import enumeration_of
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_code import function
 from tests.models.simulink.simulink_data import sldd
 from tests.models.simulink.simulink_files import LAYOUTS, Chart, Mask, Model, zipped
@@ -217,7 +218,7 @@ def test_an_enumerated_constant_of_simulinks_library_is_a_member(tmp_path):
     assert run(imported(drawn, tmp_path, parameters=[script(tmp_path)]), samples=1)["y"][0] == 2.0
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 def test_a_switch_case_knows_members(layout, tmp_path):
     drawn = switch_case("{Gear.First, [Gear.Second, Gear.Reverse]}", 1, 2, 3)
     found = run(imported(drawn, tmp_path, layout, parameters=[class_file(tmp_path)]), {"u": [1.0, 2.0, -1.0, 0.0]})

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
@@ -52,7 +53,7 @@ def bounced(gravity, bounce, samples):
     return np.array(rows).T
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_a_state_port_shows_the_state_before_its_own_reset(layout, tmp_path):
     model = imported(bouncing_ball(), tmp_path, layout, parameters=[{"gravity": -9.81, "bounce": -0.8}])
     found = run(model, samples=60)

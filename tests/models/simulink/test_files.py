@@ -9,6 +9,7 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.reader.document import document, read_document
 from kennfeld.models.simulink.reader.model_tree import Endpoint, Ports, split_path
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import ENDINGS, LAYOUTS, Chart, Mask, Model, zipped
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulink"
@@ -333,8 +334,9 @@ def test_systems_that_share_their_content_do_not_multiply_without_end():
         document(zipped(parts), Path("m.slx"))
 
 
-def test_a_zip_that_unpacks_to_too_much_is_refused():
-    raw = zipped({"simulink/blockdiagram.xml": "<ModelInformation>" + " " * 70_000_000 + "</ModelInformation>"})
+def test_a_zip_that_unpacks_to_too_much_is_refused(monkeypatch):
+    monkeypatch.setattr("kennfeld.models.simulink.reader.model_package._BASE_UNPACKED_BYTES", 1_000_000)
+    raw = zipped({"simulink/blockdiagram.xml": "<ModelInformation>" + " " * 7_000_000 + "</ModelInformation>"})
     with pytest.raises(InputError, match="expands to far more data than a model"):
         document(raw, Path("m.slx"))
 
@@ -350,7 +352,7 @@ def test_lines_to_blocks_that_are_not_there_count_as_loose_and_are_told():
     ]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json", "mdl"]))
 def test_two_thousand_blocks_are_read(layout):
     model = Model()
     for number in range(20):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import signal
+import scipy
 
 from tests.models.simulink.simulink_files import Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
@@ -21,9 +21,9 @@ def first(kind, folder, **parameters):
 def test_discrete_filters_are_those_of_scipy(b, a, tmp_path):
     written = {"Numerator": str(b), "Denominator": str(a)}
     padded = [0.0] * (len(a) - len(b)) + b
-    np.testing.assert_allclose(first("DiscreteFilter", tmp_path, **written), signal.lfilter(b, a, U), atol=1e-13)
+    np.testing.assert_allclose(first("DiscreteFilter", tmp_path, **written), scipy.signal.lfilter(b, a, U), atol=1e-13)
     found = first("DiscreteTransferFcn", tmp_path, **written)
-    np.testing.assert_allclose(found, signal.lfilter(padded, a, U), atol=1e-13)
+    np.testing.assert_allclose(found, scipy.signal.lfilter(padded, a, U), atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["TransferFcn", "DiscreteTransferFcn"])
@@ -47,7 +47,7 @@ def test_a_lag_with_a_named_time_constant_feeds_nothing_through(kind, tmp_path):
 
 def test_a_fir_filter(tmp_path):
     found = first("DiscreteFir", tmp_path, Coefficients="[0.5 0.25 -1]")
-    np.testing.assert_allclose(found, signal.lfilter([0.5, 0.25, -1], [1.0], U), atol=1e-13)
+    np.testing.assert_allclose(found, scipy.signal.lfilter([0.5, 0.25, -1], [1.0], U), atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", ["DiscreteFilter", "DiscreteTransferFcn"])
@@ -67,7 +67,7 @@ def test_the_states_of_a_filter_are_those_behind_its_leading_coefficient(kind, t
 
 def test_structures_are_the_same_filter_from_rest(tmp_path):
     b, a = [0.5, 0.1, 0.2], [2.0, -0.9, 0.3]
-    expected = signal.lfilter(b, a, U)
+    expected = scipy.signal.lfilter(b, a, U)
     for structure in ("Direct form I", "Direct form I transposed", "Direct form II", "Direct form II transposed"):
         drawn = alone("DiscreteFilter", Numerator=str(b), Denominator=str(a), FilterStructure=structure)
         np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u1": U})["y1"], expected, atol=1e-13)

@@ -10,6 +10,7 @@ from kennfeld.graph.integration import SOLVERS
 from kennfeld.models.formula import formula
 from kennfeld.models.formula import read as read_formula
 from kennfeld.models.simulink.formula_export import formula_lines, write_formula
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
 
@@ -134,8 +135,14 @@ DRAWINGS = (integrator, resettable, transfer, tabulated, sampled)
 VALUES = {"k": 0.8, "x0": 0.3}
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("draw", DRAWINGS)
+@pytest.mark.parametrize(
+    ("draw", "solver"),
+    [  # each drawing and each solver
+        pytest.param(draw, solver, marks=() if at % len(DRAWINGS) == number else pytest.mark.slow)
+        for number, draw in enumerate(DRAWINGS)
+        for at, solver in enumerate(SOLVERS)
+    ],
+)
 def test_the_text_gives_the_numbers_of_the_model_to_the_last_digit(draw, solver, tmp_path):
     model = imported(draw(solver), tmp_path, parameters=[VALUES])
     columns = {name: {"u": U, "r": R}[name] for name in model.graph.inputs}
@@ -147,7 +154,7 @@ def test_the_text_gives_the_numbers_of_the_model_to_the_last_digit(draw, solver,
     assert f"solver {solver}" in text_of(model).splitlines()
 
 
-@pytest.mark.parametrize("draw", DRAWINGS)
+@pytest.mark.parametrize("draw", mostly_slow(DRAWINGS, [resettable, sampled]))
 def test_derivatives_pass_through_the_text(draw, tmp_path):
     model = imported(draw("ode4"), tmp_path, parameters=[VALUES])
     columns = {name: {"u": U, "r": R}[name] for name in model.graph.inputs}

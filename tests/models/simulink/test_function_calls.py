@@ -4,6 +4,7 @@ import pytest
 
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.models.simulink.outline import summarize_model
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import imported, run
 
@@ -36,7 +37,7 @@ def total(**parameters):
     return drawn
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
 def test_a_function_call_from_outside_occurs_in_every_step(layout, tmp_path):
     model = imported(total(), tmp_path, layout)
     assert list(model.graph.inputs) == ["u"]
@@ -62,7 +63,7 @@ def test_a_function_call_from_outside_can_be_bound_to_a_channel(tmp_path):
     assert run(model, {"u": U, "go": [0.0, 1.0, 0.0, 1.0]})["y"].tolist() == [0, 2, 2, 6]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_a_split_function_call_calls_all_subsystems(layout, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")

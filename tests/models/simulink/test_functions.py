@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_code import U, V, function
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
@@ -21,7 +22,7 @@ def test_code_that_is_no_function_is_told(code, told, tmp_path):
         imported(function(code), tmp_path)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 def test_parameters_stand_among_the_inputs_where_the_block_says_so(layout, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     scopes = {"u": "INPUT_DATA", "K": "PARAMETER_DATA", "v": "INPUT_DATA", "y": "OUTPUT_DATA"}
@@ -38,7 +39,7 @@ def test_parameters_stand_among_the_inputs_where_the_block_says_so(layout, tmp_p
     np.testing.assert_allclose(exact, near, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 def test_a_function_with_a_sample_time_of_its_own(layout, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     code = "function y = f(u)\npersistent n\nif isempty(n), n = 0; end\nn = n + u;\ny = n;\n"
@@ -177,7 +178,7 @@ def test_a_signal_of_a_bus_is_held_between_the_hits_of_a_function(tmp_path):
 
 
 @pytest.mark.parametrize(("holder", "name"), [("S", " F"), ("S ", "F"), (" S", "F "), ("S/ ", "\na /b")])
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_blanks_around_the_names_of_blocks_hide_no_code(holder, name, layout, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     inner = drawn.subsystem(holder)

@@ -84,7 +84,7 @@ def test_the_search_builds_each_block_a_few_times_at_most(tmp_path, monkeypatch)
     here = drawn
     for level in range(40):  # each level has a loop of its own, so that none is whole
         here = here.subsystem(f"Level{level}")
-        chain(here, *[1] * 50)
+        chain(here, *[1] * 8)
         here.block("Gain", "Loop")
         here.outport("z")
         here.chain("Loop", "Loop", "z")

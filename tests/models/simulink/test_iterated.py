@@ -6,6 +6,7 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.flattening import hierarchy
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
 
@@ -50,7 +51,7 @@ def summed(passes, reset, base=1, u=U):
     return found
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
 @pytest.mark.parametrize("reset", [False, True])
 def test_a_for_iterator_hands_its_memory_from_pass_to_pass(layout, reset, tmp_path):
     drawn = loop(summing, IterationLimit="4", ResetStates="reset" if reset else "held")
@@ -122,7 +123,7 @@ def search(inner):
     inner.line("Iterator", "passes")
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_a_do_while_iterator_ends_when_its_condition_fails(layout, tmp_path):
     drawn = loop(search, "WhileIterator", WhileBlockType="do-while", MaxIters="20", ShowIterationPort="on",
                  ResetStates="reset", ports=(1, 1))  # fmt: skip
@@ -378,7 +379,7 @@ def each(content=lags, mask=None, lists=None, **settings):
 WAVES = {f"u{at}": np.random.default_rng(at).normal(size=15) for at in (1, 2, 3)}
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 def test_each_element_has_memories_of_its_own(layout, tmp_path):
     lists = {"InputPartitionDimension": ["1", "1"], "InputPartitionWidth": ["1", "1"]}
     model = imported(each(lists=lists), tmp_path, layout, parameters=[{"k": 0.3}])

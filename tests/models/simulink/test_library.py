@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import signal
-from scipy.interpolate import RegularGridInterpolator
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
@@ -50,7 +49,7 @@ def test_a_continuous_pid_controller_is_its_transfer_function(tmp_path):
     found = run(model, {"u1": np.ones(300)})["y1"]
     n = 20.0  # P + I/s + D N s / (s + N)
     b = [2 + 0.1 * n, 2 * n + 3, 3 * n]
-    expected = signal.lsim((b, [1, n, 0]), np.ones(300), t)[1]
+    expected = scipy.signal.lsim((b, [1, n, 0]), np.ones(300), t)[1]
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
@@ -126,7 +125,9 @@ def test_prelookups_may_differ_beyond_their_ends(ends, tmp_path):
     points = np.array([0.0, 1.0, 3.0]), np.array([-1.0, 1.0, 3.0])
     inside = [np.clip(x, p[0], p[-1]) if end == "Clip" else x
               for x, p, end in zip(columns.values(), points, ends, strict=True)]  # fmt: skip
-    expected = RegularGridInterpolator(points, Z, bounds_error=False, fill_value=None)(np.stack(inside, axis=1))
+    expected = scipy.interpolate.RegularGridInterpolator(points, Z, bounds_error=False, fill_value=None)(
+        np.stack(inside, axis=1)
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
@@ -182,7 +183,7 @@ def test_a_table_of_prelookups_is_one_over_their_breakpoints(tmp_path):
 def lookup_of(values, points, columns):
     """Bilinear, held at the ends."""
     inside = [np.clip(x, p[0], p[-1]) for x, p in zip(columns, points, strict=True)]
-    return RegularGridInterpolator(points, values)(np.stack(inside, axis=1))
+    return scipy.interpolate.RegularGridInterpolator(points, values)(np.stack(inside, axis=1))
 
 
 def test_a_calibration_files_axes_do_not_fit_a_table_that_is_looked_up_by_number(tmp_path):

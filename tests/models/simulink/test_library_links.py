@@ -5,6 +5,7 @@ import pytest
 from kennfeld.models.simulink.reader import library_links
 from kennfeld.models.simulink.reader.document import read_document
 from kennfeld.models.simulink.reader.library_links import LibraryResolver
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 
 
@@ -25,7 +26,7 @@ def resolved(model, folder, layout="slx parts", folders=()):
     return LibraryResolver(folders).resolve(read_document(model.write(folder, layout)))
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 def test_a_link_takes_the_content_of_the_library_with_its_own_parameters(layout, tmp_path):
     library().write(tmp_path, layout)
     model = Model()
@@ -145,7 +146,7 @@ def test_a_loop_of_libraries_is_told_with_its_chain(tmp_path):
 
 
 def test_links_that_multiply_without_end_are_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(library_links, "_MAX_BLOCKS", 5000)
+    monkeypatch.setattr(library_links, "_MAX_BLOCKS", 1000)
     for at in range(25):
         made = Model(f"lib{at}", kind="Library")
         inner = made.subsystem("S")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
@@ -44,7 +45,7 @@ Y0, U2 = RNG.normal(size=(N, 4)), RNG.normal(size=(N, 2))
 ONE, M = RNG.normal(size=N), RNG.normal(size=(N, 2, 3))
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_elements_at_fixed_places_are_replaced(layout, tmp_path):
     drawn = wide("Assignment", (4, 2), IndexOptions="Index vector (dialog)", Indices="[4 2]", OutputSizes="1")
     found = gathered(run(imported(drawn, tmp_path, layout), columns(u1=Y0, u2=U2)))

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy import signal
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
@@ -171,7 +171,7 @@ SUMS = {
 @pytest.mark.parametrize("filters", FILTERS)
 def test_methods_of_integral_and_filter_are_transfer_functions(sums, filters, tmp_path):
     found = run(imported(drawn_as(IntegratorMethod=sums, FilterMethod=filters), tmp_path), {"u1": E})["y1"]
-    expected = 1.5 * E + 2 * signal.lfilter(*SUMS[sums], E) + 0.3 * signal.lfilter(*FILTERS[filters], E)
+    expected = 1.5 * E + 2 * scipy.signal.lfilter(*SUMS[sums], E) + 0.3 * scipy.signal.lfilter(*FILTERS[filters], E)
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
 
@@ -28,7 +29,7 @@ def drawn(slow="0.3", fast="0.1", **transition):
     return made
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
 def test_a_faster_sample_time_sees_a_signal_one_hit_late(layout, tmp_path):
     model = imported(drawn(X0="x0"), tmp_path, layout, parameters=[{"x0": 5.0}])
     found = run(model, {"u": U})
@@ -104,7 +105,7 @@ def scheduled(slow, fast, u, first):
 TASKS = [{"SolverMode": "MultiTasking"}, {"SolverMode": "Auto"}, {"EnableMultiTasking": "on"}]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 @pytest.mark.parametrize("settings", [{"Deterministic": "off"}, {"Integrity": "off"}])
 @pytest.mark.parametrize(("slow", "fast"), [(3, 2), (3, 1), (4, 2)])
 def test_a_faster_task_runs_before_the_slower_one(slow, fast, settings, layout, tmp_path):

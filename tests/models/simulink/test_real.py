@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import RK45, solve_ivp
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.models.formula import formula
@@ -52,7 +52,7 @@ def test_the_idle_speed_model_moves_as_scipy_integrates_it(clutch):
     t = 0.02 * np.arange(101)
     found = run(model, {"clutch": np.full(101, clutch), "alpha": np.full(101, 10.0)}, dt=0.02)
     start = (IDLE["n0"], 0.0, 7300.0)
-    expected = solve_ivp(idle, (0, 2), start, t_eval=t, args=(10.0, clutch), rtol=1e-11, atol=1e-9).y
+    expected = scipy.integrate.solve_ivp(idle, (0, 2), start, t_eval=t, args=(10.0, clutch), rtol=1e-11, atol=1e-9).y
     for name, values in zip(("n", "theta", "p"), expected, strict=True):
         np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-6 * np.abs(values).max())
 
@@ -74,7 +74,10 @@ def test_the_vehicle_model_is_the_sum_of_its_resistances():
 
 @pytest.mark.parametrize(
     ("file", "top", "ratio"),
-    [("fuel_control", "Air Fuel Control Model 1", "AF"), ("AbstractFuelControl_M1", "Model 1", "")],
+    [
+        ("fuel_control", "Air Fuel Control Model 1", "AF"),
+        pytest.param("AbstractFuelControl_M1", "Model 1", "", marks=pytest.mark.slow),
+    ],
 )
 def test_the_air_fuel_controllers_are_whole_and_settle(file, top, ratio):
     field = f"{top}/Cylinder and Exhaust/fuel system transport delay:MaximumDelay"
@@ -124,6 +127,7 @@ VENTILATOR = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_are_given():
     file = DATA / "VentilatorModel_v8_5.slx"
     missing = import_simulink(file, parameters=[VENTILATOR]).report
@@ -140,7 +144,9 @@ def test_the_ventilator_is_whole_where_its_library_is_bound_and_its_parameters_a
 @pytest.mark.parametrize(
     ("file", "told"),
     [
-        ("VentilatorModel_v8_5.slx", "36 more: it links to the library Simple_pneu_library"),
+        pytest.param(
+            "VentilatorModel_v8_5.slx", "36 more: it links to the library Simple_pneu_library", marks=pytest.mark.slow
+        ),
         ("controller.slx", "it links to the library dspfdesign"),
         pytest.param("Dyn_Vol_Line.slx", "Lib_Solve_IterNRSolverJC_TMATS", marks=pytest.mark.slow),
         ("GasTurbine_Dyn_Template.mdl", "it links to the library Lib_"),
@@ -164,11 +170,11 @@ GEARS = {
 @pytest.mark.parametrize(
     ("file", "given", "largest"),
     [
-        ("controller.slx", {}, "Controller/Pressure Control/Init Input Shaping"),
+        pytest.param("controller.slx", {}, "Controller/Pressure Control/Init Input Shaping", marks=pytest.mark.slow),
         pytest.param("Dyn_Vol_Line.slx", {}, "System Model/SystemModel/Subsystem", marks=pytest.mark.slow),
         ("automatic_transmission.slx", GEARS, ""),
         ("Autotrans_Model.mdl", {}, "Transmission/TransmissionRatio"),
-        ("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg"),
+        pytest.param("VentilatorModel_v8_5.slx", {}, "CO2 calculation/Inspired avg", marks=pytest.mark.slow),
     ],
 )
 def test_each_subsystem_that_is_told_to_be_whole_can_be_imported_and_run(file, given, largest):
@@ -263,9 +269,9 @@ class Transmission:
                 self.shift(self.speed(x), pedal)
             found.append([self.speed(x), x[0], self.gear])
             slopes = np.zeros((6, 2))
-            for stage, weights in enumerate(RK45.A):
+            for stage, weights in enumerate(scipy.integrate.RK45.A):
                 slopes[stage] = self.slopes(x + step * weights[:stage] @ slopes[:stage], pedal, stop)
-            x = x + step * RK45.B @ slopes
+            x = x + step * scipy.integrate.RK45.B @ slopes
         return np.array(found).T
 
 
@@ -278,7 +284,11 @@ def drive():
     return throttle, brake, Transmission().run(throttle, brake)
 
 
-@pytest.mark.parametrize(("file", "count"), [("automatic_transmission.slx", 1800), ("Autotrans_Model.mdl", 300)])
+@pytest.mark.parametrize(
+    ("file", "count"),
+    [pytest.param("automatic_transmission.slx", 1800, marks=pytest.mark.slow), ("Autotrans_Model.mdl", 300)],
+)
+@pytest.mark.slow
 def test_the_transmission_shifts_as_when_it_is_written_out(file, count):
     found = import_simulink(DATA / file, parameters=[GEARS])
     assert found.report.whole

@@ -7,6 +7,7 @@ from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Curve, Scalar
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
 
@@ -42,7 +43,7 @@ def user(*names, **parameters):
     return made
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 def test_the_content_of_a_subsystem_file_stands_in_its_place(layout, tmp_path):
     part().write(tmp_path, layout)
     model = imported(user("filter", "filter"), tmp_path, layout, parameters=[{"k": 0.5}])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import crossings, imported, run, slopes
 
@@ -47,7 +48,7 @@ def resets(kind, k, r=R):
     return {"rising": up[k], "falling": down[k], "either": up[k] or down[k]}[kind]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 def test_a_resettable_subsystem_begins_anew_and_runs_on(layout, tmp_path):
     model = imported(resettable(), tmp_path, layout, parameters=[{"start": 2.0}])
     found = run(model, {"u": U, "r": R})["y"]

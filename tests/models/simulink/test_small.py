@@ -5,6 +5,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, imported, run
 
@@ -22,7 +23,7 @@ def linked(kind, folder, columns, outputs=1, **parameters):
 # what is known of signals
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 def test_the_width_of_vectors_and_buses(layout, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u", PortDimensions="3")
@@ -239,7 +240,7 @@ def test_counting_down_stops_at_0(tmp_path):
         np.testing.assert_allclose(linked(kind, tmp_path, [U])["y1"], rule, atol=1e-15)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
 def test_an_inport_may_be_drawn_more_than_once(layout, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
     drawn.inport("u")
@@ -296,7 +297,7 @@ def test_the_numbers_of_a_multiport_switch_may_be_listed(default, tmp_path):
         ("Gain", 1, {"Gain": "[]"}, "its Gain is empty"),
         ("PermuteDimensions", 1, {"Order": "nan"}, "its Order nan is not"),
         ("CombinatorialLogic", 1, {"TruthTable": "[]"}, "a table of 0 rows does not match 1 inputs"),
-        ("MultiPortSwitch", 3, {"DataPortOrder": "Specify indices", "DataPortIndices": "{1:1e5,2}"}, "at most"),
+        ("MultiPortSwitch", 3, {"DataPortOrder": "Specify indices", "DataPortIndices": "{1:2e4,2}"}, "at most"),
     ],
 )
 def test_settings_that_make_no_sense_are_told(kind, inputs, parameters, told, tmp_path):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy import signal
+import scipy
 
 from kennfeld.errors import InputError
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
@@ -34,7 +35,7 @@ def test_a_sine_wave_may_count_samples(tmp_path):
 
 def test_a_chirp_is_that_of_scipy(tmp_path):
     found = source("Reference", tmp_path, special="chirp", f1="0.5", f2="3", T="4")
-    np.testing.assert_allclose(found, signal.chirp(TIME, 0.5, 4, 3, phi=-90), atol=1e-11)
+    np.testing.assert_allclose(found, scipy.signal.chirp(TIME, 0.5, 4, 3, phi=-90), atol=1e-11)
 
 
 @pytest.mark.parametrize(("units", "factor"), [("Hertz", 2 * np.pi), ("rad/sec", 1.0)])
@@ -45,7 +46,7 @@ def test_a_generator_makes_sine_waves(units, factor, tmp_path):
         source("SignalGenerator", tmp_path, WaveForm="random")
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 def test_a_sequence_repeats_its_lines(layout, tmp_path):
     found = source("Reference", tmp_path, layout, special="Repeating table", rep_seq_t="[0 0.5 2]", rep_seq_y="[1 3 0]")
     expected = np.interp(np.mod(TIME + 1e-10, 2), [0, 0.5, 2], [1, 3, 0])

@@ -9,6 +9,7 @@ from kennfeld.models.formula.printer import to_text
 from kennfeld.models.simulink.importing import import_simulink
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_data import sldd
 from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 from tests.models.simulink.simulink_runs import alone, imported, run
@@ -236,7 +237,7 @@ def test_values_under_the_name_of_a_field_go_over_its_literal(tmp_path):
 # the whole model
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx json"]))
 def test_the_torque_model_as_blocks_is_the_one_as_formula(layout, tmp_path):
     rng = np.random.default_rng(1)
     n, q, d = np.linspace(700, 6000, 6), np.linspace(10, 100, 5), np.linspace(-10, 50, 7)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Map
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 from tests.models.simulink.simulink_runs import alone, imported, run, slopes
 
@@ -39,7 +40,7 @@ def test_a_prelookup_finds_the_cell_and_the_fraction(last, beyond, tmp_path):
     np.testing.assert_allclose(found["y2"], fraction, atol=1e-14)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl"]))
 def test_breakpoints_may_be_an_input(layout, tmp_path):
     drawn = alone("PreLookup", 2, 2, BreakpointsDataSource="Input port", ExtrapMethod="Linear")
     next(one for one in drawn.blocks if one.name == "u2").parameters["PortDimensions"] = "4"
@@ -152,7 +153,7 @@ W = RNG.normal(size=(5, 4))
 
 def natural(points, values, x, beyond):
     """A natural spline of scipy, along the first dimension, and what goes on beyond its ends."""
-    made = CubicSpline(points, values, bc_type="natural")
+    made = scipy.interpolate.CubicSpline(points, values, bc_type="natural")
     inside = np.clip(x, points[0], points[-1])
     y = made(inside) if beyond != "Cubic spline" else made(x)
     if beyond == "Linear":
@@ -160,7 +161,7 @@ def natural(points, values, x, beyond):
     return y
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["mdl package"]))
 @pytest.mark.parametrize("beyond", ["Clip", "Linear", "Cubic spline"])
 def test_a_spline_is_that_of_scipy(beyond, layout, tmp_path):
     drawn = alone("Lookup_n-D", NumberOfTableDimensions="1", Table="Eta", BreakpointsForDimension1="[0 1 2.5 3 5]",
@@ -174,7 +175,7 @@ def test_a_spline_is_that_of_scipy(beyond, layout, tmp_path):
     assert (np.abs(exact) > 1e-6).sum(axis=1).max() == 5
 
 
-@pytest.mark.parametrize("beyond", ["Clip", "Linear", "Cubic spline"])
+@pytest.mark.parametrize("beyond", mostly_slow(["Clip", "Linear", "Cubic spline"], ["Linear"]))
 def test_a_spline_of_two_dimensions_goes_along_the_first_one_first(beyond, tmp_path):
     drawn = alone("Lookup_n-D", 2, NumberOfTableDimensions="2", Table="Map", BreakpointsForDimension1="[0 1 2.5 3 5]",
                   BreakpointsForDimension2="[-1 0.5 2 4]", InterpMethod="Cubic spline",
@@ -186,7 +187,7 @@ def test_a_spline_of_two_dimensions_goes_along_the_first_one_first(beyond, tmp_p
     lines = [natural(X1, W, one, beyond) for one in a]
     expected = [float(natural(X2, line, one, beyond)) for line, one in zip(lines, b, strict=True)]
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
-    exact, differences = slopes(model, {"u1": a[:5], "u2": b[:5]}, "Map", "y1")
+    exact, differences = slopes(model, {"u1": a[:3], "u2": b[:3]}, "Map", "y1")
     np.testing.assert_allclose(exact, differences, atol=1e-7)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.io
+import scipy
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink

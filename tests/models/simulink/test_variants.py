@@ -5,6 +5,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.models.simulink.importing import import_simulink, simulink
+from tests.draws import mostly_slow
 from tests.models.simulink.simulink_data import entry, mxarray, sldd, thing
 from tests.models.simulink.simulink_files import LAYOUTS, Mask, Model
 from tests.models.simulink.simulink_runs import imported, run, slopes
@@ -42,7 +43,7 @@ def plant(*labels, **settings):
 GIVEN = {"k": 100.0}
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx inline"]))
 @pytest.mark.parametrize(("mode", "gain"), [(1, 10), (2, 100)])
 def test_the_choice_whose_control_is_true_is_the_one_that_is_built(layout, mode, gain, tmp_path):
     drawn = plant("mode == 1", "mode == 2")
@@ -192,7 +193,7 @@ def test_a_choice_can_be_a_referenced_model(tmp_path):
     np.testing.assert_allclose(run(imported(drawn, tmp_path), {"u": U})["y"], 3 * U)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ["slx parts"]))
 @pytest.mark.parametrize("mode", [1, 2])
 def test_a_variant_source_passes_on_the_active_input(layout, mode, tmp_path):
     drawn = Model(step="0.1", solver="FixedStepDiscrete")

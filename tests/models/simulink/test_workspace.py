@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.io
+import scipy
 
 from kennfeld.models.simulink.reader.document import document
 from kennfeld.models.simulink.variables.stored_variables import (

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
+from tests.draws import few_or_many, mostly_slow
 from tests.optimize.repetitions import agree, counts, repeated
 
 NOISE = 0.5
@@ -47,8 +47,9 @@ CASES = {
 
 
 @counts
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
-def test_values_scatter_over_repeated_measurements_as_said(case, count):
+@pytest.mark.parametrize("name", mostly_slow(CASES, ["smooth at a bound"]))
+def test_values_scatter_over_repeated_measurements_as_said(name, count):
+    case = CASES[name]
     problem, truth = product(**case)
     trust = run(problem, kf.Options()).trust
     ends = repeated(problem, truth, draw, count)
@@ -81,7 +82,7 @@ def test_the_error_covers_the_truth_where_smoothness_decides_too():
     grid = np.linspace(0, 10, 41)
     truth = np.sin(grid) * 3
     covered, bare = [], []
-    for seed in range(12):
+    for seed in range(6):
         y = np.interp(x, grid, truth) + np.random.default_rng(seed).normal(0, 1.0, x.size)
         start = kf.ParameterSet([kf.Curve("C", grid, np.zeros(41))])
         result = kf.calibrate("m = C(x)", {"x": x, "y": y}, start, target="y", smoothness=1.0 * 41 / 0.03)
@@ -107,8 +108,9 @@ def test_recordings_whose_errors_last_determine_less():
     assert lasting.deviation["b"] == pytest.approx(np.sqrt(lasting.persistence["m"]) * steady.deviation["b"])
 
 
-@settings(deadline=None, max_examples=12)
-@given(st.integers(0, 2**16), st.sampled_from([0.0, 1e-3, 1.0, 1e4]), st.sampled_from([None, 0.3]))
+@few_or_many(
+    st.integers(0, 2**16), st.sampled_from([0.0, 1e-3, 1.0, 1e4]), st.sampled_from([None, 0.3]), few=6, many=12
+)
 def test_leverages_lie_between_0_and_1_and_sum_up_to_the_degrees_of_freedom(seed, smoothness, bound):
     rng = np.random.default_rng(seed)
     x = rng.uniform(0, rng.uniform(2, 9), 60)
@@ -129,7 +131,7 @@ def test_leverages_lie_between_0_and_1_and_sum_up_to_the_degrees_of_freedom(seed
     assert trust.freedom <= 11 + 1e-6
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize("unit", mostly_slow([1e-6, 1e6], 1))
 def test_units_do_not_matter(unit):
     rng = np.random.default_rng(4)
     x, z = rng.uniform(0, 3, (2, 200))

@@ -70,7 +70,9 @@ def test_what_is_said_to_change_nothing_changes_nothing(smoothness):
     assert np.abs(simulated(0.1) - simulated(0.0)).max() < 1e-5 * np.abs(simulated(0.0)).max()
 
 
-@pytest.mark.parametrize(("settled", "smoothness"), [(False, 1.0), (True, 0.0), (True, 1.0)])
+@pytest.mark.parametrize(
+    ("settled", "smoothness"), [(False, 1.0), pytest.param(True, 0.0, marks=pytest.mark.slow), (True, 1.0)]
+)
 def test_the_shift_of_ignition_and_efficiency_is_nearly_open(smoothness, settled):
     trust = torque_fit(smoothness, pinned=settled, bounded=settled).trust
     (direction,) = found(trust, *SHIFT)

@@ -54,7 +54,9 @@ def repeated(made, count):
 
 
 @counts
-@pytest.mark.parametrize("smoothness", [{}, {"C": 1e-3}], ids=["plain", "smooth"])
+@pytest.mark.parametrize(
+    "smoothness", [pytest.param({}, id="plain", marks=pytest.mark.slow), pytest.param({"C": 1e-3}, id="smooth")]
+)
 def test_breakpoints_and_values_scatter_as_said(smoothness, count):
     made = problem(bent(), noisy(), smoothness=smoothness)
     trust = run(made, kf.Options()).trust

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from tests.draws import mostly_slow
 
 
 def line(count, noise, seed=0, outliers=0):
@@ -33,7 +34,7 @@ def test_outliers_do_not_enter_the_noise_of_a_robust_loss(loss, delta):
     assert result.trust.noise["m"] == pytest.approx(0.5, rel=0.12)
 
 
-@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+@pytest.mark.parametrize("loss", mostly_slow(["huber", "soft_l1"], 1))
 def test_robust_fits_scatter_as_said(loss):
     rng = np.random.default_rng(0)
     groups, ends, said = np.arange(120.0), [], []

@@ -10,6 +10,7 @@ from kennfeld.optimize import Problem, run
 from kennfeld.optimize.trust import Trust
 from kennfeld.optimize.trust.information_matrix import Spectrum
 from kennfeld.project.demo import torque
+from tests.draws import mostly_slow
 
 RANDOM = np.random.default_rng(0)
 X, Z = RANDOM.uniform(0, 6, 600), RANDOM.uniform(0, 4, 600)
@@ -74,7 +75,7 @@ def test_what_smoothness_alone_determines_is_told_apart():
     assert settled.advice == ""
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", mostly_slow(range(12), 4))
 def test_the_remedy_settles_random_models_of_deficient_rank(seed):
     random = np.random.default_rng(seed)
     count = int(random.integers(2, 12))
@@ -92,7 +93,11 @@ def test_the_remedy_settles_random_models_of_deficient_rank(seed):
 
 @pytest.mark.parametrize(
     ("text", "pinned"),
-    [("m = A(x) * B(z)", ["B"]), ("m = A(x) * B(z) * k", ["B", "k"]), ("m = A(x) + B(z) + k", ["B", "k"])],
+    [
+        pytest.param("m = A(x) * B(z)", ["B"], marks=pytest.mark.slow),
+        ("m = A(x) * B(z) * k", ["B", "k"]),
+        pytest.param("m = A(x) + B(z) + k", ["B", "k"], marks=pytest.mark.slow),
+    ],
 )
 def test_products_and_sums_are_settled_by_their_smallest_parts(text, pinned):
     members = [curve("A", 7), curve("B", 5), *([kf.Scalar("k", 2.0)] if "k" in text else [])]
@@ -118,6 +123,7 @@ def test_values_without_data_are_locked():
     assert followed(given, result).trust.null_space.dimension == 0
 
 
+@pytest.mark.slow
 def test_the_torque_model_has_its_scale_and_the_efficiencies_beyond_the_data():
     start = torque.start()
     given = Problem(
@@ -157,7 +163,7 @@ def test_result_json_holds_it():
     assert written["remedy"].startswith("To determine all of them, pin all 7 values of B")
 
 
-@pytest.mark.parametrize("smoothness", [0.0, 0.1])
+@pytest.mark.parametrize("smoothness", mostly_slow([0.0, 0.1], [0.1]))
 def test_what_is_said_does_not_depend_on_how_eigenvectors_are_turned(monkeypatch, smoothness):
     """Another processor may give any basis of the null space, and any sign of the other eigenvectors."""
 

@@ -33,7 +33,11 @@ SHORT = [(0.0, 300), (0.5, 200), (0.9, 200), (0.9, 500)]
 LONG = [(0.0, 5000), (0.5, 5000), (0.9, 5000), (0.99, 5000), (0.99, 20_000)]
 
 
-@pytest.mark.parametrize(("memory", "samples"), [*SHORT, *LONG])
+@pytest.mark.parametrize(
+    ("memory", "samples"),
+    [(0.0, 5000), (0.9, 500), (0.99, 5000)]
+    + [pytest.param(*case, marks=pytest.mark.slow) for case in (*SHORT[:3], *LONG[1:3], LONG[4])],
+)
 def test_errors_that_decay_count_as_they_should(memory, samples):
     lengths = [persistence(error)[0] for error in recordings(memory, samples, 60)]
     assert agrees(lengths, (1 + memory) / (1 - memory))

@@ -14,6 +14,7 @@ from kennfeld.optimize import Options, Problem, Stop
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.trust.active_limits import multipliers
+from tests.draws import mostly_slow
 from tests.optimize.repetitions import agree
 from tests.optimize.trust.dense_covariance import DenseCovariance, slopes
 
@@ -193,7 +194,7 @@ def test_values_that_are_smoothed_and_pinned_and_limited_scatter_as_said():
     assert trust.scatter["C"][rest] == pytest.approx(np.std(ends, axis=0)[rest], rel=0.35)
 
 
-@pytest.mark.parametrize("edge", [0.0, -1.0])
+@pytest.mark.parametrize("edge", mostly_slow([0.0, -1.0], 1))
 def test_limits_that_cannot_be_kept_leave_no_trust(edge):
     result = result_of(curve_problem(Limit("w", upper=edge - 1), Limit("-w", upper=edge)))
     assert result.status == "infeasible"

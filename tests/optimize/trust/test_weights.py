@@ -13,6 +13,7 @@ from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
 from kennfeld.optimize.trust.noise import classes, groups, rescore
+from tests.draws import few_or_many, mostly_slow
 from tests.optimize.repetitions import FEW, agree, counts, own_targets
 
 SIZE = 400
@@ -62,9 +63,12 @@ CASES = {
 
 
 @counts
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
-def test_weighted_fits_scatter_as_said(case, count):
-    spread, criterion = case
+@pytest.mark.parametrize(
+    "name",
+    mostly_slow(CASES, ["weights that say how good", "a region that matters more"]),
+)
+def test_weighted_fits_scatter_as_said(name, count):
+    spread, criterion = CASES[name]
     said = np.mean(
         [
             run(problem(spread, seed, **criterion), kf.Options()).trust.covariance()
@@ -79,8 +83,7 @@ def deviations(trust):
     return np.concatenate([np.ravel(trust.deviation[name]) for name in trust.deviation])
 
 
-@settings(deadline=None, max_examples=5)
-@given(st.floats(1e-6, 1e6), st.floats(1e-3, 1e3))
+@few_or_many(st.floats(1e-6, 1e6), st.floats(1e-3, 1e3), few=2, many=10)
 def test_only_the_ratios_of_weights_matter(factor, scale):
     spread = 0.5 / np.sqrt(W)
     plain = run(problem(spread, weight_channel="w"), kf.Options()).trust
@@ -112,6 +115,7 @@ def test_the_same_weight_everywhere_is_none():
         assert weighted.noise == pytest.approx(plain.noise, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_noise_is_that_of_a_sample_of_mean_weight():
     w = np.where(X < 2.5, 4.0, 1.0)
     made = [problem(0.6 / np.sqrt(w), seed, {"w": w}, weight_channel="w") for seed in range(8)]

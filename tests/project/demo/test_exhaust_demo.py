@@ -9,6 +9,7 @@ from kennfeld.cli import run
 from kennfeld.project import Project
 from kennfeld.project.demo import diesel_drive, exhaust, write
 from kennfeld.project.demo.diesel_drive import drive
+from tests.draws import mostly_slow
 
 SPEED = np.linspace(800.0, 4200.0, 18)
 
@@ -109,7 +110,7 @@ def _simulated(model, data, parameters):
     return simulate(model, data, parameters)["y"].values
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", mostly_slow([3, 4], 1))
 def test_other_drives_give_the_same_picture(seed):
     from kennfeld import calibrate
 
@@ -140,6 +141,7 @@ def test_what_is_written_is_what_was_made(project):
         assert written[name].unit == data[name].unit
 
 
+@pytest.mark.slow
 def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     assert run(["demo", "exhaust", "--dir", str(tmp_path / "demo")]) == 0
     said = capsys.readouterr().out

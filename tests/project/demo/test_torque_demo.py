@@ -73,6 +73,7 @@ def test_motored_points_are_few_and_measure_the_drag():
     assert np.sqrt(np.mean(error**2)) == pytest.approx(torque.NOISE, rel=0.3)
 
 
+@pytest.mark.slow
 def test_motored_points_give_maps_of_physical_values(project, load_only):
     """Load alone leaves torque and drag to each other; the error of the torque is the same."""
     with_motored, without = project.calibrate(), load_only.calibrate()
