@@ -126,7 +126,7 @@ def _outcomes(case: Case) -> list[dict[str, Any]]:
             began = time.process_time()
             end = minimise(setup, start, limits)
             duration = time.process_time() - began
-        quality = fit.scorer.quality(problem.parameters, fit.parameters(end.values))
+        quality = fit.scorer.scores(problem.parameters, fit.parameters(end.values)).quality
         error = next(row.rmse_after for row in quality if row.use == "test")
         outcome = {"cost": end.cost, "error": error, "iterations": end.iterations, "seconds": duration}
         outcomes.append({"setting": setting.name} | outcome)

@@ -41,17 +41,23 @@ class SearchPlan:
         short: the schedule that is tried first.
         long: tried if kinks matter, unless it is None; ends at a width at which `short` was at least as good.
         direct: whether a descent without smoothing is tried.
+        again: the schedule with which the best end is smoothed and sharpened once more, as long as that gains enough.
+        most_again: how often, at most.
         tolerance: relative change of the cost that ends a descent while others may end lower.
         patience: number of such changes in a row.
         kink_difference: relative difference of two ends from which kinks matter.
+        gain: relative decrease of the cost from which an end is smoothed and sharpened another time.
     """
 
     short: SmoothingSchedule = SHORT_SCHEDULE
     long: SmoothingSchedule | None = LONG_SCHEDULE
     direct: bool = True
+    again: SmoothingSchedule | None = SHORT_SCHEDULE
+    most_again: int = 4
     tolerance: float = 1e-3
     patience: int = 2
     kink_difference: float = 3e-3
+    gain: float = 1e-3
 
     def early(self, settings: SolverSettings) -> SolverSettings:
         """Return the settings of descents that are compared."""
@@ -134,7 +140,40 @@ def _compare_descents(
         ends.append(continuation.descend_directly(start, limits, early, setup.report))
     if plan.long is not None and _costs_differ(ends, plan.kink_difference):
         ends.append(continuation.descend(plan.long, start, limits, early, setup.report, costs)[0])
-    return _continue_on_all_samples(setup, ends, start, limits, settings)
+    end = _continue_on_all_samples(setup, ends, start, limits, settings)
+    smooth = end.certificate is not None and end.certificate.predicted_decrease <= settings.tolerance
+    return end if plan.again is None or smooth else _cross_kinks(setup, continuation, plan.again, end, limits, settings)
+
+
+def _cross_kinks(
+    setup: DescentSetup,
+    continuation: Continuation,
+    schedule: SmoothingSchedule,
+    end: SolverResult,
+    limits: LinearLimits,
+    settings: SolverSettings,
+) -> SolverResult:
+    """Smooth and sharpen the model again from an end: its kinks may hold it above the floor of its valley."""
+    best, searched = end, end
+    for _ in range(setup.plan.most_again):
+        if searched.status != "converged" or best.cost == 0:
+            break
+        early = setup.plan.early(settings)
+        near, _ = continuation.descend(schedule, best.values, limits, early, setup.report)
+        ends = [near]
+        if near.status != "stopped":
+            ends.append(
+                levenberg_marquardt(setup.objective, near.values, limits, settings, partial(setup.report, "final"))
+            )
+        last, before = ends[-1], best.cost
+        lower = setup.objective.cost(last.values) < before
+        best = (last if lower else best).with_effort_of([best, *ends])
+        searched = last
+        if last.status == "stopped":
+            return replace(best, status=last.status, message=last.message)
+        if not best.cost < (1 - setup.plan.gain) * before:
+            break
+    return best
 
 
 def _continue_on_all_samples(
