@@ -30,6 +30,7 @@ MIN_DAMPING = 1e-15
 MAX_ACCELERATION = 0.75  # ratio of twice the geodesic acceleration to the step
 LITTLE_DAMPING = 1e-12
 PROMISED_SHARE = 0.5  # share of the cost that an almost undamped step may promise at a minimum, for example at a kink
+STEEP = 0.1  # cosine between residuals and a column of J at a start; kinks of tables leave a tenth of it
 LIMIT_DAMPING = 1e-9  # of the mean curvature: least damping while limits are active, keeps the digits of A H^-1 A'
 SLOW_LIMIT_DAMPING = 1e-15  # the same while steps succeed, but slowly
 TRIAL_TOLERANCE = 1e-10  # of a limit's scale: violation allowed to a trial, a tenth of what is promised to the user
@@ -429,17 +430,19 @@ class _LevenbergMarquardt:
     def _end_if_confirmed(self, model: GaussNewtonModel, message: str) -> SolverResult | None:
         """End as converged where the undamped step promises nothing, or was tried; otherwise go on.
 
-        If it promises to halve a cost that is not rounding, and trying it has not helped, the descent has failed.
+        The descent has failed if trying has not helped though it promises to halve a cost that is not rounding, or if
+        no step at all was possible from a slope that is no kink's.
         """
         state = self.state
         if state.remembers_scale:
             model = GaussNewtonModel(self.objective, state.values, self.movable)
         state.certificate = self._certificate(model)
-        promise = 1.0 if state.certificate is None else state.certificate.predicted_decrease
+        slope, promise = (1.0, 1.0) if state.certificate is None else state.certificate[:2]
         if promise > self.settings.tolerance and state.untried:
             self._restart()
             return None
-        return self._end("failed", UNFULFILLED) if promise > PROMISED_SHARE else self._end("converged", message)
+        failed = promise > PROMISED_SHARE or (state.iterations == 0 and slope > STEEP)
+        return self._end("failed", UNFULFILLED) if failed else self._end("converged", message)
 
     def _restart(self) -> None:
         """Go on from the same values with the undamped step, and without the secant model."""
