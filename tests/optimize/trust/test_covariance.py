@@ -37,7 +37,7 @@ def draw(rng, count):
     return rng.normal(0, NOISE, (1, count))
 
 
-BOUND = np.where(np.arange(10) == 5, FALL - 0.03, np.inf)  # presses only if the scale of the curve is known
+BOUND = np.where(np.arange(10) == 5, FALL - 0.07, np.inf)  # presses only if the scale of the curve is known
 CASES = {
     "pinned between grid points": {"pins": (kf.Pin("C", (0.4,), 0.99), kf.Pin("M", (2.5, 1.5), 19.0))},
     "at a bound": {"curve_upper": BOUND, "pins": (kf.Pin("C", (0.4,), 0.99),)},

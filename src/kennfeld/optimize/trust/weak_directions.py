@@ -219,7 +219,7 @@ class _DirectionSearch:
         used = np.unique(np.concatenate(groups))
         where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
         parts = (self.rows[used] * self.diagonal)[:, where]
-        reach = _solve_singular(part(self.total, where), parts.T)
+        reach = solve_singular(part(self.total, where), parts.T)
         for trial, group in zip(best, groups, strict=True):
             at = np.searchsorted(used, group)
             weights = np.array(trial.amounts) * self.length[group]
@@ -231,7 +231,7 @@ class _DirectionSearch:
                 yield adapted
 
 
-def _solve_singular(matrix: Matrix, right: Float) -> Float:
+def solve_singular(matrix: Matrix, right: Float) -> Float:
     """Solve with a matrix that may be singular."""
     ridge = RIDGE * matrix.diagonal()
     if isinstance(matrix, np.ndarray):
