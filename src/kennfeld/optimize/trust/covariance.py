@@ -148,7 +148,7 @@ class Estimate:
             dependent = (rows @ (self._claimed if error else self._noisy) * rows).sum(axis=1)
         own = self._error_variances if error else inverse.sandwich(self._noisy)
         variances[self.reduction.independent[self.seen]] = own
-        variances[self.reduction.dependent] = dependent
+        variances[self.reduction.dependent] = np.where(follow.any(axis=1), dependent, 0.0)  # even if the noise is NaN
         variances[self.undetermined] = np.inf
         return np.sqrt(np.maximum(variances, 0.0))
 
@@ -277,7 +277,9 @@ def _estimate(
     used = [spectrum.inverse.trace(matrix) for matrix in each]
     by_group = known or variances(groups, used)
     shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, by_group, strict=True)]
-    dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
+    # if limits determine all values, the noise is still known
+    weights = used if sum(used) > 0 else [float(group.count) for group in groups]
+    dispersion = float(np.dot(shares, weights)) / sum(weights) if sum(weights) > 0 else float("nan")
     noise = None
     if len(groups) > 1:
         noise = sum(share * matrix for share, matrix in zip(shares, each, strict=True))

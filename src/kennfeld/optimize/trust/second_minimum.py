@@ -1,11 +1,11 @@
 """A second minimum of the cost beyond a fold of a poorly determined direction.
 
-Along such a direction, with all other values adapted, the residual is linear only as long as its slope does not vanish.
-A product of two tables has a slope that does: (p + x)(q + x) is the same if the factors change places, and half-way
-between both ends the Jacobian is singular. With the curvature S = 1 / f'H^-1 f of the cost along the direction, where f
-is the amount of it in a change, the root of S is the length of the slope. Its values here and a short way off tell where
-it vanishes; the other minimum, if any, is about as far beyond it, and a descent from there finds it. A direction without
-a fold costs one linearisation, or three if the slope only seems to vanish, at a kink.
+Along such a direction, with all other values adapted, the residual is linear only as long as its slope does not
+vanish. A product of two tables has a slope that does: (p + x)(q + x) is the same if the factors change places, and
+half-way between both ends the Jacobian is singular. With the curvature S = 1 / f'H^-1 f of the cost along the
+direction, where f is the amount of it in a change, the root of S is the length of the slope. Its values here and a
+short way off tell where it vanishes; the other minimum, if any, is about as far beyond it, and a descent from there
+finds it. A direction without a fold costs one linearisation, or three if the slope only seems to vanish, at a kink.
 """
 
 from collections.abc import Callable, Iterable, Iterator
