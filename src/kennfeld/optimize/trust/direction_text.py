@@ -152,7 +152,8 @@ class Describer:
         verbs = [self._verb(shape, amount) if scaled else self._difference(shape, amount) for shape, amount in amounts]
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
         remedy, choices = self._pin(amounts, changed, exact=weak.exact)
-        relative = size * PERCENT / self._round_amount(first)
+        sizes = [abs(amount) / self._round_amount(shape) for shape, amount in amounts]
+        relative = max(sizes) * PERCENT * weak.deviation / abs(unit)
         sentence = f"{_clauses(verbs)} {_effect(weak, text, relative)}."
         return _direction(weak, unit, sentence, remedy, changed, choices, relative)
 
@@ -333,10 +334,16 @@ class Describer:
             return f"Lock {join_items(parameters, 'or')}."
         if all(self._parameters[name].kind == "rbf" for name in parameters):
             return f"Record more samples, or use fewer centres for {join_items(parameters)}."
+        scalars = self._scalars(parameters)
+        if scalars:  # whether smoothness would determine the tables beside them depends on their shape
+            return f"Fix {join_items(scalars, 'or')}, or record samples that distinguish them."
         tables = self._smoothable(parameters)
         last = f"increase the smoothness of {join_items(tables, 'or')}" if tables else "lock one of them"
         remedies = ["Record samples that distinguish them", *(f"use fewer breakpoints for {name}" for name in axes)]
         return f"{', '.join(remedies)}, or {last}."
+
+    def _scalars(self, names: Sequence[str]) -> list[str]:
+        return [name for name in names if self._parameters[name].size == 1]
 
     def _smoothable(self, names: Sequence[str]) -> list[str]:
         return [name for name in names if _has_smoothness(self._parameters[name])]
@@ -347,6 +354,8 @@ class Describer:
         parameters = [name for name in names if name not in self._free_axes]
         if parameters and all(self._parameters[name].kind == "rbf" for name in parameters):
             return ()
+        if scalars := self._scalars(parameters):
+            return tuple(Remedy(locks={name: np.ones(self._parameters[name].values.shape, bool)}) for name in scalars)
         smoothable = [] if self.layers.intersection(names) else self._smoothable(parameters)
         smoother = [Remedy(smoother=(name,)) for name in smoothable]
         sizes = {name: self._parameters[name].values.shape for name in ([] if smoother else parameters)}
