@@ -272,20 +272,27 @@ def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
     place = next(located, Location(model.source))
     names = dict.fromkeys(name for event in jumps for name in event.parameters)
     listed = join_names(list(names), MAX_NAMES)
-    message = f"{describe_events(jumps)} depending on {listed}; derivatives do not account for that"
+    written = not place.file or place.file.endswith(".kf")
+    message = f"{describe_events(jumps, operators=written)} depending on {listed}; derivatives do not account for that"
     values = sum(problem.parameters[name].size for name in names)
     few = f"Free up to {FEW} values, and write" if values > FEW else "Write"
     remedy = f'{few} [optimizer] method = "global", and bounds for {listed if values <= FEW else "them"}.'
     return [Finding(place, message, remedy, severity="warning")]
 
 
-def describe_events(jumps: Sequence[Event]) -> str:
-    """Return a clause on the events, such as `turned (floor) and fires (>) jump`."""
+def describe_events(jumps: Sequence[Event], *, operators: bool = True) -> str:
+    """Return a clause on the events, such as `turned (floor) and fires (>) jump`.
+
+    Without `operators`, those of formula text are left out: the source is in another language.
+    """
     words: dict[str, list[str]] = {}
     for event in jumps:
         name = event.name if event.name.isprintable() else ""
         words.setdefault(name or "a node without a name", []).append(event.word)
-    shown = [f"{name} ({', '.join(dict.fromkeys(own))})" for name, own in list(words.items())[:MAX_EVENTS]]
+    shown = [
+        f"{name} ({', '.join(dict.fromkeys(own))})" if operators else name
+        for name, own in list(words.items())[:MAX_EVENTS]
+    ]
     if len(words) > MAX_EVENTS:
         shown.append(f"{len(words) - MAX_EVENTS} more")
     return f"{', '.join(shown[:-1])} and {shown[-1]} jump" if len(shown) > 1 else f"{shown[0]} jumps"
