@@ -13,6 +13,7 @@ from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
 from kennfeld.optimize.equal_neurons import find_equal_neurons
+from kennfeld.optimize.jumps import find_jumps
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
@@ -378,7 +379,8 @@ class FitRun:
         smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
         equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, self.parameters(end.values))
-        return (*find_worsening(quality, self.scored, outweighed=outweighed, share=share), *equal)
+        jumps = () if self.options.method == "global" else find_jumps(self.problem)
+        return (*find_worsening(quality, self.scored, outweighed=outweighed, share=share), *jumps, *equal)
 
     def _assessment(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         if end.status == "infeasible" or not informed:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int, ignore_floating_errors
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.jumps import jumps_of
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem
@@ -19,6 +20,7 @@ from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.trust.active_limits import describe_distances, describe_output_limits
 from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
+from kennfeld.optimize.trust.flat_intervals import flat_intervals
 from kennfeld.optimize.trust.matrices import coupling
 from kennfeld.optimize.trust.noise import (
     Classes,
@@ -184,9 +186,19 @@ class TrustAssessment:
         tables = {name: where for name, where in fixed.items() if name not in split.axes}
         idle = {name: ~known & ~fixed[name] for name, known in informed.items()}
         flat = {name: split(searched)[name] & ~where for name, where in tables.items()}
-        directions = [words.uninformed(name, where) for name, where in idle.items() if where.any()]
+        jumping = self._jumping() if any(where.any() for where in idle.values()) else frozenset()
+        directions = [
+            words.jumping(name, where) if name in jumping else words.uninformed(name, where)
+            for name, where in idle.items()
+            if where.any()
+        ]
+        intervals = split.last(self._flat_intervals(searched & ~local.reduction.fixed))
         # weights are summarised below
-        directions += [words.searched(n, where) for n, where in flat.items() if where.any() and n not in words.layers]
+        directions += [
+            words.searched(name, where, intervals[name])
+            for name, where in flat.items()
+            if where.any() and name not in words.layers
+        ]
         directions += [self._describe_minimum(minimum, split, words) for minimum in minima]
         towards = [id(minimum.direction) for minimum in minima]
         of_layers: list[tuple[WeakDirection, bool]] = []
@@ -204,6 +216,19 @@ class TrustAssessment:
             parts = {name: part for name, part in split(worst.change).items() if name in words.layers}
             directions += describe_weights(worst, parts, split(local.deviation(error=True)), parameters, alone=alone)
         return tuple(sorted(directions, key=lambda direction: direction.determined))
+
+    def _jumping(self) -> frozenset[str]:
+        """Return the parameters that decide when the function jumps."""
+        return frozenset(name for event in jumps_of(self.problem) for name in event.parameters)
+
+    def _flat_intervals(self, which: Bool) -> Float:
+        if not which.any():
+            return np.full((2, self.values.size), np.nan)
+        limits = linear_limits(self.problem, self.compiled.values)
+        objective = LeastSquaresObjective(self.compiled)
+        return flat_intervals(
+            objective.cost, self.values, np.flatnonzero(which), np.array([limits.lower, limits.upper])
+        )
 
     def _describe_minimum(self, minimum: SecondMinimum, split: "_Split", words: Describer) -> Direction:
         weak, costs = minimum.direction, (LeastSquaresObjective(self.compiled).cost(self.values), minimum.cost)
@@ -309,3 +334,7 @@ class _Split:
 
     def __call__(self, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
         return {name: array[at].reshape(self._shapes[name]) for name, at in self.columns.items()}
+
+    def last(self, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """Split an array over all free values in its last dimension."""
+        return {name: array[..., at].reshape(-1, *self._shapes[name]) for name, at in self.columns.items()}

@@ -92,14 +92,34 @@ class Describer:
         choices = (*([Remedy(smoother=(name,))] if smooth else []), Remedy(locks={name: where}))
         return _undetermined(sentence, f"{join_items(remedies, 'or')}.", name, where, choices)
 
-    def searched(self, name: str, where: Bool) -> Direction:
-        """Describe values that a global search moved, although small changes of them have no effect."""
+    def searched(self, name: str, where: Bool, intervals: Float) -> Direction:
+        """Describe values that a global search moved, although small changes of them have no effect.
+
+        `intervals` are the lower and upper ends between which the cost is the same, of shape (2, shape of the table).
+        """
+        known = where & np.isfinite(intervals).all(axis=0)
+        ranges = [
+            f"{name}{f' at {place}' if (place := self.place(name, at)) else ''} between "
+            f"{intervals[0][tuple(at)]:.6g} and {intervals[1][tuple(at)]:.6g}"
+            for at in np.argwhere(known)[:MAX_NAMED].tolist()
+        ]
+        flat = f", for {join_items(ranges)}; beyond, the function switches at other samples and" if ranges else ";"
         their = "its" if np.count_nonzero(where) == 1 else "their"
         sentence = (
-            f"The search moved {self._some_values(name, where)}, but the cost is flat around the result; "
+            f"The search moved {self._some_values(name, where)}, but the cost is flat around the result{flat} "
             f"{their} uncertainty is unknown."
         )
         return _undetermined(sentence, "Simulate with neighbouring values.", name, where)
+
+    def jumping(self, name: str, where: Bool) -> Direction:
+        """Describe values as which change the cost jumps, without a derivative."""
+        one = np.count_nonzero(where) == 1
+        sentence = (
+            f"The cost jumps as {self._some_values(name, where)} {'changes' if one else 'change'}, which derivatives "
+            f"do not show; kept at {'its start value' if one else 'their start values'}."
+        )
+        remedy = f'Search with method = "global", and bounds for {name}.'
+        return _undetermined(sentence, remedy, name, where, (Remedy(locks={name: where}),))
 
     def _some_values(self, name: str, where: Bool) -> str:
         count = int(np.count_nonzero(where))
