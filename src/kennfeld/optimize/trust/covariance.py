@@ -39,9 +39,11 @@ from kennfeld.optimize.trust.information_matrix import (
     pivots,
     root,
 )
+from kennfeld.optimize.trust.inverse import Inverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, should_be_sparse, whole
 from kennfeld.optimize.trust.noise import Group, rescore, variances
 from kennfeld.optimize.trust.pressing_limits import TouchedLimits
+from kennfeld.optimize.trust.smooth_effects import with_smooth_effects
 
 PART_TOLERANCE = 1e-4  # relative part in undetermined directions that exceeds rounding
 # of the descent to the values that fit the data without output limits
@@ -257,7 +259,11 @@ def _with_noise_of(groups: Sequence[Group], others: Sequence[Group]) -> Sequence
     if [group.count for group in groups] != [group.count for group in others]:
         return groups
     pairs = zip(groups, others, strict=True)
-    return [replace(group, squares=other.squares, persistence=other.persistence) for group, other in pairs]
+    return [_with_residuals_of(group, other) for group, other in pairs]
+
+
+def _with_residuals_of(group: Group, other: Group) -> Group:
+    return replace(group, squares=other.squares, persistence=other.persistence, correlation=other.correlation)
 
 
 def _estimate(
@@ -275,7 +281,8 @@ def _estimate(
     else:
         spectrum = Spectrum.of_sparse(data + smoothness, sum(map(abs, each), abs(data) + abs(smoothness)))
     used = [spectrum.inverse.trace(matrix) for matrix in each]
-    by_group = known or variances(groups, used)
+    groups, freedom = measured.with_smooth_effects(groups, used, (reduction, np.flatnonzero(seen), spectrum.inverse))
+    by_group = known or variances(groups, freedom)
     shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, by_group, strict=True)]
     # if limits determine all values, the noise is still known
     weights = used if sum(used) > 0 else [float(group.count) for group in groups]
@@ -334,6 +341,12 @@ class _Measured:
     def _rescored(self, groups: Sequence[Group]) -> Sums:
         factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}
         return self._compiled.sums_with(rescore, factors)
+
+    def with_smooth_effects(
+        self, groups: Sequence[Group], used: Sequence[float], narrow: tuple[ConstraintElimination, Int, Inverse]
+    ) -> tuple[list[Group], list[float]]:
+        """Return the groups and the degrees of freedom of their fit, see `smooth_effects`."""
+        return with_smooth_effects(self._compiled, self._full, groups, used, narrow)
 
     @property
     def curvature(self) -> Float:
