@@ -133,8 +133,8 @@ def fitted_curve(samples, breakpoints, seed, *, steady):
 
 @pytest.mark.parametrize("steady", [True, False])
 def test_a_fit_of_several_values_takes_no_persistence_away(steady):
-    trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(4)]
-    assert np.mean([trust.persistence["m"] for trust in trusts]) == pytest.approx(19.0, rel=0.2)
+    trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(8)]
+    assert np.mean([trust.persistence["m"] for trust in trusts]) == pytest.approx(19.0, rel=0.15)
     assert np.mean([trust.noise["m"] for trust in trusts]) == pytest.approx((1 - 0.81) ** -0.5, rel=0.04)
 
 
