@@ -69,7 +69,7 @@ def summarise_trust(trust: Trust) -> TrustSummary:
         deviation=trust.deviation,
         leverage=affordable_leverage(trust),
         by_smoothness=trust.by_smoothness,
-        directions=tuple(RemedyText(each.sentence, each.remedy) for each in trust.directions if not each.determined),
+        directions=tuple(RemedyText(direction.sentence, direction.remedy) for direction in trust.directions),
         null_space=RemedyText(null_space.sentence, null_space.advice) if null_space.sentence else None,
         holdings=tuple(map(str, trust.holdings)),
         remark=trust.remark,
@@ -90,9 +90,8 @@ def read_trust(folder: Path, parameters: ParameterSet) -> TrustSummary:
 def _sentences(path: Path) -> dict[str, Any]:
     trust = json.loads(path.read_text(encoding="utf-8")).get("trust") or {}
     space = trust.get("null_space") or {}
-    directions = [entry for entry in trust.get("directions", []) if not entry.get("determined")]
     return {
-        "directions": tuple(RemedyText(entry["sentence"], entry["remedy"]) for entry in directions),
+        "directions": tuple(RemedyText(entry["sentence"], entry["remedy"]) for entry in trust.get("directions", [])),
         "null_space": RemedyText(space["sentence"], space["remedy"]) if space.get("sentence") else None,
         "holdings": tuple(entry["sentence"] for entry in trust.get("holdings", [])),
         "remark": trust.get("remark", ""),

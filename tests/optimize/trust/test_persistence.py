@@ -135,7 +135,8 @@ def fitted_curve(samples, breakpoints, seed, *, steady):
 def test_a_fit_of_several_values_takes_no_persistence_away(steady):
     trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(8)]
     assert np.mean([trust.persistence["m"] for trust in trusts]) == pytest.approx(19.0, rel=0.15)
-    assert np.mean([trust.noise["m"] for trust in trusts]) == pytest.approx((1 - 0.81) ** -0.5, rel=0.04)
+    variance = [trust.noise["m"] ** 2 * trust.persistence["m"] for trust in trusts]
+    assert np.mean(variance) == pytest.approx(19.0 / (1 - 0.81), rel=0.15)
 
 
 @pytest.mark.slow
@@ -143,3 +144,15 @@ def test_a_fit_of_several_values_takes_no_persistence_away(steady):
 def test_two_deviations_contain_values_fitted_to_errors_that_last(samples, breakpoints):
     inside = [fitted_curve(samples, breakpoints, seed, steady=True)[1] for seed in range(60)]
     assert 0.93 < np.mean(inside) < 0.975
+
+
+def test_a_limit_that_is_not_reached_changes_no_persistence():
+    (error,) = recordings(0.9, 1500, 1)
+    u = np.linspace(0, 1, 1500)
+    data = kf.Dataset.of("drive", {"u": u, "y": u + error}, time=0.1 * np.arange(1500))
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 8), np.zeros(8))])
+    free = kf.calibrate("m = C(u)", data, start, target="y").trust
+    top = float(kf.calibrate("m = C(u)", data, start, target="y").parameters["C"].values.max())
+    limited = kf.calibrate("m = C(u)", data, start, target="y", limits=[kf.Limit("m", upper=top * (1 + 1e-7))]).trust
+    assert limited.holdings
+    assert limited.persistence["m"] == pytest.approx(free.persistence["m"], rel=1e-3)

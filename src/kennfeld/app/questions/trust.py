@@ -32,7 +32,6 @@ def trust(session: Session, given: Given) -> Answer:
                     "parameters": list(direction.parts),
                 }
                 for direction in known.directions
-                if not direction.determined
             ],
             "sentence": known.null_space.sentence,
             "advice": known.null_space.advice,

@@ -281,8 +281,8 @@ def _estimate(
     else:
         spectrum = Spectrum.of_sparse(data + smoothness, sum(map(abs, each), abs(data) + abs(smoothness)))
     used = [spectrum.inverse.trace(matrix) for matrix in each]
-    groups, freedom = measured.with_smooth_effects(groups, used, (reduction, np.flatnonzero(seen), spectrum.inverse))
-    by_group = known or variances(groups, freedom)
+    groups = measured.with_smooth_effects(groups, used, (reduction, np.flatnonzero(seen), spectrum.inverse))
+    by_group = known or variances(groups, used)
     shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, by_group, strict=True)]
     # if limits determine all values, the noise is still known
     weights = used if sum(used) > 0 else [float(group.count) for group in groups]
@@ -344,8 +344,8 @@ class _Measured:
 
     def with_smooth_effects(
         self, groups: Sequence[Group], used: Sequence[float], narrow: tuple[ConstraintElimination, Int, Inverse]
-    ) -> tuple[list[Group], list[float]]:
-        """Return the groups and the degrees of freedom of their fit, see `smooth_effects`."""
+    ) -> list[Group]:
+        """Return the groups with the persistence before the fit, see `smooth_effects`."""
         return with_smooth_effects(self._compiled, self._full, groups, used, narrow)
 
     @property

@@ -1,7 +1,7 @@
-"""How slowly the effects of fitted values vary over time, compared with the correlation of the errors.
+"""Persistence of the errors of a fit whose values have effects that vary slowly over time.
 
 A fit removes from its residuals what its values can reproduce. If their effects vary slowly, that is most of what lasts
-in the errors, and both the size and the persistence of the noise look smaller than they are. The projection onto the
+in the errors, and both their variance and their persistence look smaller than they are. The projection onto the
 effects is P = J H^-1 J'; the mean of its elements k samples apart, relative to the diagonal, is estimated at a few lags
 from the rows of some samples.
 """
@@ -16,8 +16,10 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.trust.information_matrix import ConstraintElimination
 from kennfeld.optimize.trust.inverse import Inverse
 from kennfeld.optimize.trust.noise import Group
+from kennfeld.optimize.trust.persistence import Correlation
 
 MIN_PERSISTENCE = 1.1  # from which effects are looked at
+MIN_LEFT = 0.25  # share of the samples that counts as left by the fit, at least
 LAGS = 6  # at which they are compared
 SAMPLES, MAX_ENTRIES = 300, 4_000_000  # compared at each lag; entries of the rows of all of them
 
@@ -28,8 +30,11 @@ def with_smooth_effects(
     groups: Sequence[Group],
     used: Sequence[float],
     narrow: tuple[ConstraintElimination, Int, Inverse],
-) -> tuple[list[Group], list[float]]:
-    """Correct persistence and degrees of freedom of each group for what the fit took from its errors.
+) -> list[Group]:
+    """Raise the persistence of each group by what the fit took from its errors.
+
+    The variance of independent errors is that of n - p, of p fitted values. If each takes as much as v independent
+    errors, it is that of n - p v; the persistence is larger by the ratio of both.
 
     Args:
         compiled: the problem that was fitted.
@@ -38,17 +43,23 @@ def with_smooth_effects(
         used: degrees of freedom that the fit used in each.
         narrow: reduction to independent values, the numbers of those with an effect, and the inverse over them.
     """
-    lasting = [group.correlation.window for group in groups if group.persistence > MIN_PERSISTENCE]
-    if not lasting or compiled.problem.partitions is not None:
-        return list(groups), list(used)
+    lasting = [group.correlation.window for group in groups if _lasts(group)]
+    if not lasting or not narrow[1].size or compiled.problem.partitions is not None:
+        return list(groups)
     smooth = _smooth_share(compiled, full, max(int(max(lasting)) // 2, 1), narrow)
-    corrected, freedom = [], []
-    for group, own in zip(groups, used, strict=True):
-        persistence = group.correlation.inflation(group.count, max(own, 1.0), smooth)
-        persistence = max(persistence, group.persistence) if smooth > 0 else group.persistence
-        corrected.append(replace(group, persistence=persistence))
-        freedom.append(own * (1 + smooth * (persistence - 1)))
-    return corrected, freedom
+    return [_raised(g, own, smooth) if smooth > 0 and _lasts(g) else g for g, own in zip(groups, used, strict=True)]
+
+
+def _lasts(group: Group) -> bool:
+    return group.persistence > MIN_PERSISTENCE and group.correlation.window > 1
+
+
+def _raised(group: Group, used: float, smooth: float) -> Group:
+    persistence = max(group.correlation.inflation(group.count, max(used, 1.0), smooth), group.persistence)
+    left = group.count - used * (1 + smooth * (persistence - 1))
+    ratio = (group.count - used) / max(left, MIN_LEFT * group.count)
+    # without its correlation, a group is not raised again
+    return replace(group, persistence=persistence * max(ratio, 1.0), correlation=Correlation())
 
 
 def _smooth_share(
