@@ -273,5 +273,5 @@ def test_a_direction_known_to_one_percent_is_coupled_but_determined():
     assert trust.deviation["b"] < 0.01
     assert direction.determined
     assert direction.sentence.endswith("coupled, but determined (standard deviation 0.041 %).")
-    assert undetermined_lines(trust, "") == []
+    assert undetermined_lines(trust, "") == ["Coupled, but determined:", f"  {direction.sentence}"]
     assert trust.as_json()["directions"][0]["determined"]
