@@ -27,6 +27,8 @@ def found(text, *free):
         "angle = integrator(K * u)\nturns = floor(angle / pi)",
         "y = Gain(if(K > 2, 1, 0))",
         "y = if(K == 1, 1, 0)",
+        "y = if(floor(K * u) == 3, 1, 2)",
+        "y = if(K * u != 2.5, u, u + 1)",
     ],
 )
 def test_a_jump_whose_time_depends_on_a_parameter_is_an_event(text):
@@ -44,6 +46,8 @@ def test_a_jump_whose_time_depends_on_a_parameter_is_an_event(text):
         "y = ratelimit(K * u, K, -K)",
         "y = PT1(K * u, Time(u))",
         "y = sin(mod(K * u, 2 * pi))",
+        "y = if(K + u == 0, u, u / (K + u))",
+        "state = prev(state, 0) + if(K + dt == 0, (u - prev(state, 0)) * dt, (u - prev(state, 0)) * dt / (K + dt))",
         "suction = if(K * p <= 0.5, 1, 2 * sqrt(max(K * p - (K * p)^2, 0)))",
     ],
 )

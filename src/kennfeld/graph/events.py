@@ -3,12 +3,14 @@
 A relay, a counter or a rounded value changes in steps. If parameters decide when, the cost is discontinuous as well,
 and its exact derivatives do not describe it. A condition alone is no indication: `if(x > 0, x, 0)` has a kink but no
 jump. Jumps are therefore found numerically: inputs, states and lookups get random values, the point at which a
-condition changes is located, and outputs and next states are compared on both sides.
+condition changes is located, and outputs and next states are compared on both sides. The difference of a jump stays the
+same as the sides approach each other; it vanishes at a kink, and grows at a pole, which no value can cross.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,9 +23,11 @@ from kennfeld.lazy_dataclass import dataclass
 POINTS = 256  # random points, between neighbours of which a condition may change
 HALVINGS = 22  # of the way between two points, after which its ends are compared; and again after as many more
 SHRUNK = 0.1  # of the first difference; what is continuous has become far smaller at the second
+GROWN = 1e3  # times the first difference; beyond, the condition guards a pole: `if(x == 0, a, a / x)`
 JUMP = 1e-9  # of an end's size; what is smaller is rounding
 MAX_CHANGES = 8  # changes looked at for each condition
 LEAVES = ("input", "state", "lookup", "external", "dense")  # nodes to which any value is given
+EQUALITIES = ("eq", "ne")
 MAX_CONDITIONS = 64  # conditions looked at in a graph that has more
 _WORDS = {op: op for op in ("floor", "ceil", "round", "sign", "mod")}
 _WORDS |= {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
@@ -68,7 +72,7 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
 
 def _tests_nan(node: Node) -> bool:
     """Return if a node is `x != x` or `x == x`, which changes for no number."""
-    return node.op in ("eq", "ne") and node.args[0] == node.args[1]
+    return node.op in EQUALITIES and node.args[0] == node.args[1]
 
 
 class _Step:
@@ -103,6 +107,8 @@ class _Step:
         first = np.concatenate([level[origin] for level, origin in zip(levels, origins, strict=True)])
         origin = np.concatenate(origins)
         low, high = self.points[:, origin], self.points[:, (origin + 1) % POINTS]
+        # at an equality of continuous values no point lies, so that beside it the condition itself is changed
+        equal = {at: part for at, part in zip(candidates, parts, strict=True) if self.graph.nodes[at].op in EQUALITIES}
         gaps = []
         for _ in range(2):
             for _ in range(HALVINGS):
@@ -110,23 +116,42 @@ class _Step:
                 values = self._evaluate(middle, cone)
                 level = np.concatenate([self._level(at, values)[p] for at, p in zip(candidates, parts, strict=True)])
                 low, high = np.where(level == first, middle, low), np.where(level == first, high, middle)
-            gaps.append(self._gaps(low, high))
+            gaps.append(self._gaps(low, high, equal))
         apart = (gaps[1] > SHRUNK * gaps[0]) & (gaps[1] > JUMP * self._sizes(origin))
+        apart &= gaps[1] < GROWN * gaps[0]
         jumps = np.logical_or.reduce(apart, axis=0)
-        return [at for at, part in zip(candidates, parts, strict=True) if part.start == part.stop or jumps[part].any()]
+        # an equality jumps in general or, where two values happen to be 0 at once, at a corner that no data reach
+        least = {at: 0.5 if at in equal else 0.0 for at in candidates}
+        return [
+            at
+            for at, part in zip(candidates, parts, strict=True)
+            if part.start == part.stop or jumps[part].mean() > least[at]
+        ]
 
     def _level(self, at: int, values: Mapping[int, Float]) -> Float:
-        """Return the value of a discontinuous node; for `mod`, which varies in between, the number of its jumps."""
+        """Return the value of a discontinuous node; for `mod`, which varies in between, the number of its jumps.
+
+        For an equality it is the sign of the difference of both sides.
+        """
         op, args, _ = self.graph.nodes[at]
+        if op in EQUALITIES:
+            with np.errstate(invalid="ignore"):
+                return np.asarray(np.sign(values[args[0]] - values[args[1]]))
         if op != "mod":
             return values[at]
         with np.errstate(all="ignore"):
             whole: Float = np.floor(values[args[0]] / values[args[1]])
         return whole
 
-    def _gaps(self, low: Float, high: Float) -> Float:
-        """Compute the differences of the ends, shape (ends, changes); 0 if one is not finite."""
-        before, after = (self._evaluate(points, self.cone) for points in (low, high))
+    def _gaps(self, low: Float, high: Float, equal: Mapping[int, slice]) -> Float:
+        """Compute the differences of the ends, shape (ends, changes); 0 if one is not finite.
+
+        For the changes of equalities, the other side is that on which they have the opposite value.
+        """
+        beside = high.copy()
+        for part in equal.values():
+            beside[:, part] = low[:, part]
+        before, after = self._evaluate(low, self.cone), self._evaluate(beside, self.cone, equal)
         with np.errstate(all="ignore"):
             gaps = np.array([np.abs(after[end] - before[end]) for end in self.ends])
         finite: Float = np.nan_to_num(gaps, nan=0.0, posinf=0.0)
@@ -140,8 +165,13 @@ class _Step:
         sizes: Float = way[:, origin] + way[:, (origin + 1) % POINTS] + np.median(way, axis=1, keepdims=True)
         return sizes
 
-    def _evaluate(self, points: Float, cone: Sequence[int]) -> dict[int, Float]:
-        """Evaluate these nodes; a lookup is its random value plus a smooth function of its coordinates; a call too."""
+    def _evaluate(
+        self, points: Float, cone: Sequence[int], opposite: Mapping[int, slice] = MappingProxyType({})
+    ) -> dict[int, Float]:
+        """Evaluate these nodes; a lookup is its random value plus a smooth function of its coordinates; a call too.
+
+        Some conditions have the `opposite` value at some points.
+        """
         row = {at: points[i] for i, at in enumerate(self.leaves)}
         values: dict[int, Float] = {}
         with np.errstate(all="ignore"):
@@ -152,7 +182,9 @@ class _Step:
                 elif at in row:
                     values[at] = sum((np.tanh(values[a]) for a in args), row[at])
                 else:
-                    values[at] = np.asarray(OPERATIONS[op].evaluate(*(values[a] for a in args)), dtype=np.float64)
+                    values[at] = np.array(OPERATIONS[op].evaluate(*(values[a] for a in args)), dtype=np.float64)
+                if at in opposite:
+                    values[at][opposite[at]] = 1.0 - values[at][opposite[at]]
         return values
 
 

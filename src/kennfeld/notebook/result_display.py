@@ -62,8 +62,9 @@ def _undetermined(trust: Trust) -> list[Html]:
     sentences = [trust.remark] if trust.remark else []
     if trust.null_space.dimension > 1:
         sentences.append(str(trust.null_space))
-    sentences += list(map(str, trust.directions[:MAX_DIRECTIONS]))
-    more = len(trust.directions) - MAX_DIRECTIONS
+    directions = [direction for direction in trust.directions if not direction.determined]
+    sentences += list(map(str, directions[:MAX_DIRECTIONS]))
+    more = len(directions) - MAX_DIRECTIONS
     sentences += [f"and {more} more in trust.directions"] if more > 0 else []
     active = [str(limit) for limit in trust.holdings if limit.samples]
     parts = []

@@ -14,6 +14,7 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
 from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes
 from kennfeld.optimize.equal_neurons import find_equal_neurons
+from kennfeld.optimize.jumps import find_jumps
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
@@ -446,6 +447,7 @@ class FitRun:
             *find_worsening(quality, self.scored, outweighed=outweighed, share=share),
             *(() if outweighed else find_poor_fits(quality, self.scored)),
             *find_slopes(certified, moved=moved),
+            *(() if self.options.method == "global" else find_jumps(self.problem)),
             *equal,
         )
 

@@ -37,10 +37,10 @@ def draw(rng, count):
     return rng.normal(0, NOISE, (1, count))
 
 
-BOUND = np.where(np.arange(10) == 5, FALL - 0.1, np.inf)
+BOUND = np.where(np.arange(10) == 5, FALL - 0.07, np.inf)  # presses only if the scale of the curve is known
 CASES = {
     "pinned between grid points": {"pins": (kf.Pin("C", (0.4,), 0.99), kf.Pin("M", (2.5, 1.5), 19.0))},
-    "at a bound": {"curve_upper": BOUND},
+    "at a bound": {"curve_upper": BOUND, "pins": (kf.Pin("C", (0.4,), 0.99),)},
     "partly locked": {"locked": np.add.outer(GRID, GRID) < 3},
     "smooth at a bound": {"curve_upper": BOUND, "smoothness": {"M": (0.5, 0.5), "C": (20.0,)}},
 }

@@ -7,6 +7,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize import Problem, run
+from kennfeld.optimize.trust.undetermined import undetermined_lines
 from kennfeld.project.demo import torque
 
 
@@ -212,3 +213,67 @@ def test_a_threshold_that_a_search_without_gradients_has_found_is_told():
     assert direction.exact
     assert list(direction.parts) == ["T"]
     assert not found(result.trust, "kept at its start value")
+
+
+def curve_and_slope(**more):
+    """Fit y = C(x) + k*x, in which k and a part of C that rises with x are one."""
+    x = np.random.default_rng(0).uniform(0, 10, 300)
+    data = {"x": x, "m": np.interp(x, [0, 5, 10], [1, 3, 4]) + 2 * x}
+    tables = kf.ParameterSet([kf.Curve("C", [0, 5, 10], np.ones(3)), kf.Scalar("k", 0.5)])
+    return kf.calibrate("y = C(x) + k * x", data, tables, target="m", **more).trust
+
+
+def test_an_undetermined_direction_is_named_rather_than_a_simple_one_near_it():
+    (direction,) = curve_and_slope().directions
+    assert direction.exact
+    assert set(direction.parts) == {"C", "k"}
+    assert "has no effect on the fit" in direction.sentence
+    assert direction.remedy == "Fix k, or record samples that distinguish them."
+
+
+@pytest.mark.parametrize(
+    ("text", "truth", "sentence"),
+    [
+        ("y = a + b + 0 * x", 5.0, "Raising a by 0.02 and lowering b by 0.02 has no effect on the fit."),
+        ("y = a * b * x", 6.0, "Scaling a by 1.01 and b by 1/1.01 has no effect on the fit."),
+        ("y = a / b * x", 0.5, "Scaling a by 1.01 and b by 1.01 has no effect on the fit."),
+        ("y = (a - b) * x", -1.0, "Raising a by 0.02 and b by 0.02 has no effect on the fit."),
+    ],
+)
+def test_values_are_scaled_only_if_factors_have_no_effect(text, truth, sentence):
+    x = np.linspace(1, 2, 50)
+    data = {"x": x, "m": truth * (x if "* x" in text and "0 *" not in text else np.ones(50))}
+    start = {"a": 2.0, "b": {5.0: 3.0, 6.0: 3.0, 0.5: 4.0, -1.0: 3.0}[truth]}
+    (direction,) = kf.calibrate(text, data, start, target="m").trust.directions
+    assert direction.sentence == sentence
+
+
+def test_a_pin_is_suggested_at_the_value_of_the_fit_if_that_of_the_start_violates_bounds():
+    """The scale is open: a curve between 0 and 1 whose start is far outside."""
+    rng = np.random.default_rng(0)
+    x, z = rng.uniform(0, 10, (2, 400))
+    tables = kf.ParameterSet(
+        [
+            kf.Curve("A", [0, 5, 10], [50.0, 60.0, 70.0]),
+            kf.Curve("B", [0, 10], [-59.6, 0.5], lower=0.0, upper=1.0),
+        ]
+    )
+    data = {"x": x, "z": z, "m": np.interp(x, [0, 5, 10], [100, 130, 120]) * np.interp(z, [0, 10], [0.5, 0.8])}
+    result = kf.calibrate("y = A(x) * B(z)", data, tables, target="m")
+    for direction in result.trust.directions:
+        for remedy in direction.remedies:
+            for pin in remedy.pins:
+                assert 0 <= pin.value <= 1
+                assert pin.value == pytest.approx(np.interp(pin.at[0], [0, 10], result.parameters["B"].values))
+
+
+def test_a_direction_known_to_one_percent_is_coupled_but_determined():
+    x = np.random.default_rng(0).uniform(10, 11, 2000)
+    data = {"x": x, "m": 2 + 40 * x + 0.001 * np.random.default_rng(1).standard_normal(x.size)}
+    trust = kf.calibrate("y = a + b * x", data, {"a": 1.0, "b": 1.0}, target="m").trust
+    (direction,) = trust.directions
+    assert trust.deviation["b"] < 0.01
+    assert direction.determined
+    assert direction.sentence.endswith("coupled, but determined (standard deviation 0.041 %).")
+    assert undetermined_lines(trust, "") == ["Coupled, but determined:", f"  {direction.sentence}"]
+    assert trust.as_json()["directions"][0]["determined"]

@@ -118,3 +118,45 @@ def test_a_fit_tells_the_persistence_of_its_errors_and_widens_its_deviations():
     assert trust.persistence["m"] == pytest.approx(19.0, rel=0.25)
     independent = float(np.std(error)) / np.sqrt(error.size)
     assert float(trust.deviation["a"]) == pytest.approx(independent * np.sqrt(19.0), rel=0.15)
+
+
+def fitted_curve(samples, breakpoints, seed, *, steady):
+    """Fit a curve of an input that moves slowly, or at random, to errors of persistence 19."""
+    (error,) = recordings(0.9, samples, 1, seed=seed)
+    rng = np.random.default_rng(seed)
+    u = np.linspace(0, 1, samples) if steady else rng.uniform(0, 1, samples)
+    grid = np.linspace(0, 1, breakpoints)
+    data = kf.Dataset.of(
+        "drive", {"u": u, "y": np.interp(u, grid, np.sin(6 * grid)) + error}, time=0.1 * np.arange(samples)
+    )
+    start = kf.ParameterSet([kf.Curve("C", grid, np.zeros(breakpoints))])
+    result = kf.calibrate("m = C(u)", data, start, target="y")
+    away = np.abs(result.parameters["C"].values - np.sin(6 * grid))
+    return result.trust, np.mean(away < 2 * result.trust.deviation["C"])
+
+
+@pytest.mark.parametrize("steady", [True, False])
+def test_a_fit_of_several_values_takes_no_persistence_away(steady):
+    trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(8)]
+    assert np.mean([trust.persistence["m"] for trust in trusts]) == pytest.approx(19.0, rel=0.15)
+    variance = [trust.noise["m"] ** 2 * trust.persistence["m"] for trust in trusts]
+    assert np.mean(variance) == pytest.approx(19.0 / (1 - 0.81), rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("samples", "breakpoints"), [(3000, 8), (5000, 20)])
+def test_two_deviations_contain_values_fitted_to_errors_that_last(samples, breakpoints):
+    inside = [fitted_curve(samples, breakpoints, seed, steady=True)[1] for seed in range(60)]
+    assert 0.93 < np.mean(inside) < 0.975
+
+
+def test_a_limit_that_is_not_reached_changes_no_persistence():
+    (error,) = recordings(0.9, 1500, 1)
+    u = np.linspace(0, 1, 1500)
+    data = kf.Dataset.of("drive", {"u": u, "y": u + error}, time=0.1 * np.arange(1500))
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 1, 8), np.zeros(8))])
+    free = kf.calibrate("m = C(u)", data, start, target="y").trust
+    top = float(kf.calibrate("m = C(u)", data, start, target="y").parameters["C"].values.max())
+    limited = kf.calibrate("m = C(u)", data, start, target="y", limits=[kf.Limit("m", upper=top * (1 + 1e-7))]).trust
+    assert limited.holdings
+    assert limited.persistence["m"] == pytest.approx(free.persistence["m"], rel=1e-3)

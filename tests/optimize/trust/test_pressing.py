@@ -240,3 +240,27 @@ def test_a_search_that_was_stopped_between_its_limits_has_a_trust():
     assert trust.remark.startswith("The search ended with status stopped.")
     assert np.all(trust.deviation["C"] >= 0)
     assert len(trust.holdings) == 2
+
+
+def test_values_that_limits_of_outputs_determine_have_a_deviation_of_0():
+    time = 0.1 * np.arange(300)
+    u = np.repeat(np.random.default_rng(0).uniform(0, 5, 30), 10)
+    truth = {"k": 1.5, "T": 0.8}
+    clean = kf.simulate("m = PT1(k * u, T)", kf.Dataset.of("d", {"u": u}, time=time), truth)["m"].values
+    z = clean + 0.05 * np.random.default_rng(1).standard_normal(time.size)
+    data = kf.Dataset.of("d", {"u": u, "z": z}, time=time)
+    start = {"k": 1.0, "T": 1.0}
+    result = kf.calibrate("m = PT1(k * u, T)", data, start, target="z", limits=[Limit("m - u", upper=3.5)])
+    trust = result.trust
+    assert trust.holdings[0].directions == 2
+    assert [float(deviation) for deviation in trust.deviation.values()] == [0.0, 0.0]
+    assert trust.noise["m"] == pytest.approx(0.05, rel=0.15)
+    assert not trust.covariance().any()
+
+
+def test_a_pinned_value_has_a_deviation_of_0_even_if_there_are_too_few_samples_for_the_noise():
+    tables = kf.ParameterSet([kf.Curve("C", [0.0, 1.0], [1.0, 1.0])])
+    data = {"x": [1.0], "m": [3.0]}
+    trust = kf.calibrate("y = C(x)", data, tables, target="m", pins=[kf.Pin("C", (0.0,), 1.0)]).trust
+    assert trust.deviation["C"][0] == 0
+    assert np.isnan(trust.deviation["C"][1])

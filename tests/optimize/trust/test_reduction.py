@@ -5,26 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kennfeld.optimize.solver.linear_constraints import LinearLimits, LinearRows
-from kennfeld.optimize.trust.information_matrix import ConstraintElimination, active_rows, mark_fixed
-
-
-def test_locks_and_bounds_that_the_cost_presses_against_hold_a_value():
-    lower, upper = np.array([0.0, 0.0, 0.0, 2.0, -np.inf]), np.array([1.0, 1.0, 1.0, 2.0, np.inf])
-    values = np.array([0.0, 1.0, 1.0, 2.0, 5.0])
-    gradient = np.array([3.0, 3.0, -3.0, 0.0, 1.0])  # the cost falls against it
-    none = np.zeros((0, 5))
-    assert mark_fixed(LinearLimits(lower, upper), values, gradient, none).tolist() == [True, False, True, True, False]
-
-
-def test_a_bound_may_hold_only_because_of_a_pin():
-    """Min (a - 3)^2 + (b - 5)^2 with a + b = 2, a >= 0, b >= 0: at (0, 2) the cost pulls a up, and b more."""
-    matrix, two = np.ones((1, 2)), np.array([2.0])
-    limits = LinearLimits(np.zeros(2), np.full(2, np.inf), LinearRows.of(matrix, two, two))
-    gradient = np.array([0.0 - 3, 2.0 - 5 - 1])
-    assert mark_fixed(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [True, False]
-    gradient = np.array([-5.0, -1.0])
-    assert mark_fixed(limits, np.array([0.0, 2.0]), gradient, matrix).tolist() == [False, False]
+from kennfeld.optimize.trust.information_matrix import ConstraintElimination
 
 
 @settings(deadline=None, max_examples=60)
@@ -53,11 +34,3 @@ def test_what_is_expanded_keeps_the_rows_and_spans_all_that_do(seed, size, count
 def test_a_value_pinned_alone_does_not_move():
     reduction = ConstraintElimination.of(np.zeros(3, dtype=bool), np.array([[0.0, 2.0, 0.0]]))
     assert reduction.fixed.tolist() == [False, True, False]
-
-
-def test_rows_count_where_they_are_met():
-    rows = LinearRows.of(
-        np.array([[1.0, -1.0], [1.0, 1.0], [2.0, 0.0]]), np.array([0.0, -5.0, 1.0]), np.array([3.0, 2.0, 1.0])
-    )
-    found = active_rows(LinearLimits(np.zeros(2), np.full(2, 9.0), rows), np.array([0.5, 0.5]))
-    assert found.tolist() == [[1.0, -1.0], [2.0, 0.0]]

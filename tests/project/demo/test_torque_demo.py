@@ -210,7 +210,7 @@ def test_the_command_runs_it_and_says_what_the_noise_is(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "1.8 Nm" in said
     assert "converged" in said
-    open_ones = said.partition("Parameters not determined by the data:\n")[2].split("\n")
+    open_ones = said.partition("Coupled, but determined:\n")[2].split("\n")
     assert "Scaling MapOptTorque by 1.01 and raising MapDragTorque by 1.7 Nm" in open_ones[0]
     assert "standard deviation 0.2" in open_ones[0]
     assert "nan" not in said

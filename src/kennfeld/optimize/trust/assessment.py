@@ -9,14 +9,18 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Bool, Float, Int, ignore_floating_errors
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.jumps import jumps_of
 from kennfeld.optimize.linear_limits import linear_limits
+from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.solver.levenberg_marquardt import Status
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.trust.active_limits import describe_distances, describe_output_limits
 from kennfeld.optimize.trust.covariance import Estimate, estimate
 from kennfeld.optimize.trust.direction_text import Describer, Direction
+from kennfeld.optimize.trust.flat_intervals import flat_intervals
 from kennfeld.optimize.trust.matrices import coupling
 from kennfeld.optimize.trust.noise import (
     Classes,
@@ -28,6 +32,7 @@ from kennfeld.optimize.trust.noise import (
     sum_groups,
 )
 from kennfeld.optimize.trust.null_space import null_space
+from kennfeld.optimize.trust.second_minimum import SecondMinimum, second_minima
 from kennfeld.optimize.trust.table_changes import WeakDirection, table_changes
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.optimize.trust.weak_directions import weak_directions
@@ -38,6 +43,8 @@ from kennfeld.task_runner import RunnerLostError
 from kennfeld.threads import blas_threads
 
 MAX_DIRECTIONS = 12
+MAX_EQUAL_WEIGHT = 0.99  # of a second minimum, beyond which its cost is lower by more than noise
+SCALED = 0.1  # change of values by which factors are told from differences
 NEGLIGIBLE_STEP = 0.05  # standard deviations
 
 
@@ -102,6 +109,10 @@ class TrustAssessment:
         axes = {name: axis.places[0] for name, axis in split.axes.items()}
         words = Describer(problem.model.graph, parameters, problem.parameters, split(samples), axes)
         moving = {table for axis in split.axes.values() for table, _ in axis.places}
+        weak = self._weak_directions(local, split, parameters)
+        minima = self._second_minima(limits, local, weak, outputs)
+        for minimum in minima:
+            deviation = np.sqrt(deviation**2 + minimum.weight * minimum.change**2)
         holdings = [
             *describe_distances(problem.free_axes, compiled.values, full, {a.key: n for n, a in split.axes.items()})
         ]
@@ -117,7 +128,9 @@ class TrustAssessment:
             deviation=split(deviation),
             scatter=split(local.deviation(error=False)),
             by_smoothness=split(~(local.own > 0) & known & np.isfinite(deviation) & (deviation > 0)),
-            directions=self._directions(local, split, informed, moved & ~local.informed, parameters, words),
+            directions=self._directions(
+                local, split, informed, moved & ~local.informed, parameters, words, weak, minima
+            ),
             null_space=null_space(local, split.columns, parameters, moving, words),
             holdings=tuple(holdings),
             remark=self._remark(local),
@@ -132,6 +145,28 @@ class TrustAssessment:
             partial_sums = partial(self.compiled.each, _sum_residuals, values)
         return groups(self.problem, errors, weighting, partial_sums)
 
+    def _weak_directions(self, local: Estimate, split: "_Split", parameters: ParameterSet) -> list[WeakDirection]:
+        """Return the poorly determined directions, worst first."""
+        if not local.seen.any():
+            return []
+        fixed = split(local.reduction.fixed)
+        tables = {name: where for name, where in fixed.items() if name not in split.axes}
+        coupled = _coupled_tables(local, split.columns, list(tables))
+        candidates = table_changes(self.problem.model.graph, parameters, tables, coupled)
+        changes = np.zeros((len(candidates), self.values.size))
+        for row, shape in zip(changes, candidates, strict=True):
+            row[split.columns[shape.table]] = shape.change.ravel()
+        return weak_directions(local, candidates, changes, MAX_DIRECTIONS)
+
+    def _second_minima(
+        self, limits: LinearLimits, local: Estimate, weak: Sequence[WeakDirection], outputs: OutputLimits | None
+    ) -> list[SecondMinimum]:
+        if self.status != "converged":
+            return []
+        named = [direction for direction in weak if direction.amounts]
+        allowed = (lambda values: True) if outputs is None else outputs.is_satisfied
+        return [*second_minima(self.compiled, limits, self.values, local, named, allowed)]
+
     def _directions(
         self,
         local: Estimate,
@@ -140,37 +175,80 @@ class TrustAssessment:
         searched: Bool,
         parameters: ParameterSet,
         words: Describer,
+        weak: Sequence[WeakDirection],
+        minima: Sequence[SecondMinimum],
     ) -> tuple[Direction, ...]:
-        """Describe undetermined values and those only `searched`, table by table; then the weak directions."""
+        """Describe undetermined values and those only `searched`, table by table; then the weak directions.
+
+        A direction in which another minimum is known is described by that alone.
+        """
         fixed = split(local.reduction.fixed)
         tables = {name: where for name, where in fixed.items() if name not in split.axes}
         idle = {name: ~known & ~fixed[name] for name, known in informed.items()}
         flat = {name: split(searched)[name] & ~where for name, where in tables.items()}
-        directions = [words.uninformed(name, where) for name, where in idle.items() if where.any()]
+        jumping = self._jumping() if any(where.any() for where in idle.values()) else frozenset()
+        directions = [
+            words.jumping(name, where) if name in jumping else words.uninformed(name, where)
+            for name, where in idle.items()
+            if where.any()
+        ]
+        intervals = split.last(self._flat_intervals(searched & ~local.reduction.fixed))
         # weights are summarised below
-        directions += [words.searched(n, where) for n, where in flat.items() if where.any() and n not in words.layers]
-        if not local.seen.any():
-            return tuple(directions)
-        coupled = _coupled_tables(local, split.columns, list(tables))
-        candidates = table_changes(self.problem.model.graph, parameters, tables, coupled)
-        changes = np.zeros((len(candidates), self.values.size))
-        for row, shape in zip(changes, candidates, strict=True):
-            row[split.columns[shape.table]] = shape.change.ravel()
+        directions += [
+            words.searched(name, where, intervals[name])
+            for name, where in flat.items()
+            if where.any() and name not in words.layers
+        ]
+        directions += [self._describe_minimum(minimum, split, words) for minimum in minima]
+        towards = [id(minimum.direction) for minimum in minima]
         of_layers: list[tuple[WeakDirection, bool]] = []
-        for weak in weak_directions(local, candidates, changes, MAX_DIRECTIONS):
-            parts, weights = split(weak.change), split(weak.weight)
-            names = [] if weak.amounts else words.strongest(weights)
-            if weak.amounts:
-                directions.append(words.named(weak, parts))
+        for direction in (each for each in weak if id(each) not in towards):
+            parts, weights = split(direction.change), split(direction.weight)
+            names = [] if direction.amounts else words.strongest(weights)
+            if direction.amounts:
+                directions.append(words.named(direction, parts, scaled=self._is_scaled(direction)))
             elif not words.layers.issuperset(names):
-                directions.append(words.by_points(weak, parts, weights))
+                directions.append(words.by_points(direction, parts, weights))
             if words.layers.intersection(names):
-                of_layers.append((weak, words.layers.issuperset(names)))
+                of_layers.append((direction, words.layers.issuperset(names)))
         if of_layers:
-            weak, alone = max(of_layers, key=lambda pair: pair[1])
-            parts = {name: part for name, part in split(weak.change).items() if name in words.layers}
-            directions += describe_weights(weak, parts, split(local.deviation(error=True)), parameters, alone=alone)
-        return tuple(directions)
+            worst, alone = max(of_layers, key=lambda pair: pair[1])
+            parts = {name: part for name, part in split(worst.change).items() if name in words.layers}
+            directions += describe_weights(worst, parts, split(local.deviation(error=True)), parameters, alone=alone)
+        return tuple(sorted(directions, key=lambda direction: direction.determined))
+
+    def _jumping(self) -> frozenset[str]:
+        """Return the parameters that decide when the function jumps."""
+        return frozenset(name for event in jumps_of(self.problem) for name in event.parameters)
+
+    def _flat_intervals(self, which: Bool) -> Float:
+        if not which.any():
+            return np.full((2, self.values.size), np.nan)
+        limits = linear_limits(self.problem, self.compiled.values)
+        objective = LeastSquaresObjective(self.compiled)
+        return flat_intervals(
+            objective.cost, self.values, np.flatnonzero(which), np.array([limits.lower, limits.upper])
+        )
+
+    def _describe_minimum(self, minimum: SecondMinimum, split: "_Split", words: Describer) -> Direction:
+        weak, costs = minimum.direction, (LeastSquaresObjective(self.compiled).cost(self.values), minimum.cost)
+        equal = minimum.weight < MAX_EQUAL_WEIGHT
+        return words.second_minimum(weak, split(weak.change), split(minimum.change), costs, equal=equal)
+
+    def _is_scaled(self, direction: WeakDirection) -> bool:
+        """Return True if factors of the values change the cost of the data less than differences do.
+
+        Both are the same to first order: the data determine the product of two values or their sum.
+        """
+        if sum(shape.kind == "scale" for shape, _ in direction.amounts) < 2:
+            return True
+        change = direction.change * SCALED / max(abs(amount) for _, amount in direction.amounts)
+        relative = np.divide(change, self.values, out=np.zeros_like(change), where=self.values != 0)
+        objective = LeastSquaresObjective(self.compiled)
+        factors, differences = (
+            objective.data_cost(values) for values in (self.values * np.exp(relative), self.values + change)
+        )
+        return bool(factors <= differences) or not np.isfinite(differences)
 
     def _remark(self, local: Estimate) -> str:
         if self.status == "converged":
@@ -256,3 +334,7 @@ class _Split:
 
     def __call__(self, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
         return {name: array[at].reshape(self._shapes[name]) for name, at in self.columns.items()}
+
+    def last(self, array: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """Split an array over all free values in its last dimension."""
+        return {name: array[..., at].reshape(-1, *self._shapes[name]) for name, at in self.columns.items()}

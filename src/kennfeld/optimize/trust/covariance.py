@@ -31,18 +31,19 @@ from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenbe
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.limit_excess import NearActiveSamples
 from kennfeld.optimize.sums import Sums
-from kennfeld.optimize.trust.active_limits import ActiveOutputLimits, find_active_output_limits
+from kennfeld.optimize.trust.active_limits import ActiveOutputLimits, find_active_output_limits, multipliers
 from kennfeld.optimize.trust.information_matrix import (
     ConstraintElimination,
     Spectrum,
-    active_rows,
-    mark_fixed,
     nullity,
     pivots,
     root,
 )
+from kennfeld.optimize.trust.inverse import Inverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, should_be_sparse, whole
 from kennfeld.optimize.trust.noise import Group, rescore, variances
+from kennfeld.optimize.trust.pressing_limits import TouchedLimits
+from kennfeld.optimize.trust.smooth_effects import with_smooth_effects
 
 PART_TOLERANCE = 1e-4  # relative part in undetermined directions that exceeds rounding
 # of the descent to the values that fit the data without output limits
@@ -149,7 +150,7 @@ class Estimate:
             dependent = (rows @ (self._claimed if error else self._noisy) * rows).sum(axis=1)
         own = self._error_variances if error else inverse.sandwich(self._noisy)
         variances[self.reduction.independent[self.seen]] = own
-        variances[self.reduction.dependent] = dependent
+        variances[self.reduction.dependent] = np.where(follow.any(axis=1), dependent, 0.0)  # even if the noise is NaN
         variances[self.undetermined] = np.inf
         return np.sqrt(np.maximum(variances, 0.0))
 
@@ -212,12 +213,10 @@ def estimate(
     measured = _Measured(compiled, values, groups)
     if not measured.finite:
         return None
-    rows = active_rows(limits, values)
     outputs = np.zeros((0, values.size)) if touched is None else touched.rows
     if not np.isfinite(outputs).all():
         return None
-    fixed = mark_fixed(limits, values, measured.gradient, np.vstack([rows, outputs]))
-    local = _estimate(measured, ConstraintElimination.of(fixed, rows), groups)
+    held, local = _within(TouchedLimits.of(limits, values, measured.curvature), measured, groups, touched)
     if touched is None or not local.seen.any():
         return local
     without_limits = levenberg_marquardt(LeastSquaresObjective(compiled), values, limits, DATA_ONLY).values
@@ -226,8 +225,33 @@ def estimate(
     pressed = find_active_output_limits(touched, moving, local.spectrum.inverse, local.gradient, local.dispersion)
     if not pressed.rows.size:
         return replace(_estimate(measured, local.reduction, groups), pressed=pressed)
-    tied = ConstraintElimination.of(fixed, np.vstack([rows, pressed.rows]))
+    tied = ConstraintElimination.of(held.fixed, np.vstack([held.all_rows, pressed.rows]))
     return replace(_estimate(measured, tied, local.groups, local.variances), pressed=pressed)
+
+
+def _within(
+    limits: TouchedLimits, measured: "_Measured", groups: Sequence[Group], touched: NearActiveSamples | None
+) -> tuple[TouchedLimits, Estimate]:
+    """Return the bounds and rows that press, and the estimate within them."""
+    local = _estimate(measured, ConstraintElimination.of(limits.fixed, limits.all_rows), groups)
+    if not limits.count():
+        return limits, local
+    gradient = measured.gradient
+    if touched is not None and local.seen.any():
+        gradient = gradient + _output_multipliers(touched, local) @ touched.rows
+    step = local.expand(-local.spectrum.inverse.times(local.reduction.vector(gradient)[local.seen]))
+    gradient = gradient + measured.data @ step + measured.smoothness @ step
+    pressing = limits.pressing(gradient, measured.curvature, measured.cost)
+    if pressing.count() == limits.count():
+        return limits, local
+    return pressing, _estimate(measured, ConstraintElimination.of(pressing.fixed, pressing.all_rows), groups)
+
+
+def _output_multipliers(touched: NearActiveSamples, local: Estimate) -> Float:
+    """Return the multiplier of each sample at which a limit of outputs is reached, at the linearised minimum."""
+    rows = local.reduction.rows(touched.rows)[:, local.seen]
+    inverse = local.spectrum.inverse
+    return multipliers(inverse.times(rows) @ rows.T, touched.excess - rows @ inverse.times(local.gradient))
 
 
 def _with_noise_of(groups: Sequence[Group], others: Sequence[Group]) -> Sequence[Group]:
@@ -235,7 +259,11 @@ def _with_noise_of(groups: Sequence[Group], others: Sequence[Group]) -> Sequence
     if [group.count for group in groups] != [group.count for group in others]:
         return groups
     pairs = zip(groups, others, strict=True)
-    return [replace(group, squares=other.squares, persistence=other.persistence) for group, other in pairs]
+    return [_with_residuals_of(group, other) for group, other in pairs]
+
+
+def _with_residuals_of(group: Group, other: Group) -> Group:
+    return replace(group, squares=other.squares, persistence=other.persistence, correlation=other.correlation)
 
 
 def _estimate(
@@ -253,9 +281,12 @@ def _estimate(
     else:
         spectrum = Spectrum.of_sparse(data + smoothness, sum(map(abs, each), abs(data) + abs(smoothness)))
     used = [spectrum.inverse.trace(matrix) for matrix in each]
+    groups = measured.with_smooth_effects(groups, used, (reduction, np.flatnonzero(seen), spectrum.inverse))
     by_group = known or variances(groups, used)
     shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, by_group, strict=True)]
-    dispersion = float(np.dot(shares, used)) / sum(used) if sum(used) > 0 else float("nan")
+    # if limits determine all values, the noise is still known
+    weights = used if sum(used) > 0 else [float(group.count) for group in groups]
+    dispersion = float(np.dot(shares, weights)) / sum(weights) if sum(weights) > 0 else float("nan")
     noise = None
     if len(groups) > 1:
         noise = sum(share * matrix for share, matrix in zip(shares, each, strict=True))
@@ -271,7 +302,7 @@ def _estimate(
         variances=tuple(by_group),
         gradient=reduction.vector(measured.gradient)[seen],
         own=measured.data.diagonal(),
-        informed=measured.data.diagonal() + measured.smoothness.diagonal() > 0,
+        informed=measured.curvature > 0,
     )
 
 
@@ -298,6 +329,7 @@ class _Measured:
         self._sparse = not objective.uses_qr and should_be_sparse(data, smoothness)
         self.data, self.smoothness = self._copy(data), self._copy(smoothness)
         # the weights of the slopes are those of the fit only without a robust loss
+        self.cost = sum(group.score * group.squares for group in groups) + compiled.roughness.cost(values)
         robust = any(group.slope != group.weight for group in groups)
         self.gradient = objective.normal(values)[0].copy() if robust else gradient
 
@@ -309,6 +341,17 @@ class _Measured:
     def _rescored(self, groups: Sequence[Group]) -> Sums:
         factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}
         return self._compiled.sums_with(rescore, factors)
+
+    def with_smooth_effects(
+        self, groups: Sequence[Group], used: Sequence[float], narrow: tuple[ConstraintElimination, Int, Inverse]
+    ) -> list[Group]:
+        """Return the groups with the persistence before the fit, see `smooth_effects`."""
+        return with_smooth_effects(self._compiled, self._full, groups, used, narrow)
+
+    @property
+    def curvature(self) -> Float:
+        """Curvature of the cost along each value, Float[values]."""
+        return np.asarray(self.data.diagonal() + self.smoothness.diagonal())
 
     @property
     def finite(self) -> bool:

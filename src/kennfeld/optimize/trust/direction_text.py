@@ -20,6 +20,7 @@ MAX_NAMED = 3  # grid points of a table that a sentence names
 MAX_LISTED = 8  # grid points of a table that a remedy lists
 MIN_POINT_SHARE = 0.3  # of the strongest grid point that another needs to be named
 MIN_TABLE_SHARE = 0.3  # of the strongest table that another needs to be named
+DETERMINED = 0.01  # standard deviation, relative to the values, up to which a direction is known well enough
 RELATIVE = ("scale", "stretch", "follow")
 ORDER = ("scale", "stretch", "offset", "follow", "shift")
 Amounts = Sequence[tuple[TableChange, float]]
@@ -37,6 +38,7 @@ class Direction:
         ratio: cost of the change relative to its cost if each value changed alone; 0 if nothing determines it.
         deviation: standard deviation of the values along the change, as a multiple of it; inf if undetermined.
         remedies: the part of `remedy` that a project can apply; any of them is enough.
+        determined: True if the data couple the values, but determine them to 1 %.
     """
 
     sentence: str
@@ -46,9 +48,10 @@ class Direction:
     ratio: float
     deviation: float
     remedies: tuple[Remedy, ...] = ()
+    determined: bool = False
 
     def __str__(self) -> str:
-        return f"{self.sentence} {self.remedy}"
+        return f"{self.sentence} {self.remedy}".strip()
 
 
 class Describer:
@@ -89,14 +92,34 @@ class Describer:
         choices = (*([Remedy(smoother=(name,))] if smooth else []), Remedy(locks={name: where}))
         return _undetermined(sentence, f"{join_items(remedies, 'or')}.", name, where, choices)
 
-    def searched(self, name: str, where: Bool) -> Direction:
-        """Describe values that a global search moved, although small changes of them have no effect."""
+    def searched(self, name: str, where: Bool, intervals: Float) -> Direction:
+        """Describe values that a global search moved, although small changes of them have no effect.
+
+        `intervals` are the lower and upper ends between which the cost is the same, of shape (2, shape of the table).
+        """
+        known = where & np.isfinite(intervals).all(axis=0)
+        ranges = [
+            f"{name}{f' at {place}' if (place := self.place(name, at)) else ''} between "
+            f"{intervals[0][tuple(at)]:.6g} and {intervals[1][tuple(at)]:.6g}"
+            for at in np.argwhere(known)[:MAX_NAMED].tolist()
+        ]
+        flat = f", for {join_items(ranges)}; beyond, the function switches at other samples and" if ranges else ";"
         their = "its" if np.count_nonzero(where) == 1 else "their"
         sentence = (
-            f"The search moved {self._some_values(name, where)}, but the cost is flat around the result; "
+            f"The search moved {self._some_values(name, where)}, but the cost is flat around the result{flat} "
             f"{their} uncertainty is unknown."
         )
         return _undetermined(sentence, "Simulate with neighbouring values.", name, where)
+
+    def jumping(self, name: str, where: Bool) -> Direction:
+        """Describe values as which change the cost jumps, without a derivative."""
+        one = np.count_nonzero(where) == 1
+        sentence = (
+            f"The cost jumps as {self._some_values(name, where)} {'changes' if one else 'change'}, which derivatives "
+            f"do not show; kept at {'its start value' if one else 'their start values'}."
+        )
+        remedy = f'Search with method = "global", and bounds for {name}.'
+        return _undetermined(sentence, remedy, name, where, (Remedy(locks={name: where}),))
 
     def _some_values(self, name: str, where: Bool) -> str:
         count = int(np.count_nonzero(where))
@@ -132,18 +155,27 @@ class Describer:
         choices = Remedy(coarser=(name,)), Remedy(axes=(name,))
         return _undetermined(sentence, "Use fewer breakpoints on this axis, or fix them.", name, where, choices)
 
-    def named(self, weak: WeakDirection, parts: Mapping[str, Float]) -> Direction:
-        """Describe a direction that consists of table changes; `parts` are its changes of each parameter."""
+    def named(self, weak: WeakDirection, parts: Mapping[str, Float], *, scaled: bool = True) -> Direction:
+        """Describe a direction that consists of table changes.
+
+        Args:
+            weak: the direction.
+            parts: its changes of each parameter.
+            scaled: True if its effect is that of factors, False if it is that of differences.
+        """
         ordered = sorted(weak.amounts, key=lambda pair: ORDER.index(pair[0].kind))
         first, first_amount = ordered[0]
         unit = self._round_amount(first) / first_amount
         amounts = [(shape, amount * unit) for shape, amount in ordered]
         size = abs(amounts[0][1]) * weak.deviation / abs(unit)  # as an amount of the first table change
         text = f"{100 * size:.2g} %" if first.kind in RELATIVE else f"{size:.2g}{self._unit_of(first)}"
-        clauses = _clauses([self._verb(shape, amount) for shape, amount in amounts])
+        verbs = [self._verb(shape, amount) if scaled else self._difference(shape, amount) for shape, amount in amounts]
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
-        remedy, choices = self._pin(amounts, changed)
-        return _direction(weak, unit, f"{clauses} {_effect(weak, text)}.", remedy, changed, choices)
+        remedy, choices = self._pin(amounts, changed, exact=weak.exact)
+        sizes = [abs(amount) / self._round_amount(shape) for shape, amount in amounts]
+        relative = max(sizes) * PERCENT * weak.deviation / abs(unit)
+        sentence = f"{_clauses(verbs)} {_effect(weak, text, relative)}."
+        return _direction(weak, unit, sentence, remedy, changed, choices, relative)
 
     def by_points(self, weak: WeakDirection, parts: Mapping[str, Float], weights: Mapping[str, Float]) -> Direction:
         """Describe a direction by its strongest grid points; `weights` are the effect of each value on the data."""
@@ -153,10 +185,46 @@ class Describer:
         unit = PERCENT * self._typical_size(names[0]) / float(parts[names[0]].ravel()[first])
         verbs = [v for name in names for v in self._points(name, parts[name] * unit, shares[name])]
         reference = "mean distance of breakpoints" if names[0] in self._free_axes else "largest value"
-        size = f"{100 * PERCENT * weak.deviation / abs(unit):.2g} % of the {reference} of {names[0]}"
+        relative = PERCENT * weak.deviation / abs(unit)
+        size = f"{100 * relative:.2g} % of the {reference} of {names[0]}"
         changed = {name: part * unit for name, part in parts.items() if np.any(part)}
-        sentence = f"{_clauses(verbs)}{' together' if len(verbs) > 1 else ''} {_effect(weak, size)}."
-        return _direction(weak, unit, sentence, self._separation_remedy(names), changed, self._separations(names))
+        sentence = f"{_clauses(verbs)}{' together' if len(verbs) > 1 else ''} {_effect(weak, size, relative)}."
+        remedy, choices = self._separation_remedy(names), self._separations(names)
+        return _direction(weak, unit, sentence, remedy, changed, choices, relative)
+
+    def second_minimum(
+        self,
+        weak: WeakDirection,
+        along: Mapping[str, Float],
+        parts: Mapping[str, Float],
+        costs: tuple[float, float],
+        *,
+        equal: bool,
+    ) -> Direction:
+        """Describe values that fit as well as those found, or better.
+
+        Args:
+            weak: the direction in which they are.
+            along: its changes of each parameter.
+            parts: the change to these values, by parameter.
+            costs: here and there.
+            equal: True if noise may have decided which cost is lower.
+        """
+        towards = self.named(weak, along)
+        clauses = [self._two_values(name, parts[name]) for name in towards.parts if np.any(parts[name])]
+        here, there = (f"{cost:.6g}" for cost in costs)
+        fits = "equally well" if equal else "better"
+        sentence = f"Other values fit {fits} (cost {here} here, {there} there): {'; '.join(clauses)}."
+        remedy = towards.remedy if equal else f"Start from those values. {towards.remedy}"
+        changed = {name: part for name, part in parts.items() if np.any(part)}
+        return Direction(sentence, remedy, changed, False, towards.ratio, 1.0, towards.remedies)
+
+    def _two_values(self, name: str, change: Float) -> str:
+        """Name the value of a table that changes most, and what it is here and there."""
+        values = self._parameters[name].values
+        at = np.unravel_index(int(np.abs(change).argmax()), change.shape)
+        place = f" at {self.place(name, at)}" if values.ndim else ""
+        return f"{name}{place} is {values[at]:.4g} here and {values[at] + change[at]:.4g} there"
 
     def strongest(self, weights: Mapping[str, Float]) -> list[str]:
         """Return the tables with a large part in a direction, largest first; `weights` as in `by_points`."""
@@ -193,6 +261,15 @@ class Describer:
             case "offset":
                 return more, f"{shape.table} by {abs(amount):.2g}{self._unit_of(shape)}"
 
+    def _difference(self, shape: TableChange, amount: float) -> tuple[str, str]:
+        """Return `_verb` of a change that is a difference, not a factor."""
+        table = self._parameters[shape.table]
+        if shape.kind != "scale":
+            return self._verb(shape, amount)
+        change = amount * (float(table.values.ravel()[0]) if table.size == 1 else 1.0)
+        size = f"{abs(change):.2g}{self._unit_of(shape)}" if table.size == 1 else f"{100 * abs(change):.2g} %"
+        return "raising" if change > 0 else "lowering", f"{shape.table} by {size}"
+
     def _unit_of(self, shape: TableChange) -> str:
         """Return the unit of the amount of an offset or a shift, after a blank; empty without unit."""
         table = self._parameters[shape.table]
@@ -225,22 +302,28 @@ class Describer:
     def _breakpoint(self, name: str, number: int) -> str:
         return f"the {_ordinal(number + 1)} breakpoint ({self._free_axes[name].breakpoints[number]:.6g})"
 
-    def _pin(self, amounts: Amounts, parts: Mapping[str, Float]) -> tuple[str, tuple[Remedy, ...]]:
-        """Return the advice to fix one value, of the smallest table that is not merely shifted, as text and data."""
+    def _pin(self, amounts: Amounts, parts: Mapping[str, Float], *, exact: bool) -> tuple[str, tuple[Remedy, ...]]:
+        """Return the advice to fix one value, of the smallest table that is not merely shifted, as text and data.
+
+        The value is that of the fit. If nothing determines the scale of the table, that of the start is as good, and
+        often known: an efficiency of 1 at its maximum.
+        """
         shape, _ = min(amounts, key=lambda pair: (pair[0].kind == "shift", self._parameters[pair[0].table].size))
         name, table = shape.table, self._parameters[shape.table]
         if table.size == 1:
-            return f"Fix {name}, or set bounds for it.", (
-                Remedy(locks={name: np.ones(table.values.shape, dtype=bool)}),
-            )
+            bounded = np.isfinite(table.lower).all() and np.isfinite(table.upper).all()
+            advice = f"Fix {name}." if bounded else f"Fix {name}, or set bounds for it."
+            return advice, (Remedy(locks={name: np.ones(table.values.shape, dtype=bool)}),)
         start = np.nan_to_num(self._start[name].values)
-        use_start = shape.kind == "scale" and float(np.ptp(start)) > 0
-        strength = np.abs(start if use_start else parts[name])
+        scale_is_open = exact and shape.kind == "scale" and float(np.ptp(start)) > 0
+        strength = np.abs(start if scale_is_open else parts[name])
         best = np.where(strength >= (1 - 1e-6) * strength.max(), self._samples[name], -1)
         at = np.unravel_index(int(best.argmax()), best.shape)
-        value = float(np.ravel(start if use_start else table.values)[int(best.argmax())])
+        value = table.values[at]
+        if scale_is_open and _can_be_scaled(table, at, start[at]):
+            value = start[at]
         advice = f"Pin a known value of {name}, e.g. at {self.place(name, at).strip('()')} to {value:.4g}."
-        return advice, (self._fixed_value(table, at, value),)
+        return advice, (self._fixed_value(table, at, float(value)),)
 
     def _fixed_value(self, table: Parameter, at: tuple[Any, ...], value: float) -> Remedy:
         """Return a pin, or a lock if a pin has no fixed coordinates."""
@@ -271,10 +354,16 @@ class Describer:
             return f"Lock {join_items(parameters, 'or')}."
         if all(self._parameters[name].kind == "rbf" for name in parameters):
             return f"Record more samples, or use fewer centres for {join_items(parameters)}."
+        scalars = self._scalars(parameters)
+        if scalars:  # whether smoothness would determine the tables beside them depends on their shape
+            return f"Fix {join_items(scalars, 'or')}, or record samples that distinguish them."
         tables = self._smoothable(parameters)
         last = f"increase the smoothness of {join_items(tables, 'or')}" if tables else "lock one of them"
         remedies = ["Record samples that distinguish them", *(f"use fewer breakpoints for {name}" for name in axes)]
         return f"{', '.join(remedies)}, or {last}."
+
+    def _scalars(self, names: Sequence[str]) -> list[str]:
+        return [name for name in names if self._parameters[name].size == 1]
 
     def _smoothable(self, names: Sequence[str]) -> list[str]:
         return [name for name in names if _has_smoothness(self._parameters[name])]
@@ -285,12 +374,22 @@ class Describer:
         parameters = [name for name in names if name not in self._free_axes]
         if parameters and all(self._parameters[name].kind == "rbf" for name in parameters):
             return ()
+        if scalars := self._scalars(parameters):
+            return tuple(Remedy(locks={name: np.ones(self._parameters[name].values.shape, bool)}) for name in scalars)
         smoothable = [] if self.layers.intersection(names) else self._smoothable(parameters)
         smoother = [Remedy(smoother=(name,)) for name in smoothable]
         sizes = {name: self._parameters[name].values.shape for name in ([] if smoother else parameters)}
         locks = [Remedy(locks={name: np.ones(shape, dtype=bool)}) for name, shape in sizes.items()]
         fixed = [Remedy(axes=(name,)) for name in ([] if parameters else axes)]
         return (*(Remedy(coarser=(name,)) for name in axes), *smoother, *locks, *fixed)
+
+
+def _can_be_scaled(table: Parameter, at: tuple[Any, ...], value: float) -> bool:
+    """Return True if a factor gives one value of a table without moving another one out of its bounds."""
+    factor = value / table.values[at] if table.values[at] else -1.0
+    scaled = factor * table.values
+    within = (scaled >= table.lower) & (scaled <= table.upper)
+    return factor > 0 and bool(np.all(within | ~np.isfinite(scaled)))
 
 
 def _has_smoothness(table: Parameter) -> bool:
@@ -324,17 +423,26 @@ def _direction(
     remedy: str,
     changed: Mapping[str, Float],
     remedies: tuple[Remedy, ...],
+    relative: float,
 ) -> Direction:
-    return Direction(sentence, remedy, changed, weak.exact, weak.ratio, weak.deviation / abs(unit), remedies)
+    deviation, known = weak.deviation / abs(unit), _is_determined(weak, relative)
+    return Direction(sentence, remedy, changed, weak.exact, weak.ratio, deviation, remedies, known)
 
 
-def _effect(weak: WeakDirection, size: str) -> str:
+def _is_determined(weak: WeakDirection, relative: float) -> bool:
+    """Return True if the data determine a direction up to a small standard deviation, relative to the values."""
+    return relative < DETERMINED and not weak.mainly_smooth and not weak.exact
+
+
+def _effect(weak: WeakDirection, size: str, relative: float) -> str:
+    if _is_determined(weak, relative):
+        return f"has little effect on the fit: coupled, but determined (standard deviation {size})"
     some = "no" if weak.exact else "almost no"
     if not np.isfinite(weak.deviation):
         return f"has {some} effect on the fit"
     if weak.exact:
         return f"has no effect on the data; it is determined by smoothness alone (standard deviation {size})"
-    mainly = "; it is determined mainly by smoothness" if weak.seen < 0.1 * weak.ratio else ""
+    mainly = "; it is determined mainly by smoothness" if weak.mainly_smooth else ""
     return f"has almost no effect on the fit{mainly} (standard deviation {size})"
 
 

@@ -9,13 +9,11 @@ import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int, Sparse
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.trust.block_factor import BlockFactor
 from kennfeld.optimize.trust.inverse import DenseInverse, Inverse, SparseInverse
 from kennfeld.optimize.trust.matrices import Matrix, part, rescale, whole
 from kennfeld.threads import blas_threads
 
-TOUCHING = 1e-9  # of the size of a row: how near to its side a row counts as met
 REDUNDANT = 1e-10  # of a row's largest coefficient: what remains of a row that follows from others
 
 TIE = 1e-2  # relative preference of the first value to the last, so that rounding errors break no tie
@@ -30,21 +28,6 @@ LARGE, BLOCK = 1000, 256  # values from which an inverse is worth another librar
 SHIFT = 1e-11  # of the diagonal, so that a matrix with open directions has an inverse
 MANY = 4  # share of values, one in so many, up to which open directions are looked for one by one
 ROUNDS = 8  # of subspace iteration: what is ten times weaker than the rest is then exact
-
-
-def mark_fixed(limits: LinearLimits, values: Float, gradient: Float, rows: Float) -> Bool:
-    """Return True for values fixed by a lock, or by an active bound while `rows` are kept with equality."""
-    low, high = values <= limits.lower, values >= limits.upper
-    inside = limits.movable & ~low & ~high
-    multipliers = np.linalg.lstsq(rows[:, inside].T, -gradient[inside], rcond=None)[0]
-    slope = gradient + multipliers @ rows
-    return (low & (slope >= 0)) | (high & (slope <= 0)) | ~limits.movable
-
-
-def active_rows(limits: LinearLimits, values: Float) -> Float:
-    """Return the rows a of the linear limits that hold with equality, a'p = b; shape (rows, values)."""
-    rows = limits.rows
-    return rows.matrix(np.flatnonzero(rows.equal | rows.touching(values, TOUCHING)), values.size)
 
 
 @dataclass(frozen=True)

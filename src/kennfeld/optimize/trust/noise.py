@@ -25,7 +25,7 @@ from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.samples import Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.trust.persistence import MIN_SAMPLES, LaggedProducts, inflation, persistence_lags
+from kennfeld.optimize.trust.persistence import MIN_SAMPLES, Correlation, LaggedProducts, persistence_lags
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.sample_weights import SampleWeights
@@ -54,6 +54,7 @@ class Group:
     weight: float  # mean of psi / residual, the weight in the matrix of the fit
     slope: float  # mean of psi'
     persistence: float  # samples for each one that is independent of those before
+    correlation: Correlation = field(default_factory=Correlation)  # mean over the datasets
     typical: float = 1.0  # mean w
     above: float = 0.0
     most: float = float("inf")
@@ -235,11 +236,11 @@ class _ClassSums:
 
 @dataclass
 class _NoiseSums:
-    """The sums of one criterion by class; `lengths` are the persistence of each dataset and its number of samples."""
+    """The sums of one criterion by class; `lengths` are the correlation of each dataset and its number of samples."""
 
     classes: dict[Range, _ClassSums]
     products: LaggedProducts | None
-    lengths: list[tuple[float, int]] = field(default_factory=list)
+    lengths: list[tuple[Correlation, int]] = field(default_factory=list)
 
     def merge(self, later: "_NoiseSums") -> None:
         for inside, sums in later.classes.items():
@@ -253,11 +254,13 @@ class _NoiseSums:
         if self.products is not None:
             count = known.residuals.count
             enough = count >= MIN_SAMPLES
-            self.lengths.append((inflation(self.products.sums, self.products.pairs) if enough else 1.0, count))
+            correlation = Correlation.of(self.products.sums, self.products.pairs) if enough else Correlation()
+            self.lengths.append((correlation, count))
             self.products = None
 
     def groups(self, number: int, criterion: Criterion, weight: float) -> Iterator[Group]:
-        length = _mean(self.lengths, 1.0)
+        length = _mean(((each.inflation(count), count) for each, count in self.lengths if count), 1.0)
+        plain, window = (_mean(((x, n) for x, n in pairs), 1.0) for pairs in _columns(self.lengths))
         for (above, most), sums in self.classes.items():
             if sums.count:
                 yield Group(
@@ -268,10 +271,15 @@ class _NoiseSums:
                     weight=sums.ratios / sums.weights,
                     slope=max(sums.slopes / sums.weights, 1e-3),
                     persistence=length,
+                    correlation=Correlation(plain, window),
                     typical=sums.weights / sums.count,
                     above=above,
                     most=most,
                 )
+
+
+def _columns(lengths: Sequence[tuple[Correlation, int]]) -> tuple[list[tuple[float, int]], list[tuple[float, int]]]:
+    return [(each.plain, count) for each, count in lengths], [(each.window, count) for each, count in lengths]
 
 
 @dataclass

@@ -9,7 +9,8 @@ Two biases are corrected. The sum of the estimates of r over all lags is -1/2 wh
 first pair of neighbouring autocorrelations that is not positive, and pairs must not increase (the initial monotone
 sequence of C. Geyer: Practical Markov Chain Monte Carlo, Statistical Science 7, 1992). And subtracting the mean of the
 errors, as a fit does, lowers each autocovariance by the variance of the mean, which is added again (F. H. C. Marriott
-and J. A. Pope: Bias in the estimation of autocorrelations, Biometrika 41, 1954).
+and J. A. Pope: Bias in the estimation of autocorrelations, Biometrika 41, 1954). So does each further fitted value of a
+slowly varying effect, see `Correlation.inflation`.
 """
 
 from collections.abc import Sequence
@@ -94,31 +95,63 @@ def _count_pairs(known: Bool, lags: int) -> Float:
     return np.round(lagged_products(known.astype(np.float64), lags))
 
 
-def inflation(sums: Float, pairs: Float) -> float:
-    """Return the factor, at least 1, by which correlation raises the variance of a sum.
+@dataclass(frozen=True)
+class Correlation:
+    """The correlation of the errors of a recording, summed over the lags at which it is positive.
 
-    Args:
-        sums: sums of products of centred errors, by lag from 0; shape (lags,).
-        pairs: number of products in each sum; shape (lags,).
+    `plain` is 1 + 2 sum_k w(k) r(k) over these lags, `window` the same for r = 1.
     """
-    count = float(pairs[0])
-    usable = pairs >= MIN_PAIRS * count
-    if usable.sum() < 2 or not sums[0] > 0:
-        return 1.0
-    weight = pairs[usable] / count
-    correlation = sums[usable] / pairs[usable] / (sums[0] / count)
-    if correlation[1] * np.sqrt(pairs[usable][1]) < MIN_CORRELATION:
-        return 1.0
-    even = correlation.size // 2 * 2
-    neighbours, weights = (each[:even].reshape(-1, 2) for each in (correlation, weight))
-    together = neighbours.sum(axis=1)
-    end = int(np.argmax(together <= 0)) if (together <= 0).any() else together.size
-    share = weights[:end].mean(axis=1)
-    plain = 2 * float(share @ np.minimum.accumulate(together[:end])) - 1
-    window = 2 * float(weights[:end].sum()) - 1
-    # with the variance of the mean, m = whole / count of one error's: r = (1 - m) correlation + m
-    whole = plain / max(1 - (window - plain) / count, 1 / MAX_MEAN_FACTOR)
-    return max(whole, 1.0)
+
+    plain: float = 1.0
+    window: float = 1.0
+
+    @classmethod
+    def of(cls, sums: Float, pairs: Float) -> "Correlation":
+        """Return the correlation.
+
+        Args:
+            sums: sums of products of centred errors, by lag from 0; shape (lags,).
+            pairs: number of products in each sum; shape (lags,).
+        """
+        count = float(pairs[0])
+        usable = pairs >= MIN_PAIRS * count
+        if usable.sum() < 2 or not sums[0] > 0:
+            return cls()
+        weight = pairs[usable] / count
+        correlation = sums[usable] / pairs[usable] / (sums[0] / count)
+        if correlation[1] * np.sqrt(pairs[usable][1]) < MIN_CORRELATION:
+            return cls()
+        even = correlation.size // 2 * 2
+        neighbours, weights = (each[:even].reshape(-1, 2) for each in (correlation, weight))
+        together = neighbours.sum(axis=1)
+        end = int(np.argmax(together <= 0)) if (together <= 0).any() else together.size
+        share = weights[:end].mean(axis=1)
+        plain = 2 * float(share @ np.minimum.accumulate(together[:end])) - 1
+        return cls(plain, 2 * float(weights[:end].sum()) - 1)
+
+    def inflation(self, count: float, fitted: float = 1.0, smooth: float = 1.0) -> float:
+        """Return the factor, at least 1, by which correlation raises the variance of a sum.
+
+        A fit takes from the autocovariance at each lag k the part (v / n) c(k), where v is the variance of the fitted
+        values' share in units of that of one error, and c(k) the sum of the elements of the projection onto the fitted
+        functions that are k samples apart. If these vary slowly, v is the factor itself, and c(k) their number; if they
+        are independent from sample to sample, v is 1, and c(k) is 0 but for k = 0.
+
+        Args:
+            count: number of errors, n.
+            fitted: number of fitted values; 1 for the mean.
+            smooth: mean of c(k) / c(0) over the lags of the sum.
+        """
+        if self.window <= 1:
+            return 1.0
+        excess = fitted / count * (1 + smooth * (self.window - 1) - self.plain)
+        whole = (self.plain + (1 - smooth) * excess) / max(1 - smooth * excess, 1 / MAX_MEAN_FACTOR)
+        return max(whole, 1.0)
+
+
+def inflation(sums: Float, pairs: Float) -> float:
+    """Return the factor by which correlation raises the variance of a sum, for errors whose mean was subtracted."""
+    return Correlation.of(sums, pairs).inflation(float(pairs[0]))
 
 
 def lagged_products(values: Float, lags: int) -> Float:

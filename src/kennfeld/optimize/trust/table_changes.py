@@ -121,4 +121,10 @@ class WeakDirection:
     @property
     def exact(self) -> bool:
         """True if the data do not constrain the direction at all."""
-        return self.seen <= EXACT
+        determined = np.isfinite(self.deviation) and not self.mainly_smooth
+        return self.seen <= EXACT and not determined
+
+    @property
+    def mainly_smooth(self) -> bool:
+        """True if smoothness determines the direction, or most of it."""
+        return self.seen <= 0.1 * self.ratio

@@ -35,11 +35,13 @@ class Trust(NotebookDisplay):
         informed: True for values determined by data or smoothness; the others keep their start values.
         samples: number of training samples that influence each value.
         deviation: standard deviation of the error of each value in its unit. 0 for values fixed by a lock, a bound or
-            a pin, inf for undetermined values, NaN if there are too few samples to estimate the noise.
+            a pin, inf for undetermined values, NaN if there are too few samples to estimate the noise. It includes the
+            distance to a second minimum that fits about as well, see `directions`.
         scatter: the part of `deviation` that repeated measurements would show; smaller for values determined by
             smoothness.
         by_smoothness: True for values that no sample influences and smoothness determines.
-        directions: joint changes of values with no or almost no effect on the data, worst first.
+        directions: joint changes of values with no or almost no effect on the data, worst first; those that are
+            coupled, but determined, last. A second minimum with the same cost is one of them.
         null_space: number of undetermined combinations of values, and values to fix that determine all of them.
         holdings: active limits of outputs and what they determine; breakpoints at their minimum distance.
         remark: a sentence if the search did not converge, else empty.
@@ -154,6 +156,7 @@ class Trust(NotebookDisplay):
                     "sentence": direction.sentence,
                     "remedy": direction.remedy,
                     "exact": direction.exact,
+                    "determined": direction.determined,
                     "ratio": _finite(direction.ratio),
                     "parameters": list(direction.parts),
                 }

@@ -10,19 +10,22 @@ def undetermined_lines(trust: Trust, pointer: str) -> list[str]:
     """Return the directions that the data determine worst, and the active output limits, each under a heading.
 
     The remark on a search that did not converge comes first. If several directions are undetermined, their number and
-    a remedy for all of them come before the single ones.
+    a remedy for all of them come before the single ones. Directions that are coupled, but determined, need none.
 
     Args:
         trust: the trust of a result.
         pointer: where to find the entries that are not listed.
     """
     remark = [trust.remark] if trust.remark else []
-    undetermined = shorten(list(map(str, trust.directions)), MAX_LINES, pointer)
+    directions = [str(direction) for direction in trust.directions if not direction.determined]
+    undetermined = shorten(directions, MAX_LINES, pointer)
     if trust.null_space.dimension > 1:
         undetermined.insert(0, str(trust.null_space))
+    coupled = [direction.sentence for direction in trust.directions if direction.determined]
     outputs = [str(limit) for limit in trust.holdings if limit.samples]  # the message names those of breakpoints
     return [
         *remark,
         *under_heading("Parameters not determined by the data:", undetermined),
+        *under_heading("Coupled, but determined:", shorten(coupled, MAX_LINES, pointer)),
         *under_heading("Active output limits:", shorten(outputs, MAX_LINES, pointer)),
     ]

@@ -5,7 +5,7 @@ it, relative to the cost if each value moved alone. A well-determined direction 
 of a table are scaling, an offset, stretching, a shift along an axis, and a multiple of another table.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations, permutations
 
 import numpy as np
@@ -59,15 +59,22 @@ def weak_directions(
     """
     search = _DirectionSearch(estimate, shapes, estimate.narrow(changes))
     trials: list[_TrialDirection] = []
-    for trial in sorted(search.named(), key=lambda trial: trial.score):
-        if len(trials) < most and search.new_share(trials, trial.change) > MIN_NEW_SHARE:
-            trials.append(trial)
-    most = min(most, len(trials) + MAX_OTHERS)
-    for trial in search.others(estimate.spectrum.directions):
-        if len(trials) == most:
-            break
-        if search.new_share(trials, trial.change) > MIN_NEW_SHARE_OTHERS:
-            trials.append(trial)
+
+    def take(candidates: Iterable[_TrialDirection], least: float, count: int) -> None:
+        for trial in candidates:
+            if count and len(trials) < most and search.new_share(trials, trial.change) > least:
+                trials.append(trial)
+                count -= 1
+
+    named = sorted(search.named(), key=lambda trial: trial.score)
+    exact = [trial for trial in named if trial.seen <= EXACT]
+    directions = estimate.spectrum.directions
+    undetermined = min(estimate.spectrum.null.shape[1], len(directions))
+    take(exact, MIN_NEW_SHARE, most)
+    # a combination that is merely near an undetermined direction would not say what has no effect
+    take(map(search.rate, directions[:undetermined]), MIN_NEW_SHARE_OTHERS, MAX_OTHERS)
+    take([trial for trial in named if trial.seen > EXACT], MIN_NEW_SHARE, most)
+    take(search.others(directions[undetermined:]), MIN_NEW_SHARE_OTHERS, MAX_OTHERS)
     trials.sort(key=lambda trial: (_rounded(max(trial.ratio, ROUNDING)), not trial.shapes))
     return [
         WeakDirection(
@@ -151,7 +158,7 @@ class _DirectionSearch:
 
     def others(self, directions: Float) -> Iterator[_TrialDirection]:
         """Return poorly determined directions that are no combination of table changes."""
-        return (trial for trial in map(self._rate, directions) if trial.ratio < MAX_OTHER_RATIO)
+        return (trial for trial in map(self.rate, directions) if trial.ratio < MAX_OTHER_RATIO)
 
     def named(self) -> Iterator[_TrialDirection]:
         """Return poorly determined combinations of one to three changes of different tables."""
@@ -168,7 +175,7 @@ class _DirectionSearch:
             for names, trials in nearly.items():
                 yield from self._adapt(names, trials)
 
-    def _rate(self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None) -> _TrialDirection:
+    def rate(self, change: Float, group: Sequence[int] | Int = (), weights: Float | None = None) -> _TrialDirection:
         """Rate any change, perhaps one adapted from a combination of table changes."""
         alone = float(change @ (self.diagonal * change))
         both, data = (float(change @ matrix @ change) / alone for matrix in (self.total, self.data))
@@ -219,19 +226,19 @@ class _DirectionSearch:
         used = np.unique(np.concatenate(groups))
         where = (self.rows[[table in names for table in self.tables]] != 0).any(axis=0)
         parts = (self.rows[used] * self.diagonal)[:, where]
-        reach = _solve_singular(part(self.total, where), parts.T)
+        reach = solve_singular(part(self.total, where), parts.T)
         for trial, group in zip(best, groups, strict=True):
             at = np.searchsorted(used, group)
             weights = np.array(trial.amounts) * self.length[group]
             change = np.zeros(where.size)
             change[where] = reach[:, at] @ np.linalg.solve(parts[at] @ reach[:, at], weights)
-            adapted = self._rate(change, group, weights)
+            adapted = self.rate(change, group, weights)
             similarity = float(weights @ weights) / float(change @ (self.diagonal * change))
             if adapted.ratio < self._max_ratio(group) and similarity > MIN_SIMILARITY:
                 yield adapted
 
 
-def _solve_singular(matrix: Matrix, right: Float) -> Float:
+def solve_singular(matrix: Matrix, right: Float) -> Float:
     """Solve with a matrix that may be singular."""
     ridge = RIDGE * matrix.diagonal()
     if isinstance(matrix, np.ndarray):

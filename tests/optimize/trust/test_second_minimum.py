@@ -1,0 +1,57 @@
+"""Minima of equal cost in which two factors of a product change places."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+SPEED, LOAD = np.linspace(1000, 6000, 4), np.array([0.0, 100.0])
+PIN = kf.Pin("C", (0.0,), 1.0)
+
+
+def map_times_curve(start, *, rise=0.348, noise=0.1, seed=0):
+    """Fit a map that rises with load by a factor of 1 + rise, times a curve over the same load that rises by 1.2.
+
+    The rise may differ between speeds; then the factors cannot change places.
+    """
+    rng = np.random.default_rng(seed)
+    n, load = rng.uniform(1000, 6000, 800), rng.uniform(0, 100, 800)
+    values = (50 + 0.01 * SPEED)[:, None] * (1 + np.multiply.outer(np.broadcast_to(rise, 4), LOAD / 100))
+    truth = kf.ParameterSet([kf.Map("M", SPEED, LOAD, values), kf.Curve("C", LOAD, [1.0, 1.2])])
+    data = {"n": n, "L": load}
+    clean = kf.simulate("y = M(n, L) * C(L)", data, truth)["y"].values
+    tables = [kf.Map("M", SPEED, LOAD, np.full((4, 2), 80.0)), kf.Curve("C", LOAD, [1.0, start])]
+    data["m"] = clean + noise * rng.standard_normal(n.size)
+    return kf.calibrate("y = M(n, L) * C(L)", data, kf.ParameterSet(tables), "m", pins=[PIN])
+
+
+@pytest.mark.parametrize(("start", "rise"), [(1.0, 0.348), (2.0, 0.348), (1.0, -0.6), (0.2, -0.6)])
+def test_a_second_minimum_of_equal_cost_is_told_and_counts_as_error(start, rise):
+    result = map_times_curve(start, rise=rise)
+    here, deviation = float(result.parameters["C"].values[1]), float(result.trust.deviation["C"][1])
+    there = max((1.2, 1 + rise), key=lambda value: abs(value - here))
+    assert abs(here - there) == pytest.approx(abs(rise - 0.2), abs=0.03)
+    assert abs(1.2 - here) < 2 * deviation
+    first = result.trust.directions[0]
+    assert first.sentence.startswith("Other values fit equally well (cost ")
+    assert here + first.parts["C"][1] == pytest.approx(there, abs=0.03)
+    assert first.remedy.startswith("Pin a known value of C")
+    assert not any("determined" in str(direction) for direction in result.trust.directions)
+
+
+def test_a_product_without_a_second_minimum_is_coupled_but_determined():
+    result = map_times_curve(1.0, rise=[0.0, 0.2, 0.5, -0.3], noise=0.01)
+    (direction,) = result.trust.directions
+    assert direction.determined
+    assert "coupled, but determined" in direction.sentence
+    assert result.trust.deviation["C"][1] < 0.01
+    assert abs(result.parameters["C"].values[1] - 1.2) < 0.01
+
+
+@pytest.mark.slow
+def test_two_deviations_contain_the_truth_in_both_minima():
+    inside = []
+    for seed in range(20):
+        result = map_times_curve(1.0 + seed % 2, seed=seed)
+        inside.append(abs(1.2 - result.parameters["C"].values[1]) < 2 * result.trust.deviation["C"][1])
+    assert np.mean(inside) > 0.9
