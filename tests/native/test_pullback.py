@@ -4,8 +4,10 @@ import pytest
 from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 from tests.native.models import MODELS, case, coupled
-from tests.native.reference import compiled
+from tests.native.reference import compiled, sums
 from tests.native.segments import cut_code
 
 
@@ -89,3 +91,28 @@ def test_a_slope_that_is_not_finite_stays_in_its_own_row(share):
     at = written.kernel.values.offsets["K"]
     assert not np.isfinite(got[scored, 1, at]).any()
     assert np.isfinite(np.delete(got[:, 1], at, axis=1)).all()
+
+
+def test_saturated_quantities_have_slope_zero_in_all_forms(share):
+    b = GraphBuilder()
+    k, u, one = b.lookup("K"), b.input("u"), b.const(1.0)
+    cut = b.call(
+        "max", b.call("sub", b.call("floor", u), b.call("sub", k, k)), b.const(0.0)
+    )  # 0 in half of the samples
+    steep = b.call("exp", b.call("mul", b.call("add", k, b.const(1000.0)), u))  # infinite in half of the samples
+    state = b.state()
+    b.close(state, k, b.call("div", one, b.call("add", one, b.call("mul", steep, b.call("exp", state)))))
+    names = {
+        "root": b.call("sqrt", b.call("mul", cut, k)),
+        "logistic": b.call("div", one, b.call("add", one, steep)),
+        "memory": b.call("mul", state, u),
+    }
+    written, pulled = both(case(b.finish(names), 60, values=ParameterSet([Scalar("K", 0.7)])), share)
+    expected = written.run(written.interpreter())
+    assert np.isfinite(expected).all()
+    for made in (written, pulled):
+        np.testing.assert_allclose(made.run(made.interpreter()), expected, rtol=1e-13)
+        _, jacobian = made.accumulator().rows(made.values)
+        assert np.isfinite(jacobian).all()
+    assert_equal(results(pulled), results(written))
+    assert_equal([written.accumulator().normal(written.values).gradient], [sums(written.case, expected).gradient])
