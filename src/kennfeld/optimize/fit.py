@@ -17,7 +17,7 @@ from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import FEASIBLE, missed_limits, project
+from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.solver.levenberg_marquardt import Iteration, SolverResult, SolverSettings, levenberg_marquardt
@@ -196,7 +196,8 @@ class FitRun:
             cost = self.objective.cost(projected)
             if not end.cost < cost:  # the departure from a saddle did not pay
                 end, remark = replace(end, values=projected, cost=cost), other_remark
-        return self._within_limits(self._with_rejections(self._check_derivatives(end, limits)), limits), remark
+        end = self._with_derivative_fault(self._check_derivatives(end, limits))
+        return self._within_limits(self._with_rejections(end), limits), remark
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
@@ -318,13 +319,13 @@ class FitRun:
     def _check_derivatives(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """Mark the end as failed if no free value has a derivative there although errors remain.
 
-        Values that are all at bounds may be the best ones.
+        Values that are all at bounds, or determined by the limits, may be the best ones.
         """
         if end.status != "converged" or end.cost == 0 or self.options.method == "global":
             return end
         sloped = self.objective.sloped(end.values)
         within = (limits.lower < end.values) & (end.values < limits.upper)
-        if sloped is None or (sloped & limits.movable).any() or not within.any():
+        if sloped is None or (sloped & limits.movable).any() or not leaves_room(end.values, limits, within):
             return end
         message = (
             "All derivatives are zero: no free value changes the outputs here. Start from values in the range in which "
@@ -339,6 +340,16 @@ class FitRun:
         if end.status != "converged" or not hidden:
             return end
         return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
+
+    def _with_derivative_fault(self, end: SolverResult) -> SolverResult:
+        """Add a sentence on the node and the sample whose derivative made the search fail."""
+        known = np.isfinite(end.cost) and self.problem.partitions is None
+        if end.status != "failed" or not known or self.objective.sloped(end.values) is not None:
+            return end
+        from kennfeld.optimize.derivative_faults import describe_derivative_fault
+
+        fault = describe_derivative_fault(self.problem, self.parameters(end.values))
+        return replace(end, message=f"{end.message} {fault}".rstrip())
 
     def _with_rejections(self, end: SolverResult) -> SolverResult:
         """Add a sentence on the trial values that were rejected."""
