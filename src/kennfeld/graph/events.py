@@ -39,6 +39,17 @@ class Event:
     parameters: tuple[str, ...]
 
 
+def switching_parameters(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -> frozenset[str]:
+    """Return the parameters `free` on which comparisons and rounding behind the outputs depend.
+
+    They include those of all `events`, and need no evaluation.
+    """
+    _, needed = _needed(graph, [graph.names[name] for name in outputs or graph.outputs])
+    switches = [at for at in needed if graph.nodes[at].op in _WORDS and not _tests_nan(graph.nodes[at])]
+    _, deciding = _needed(graph, switches)
+    return frozenset(graph.nodes[at].parameter or "" for at in deciding) & frozenset(free)
+
+
 def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -> tuple[Event, ...]:
     """Return the discontinuities whose time depends on the parameters `free` and which affect the outputs, in graph
     order.

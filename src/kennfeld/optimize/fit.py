@@ -13,6 +13,7 @@ from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
 from kennfeld.optimize.equal_neurons import find_equal_neurons
+from kennfeld.optimize.jumping_cost import find_jumps
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
@@ -26,6 +27,7 @@ from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.optimize.trust.assessment import TrustAssessment
 from kennfeld.optimize.validation import check_fittable
+from kennfeld.optimize.wide_differences import descend_by_differences, find_misleading_slopes, misleading_values
 from kennfeld.optimize.worsening import admissible_share, find_worsening
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
@@ -190,7 +192,7 @@ class FitRun:
             return self._within_limits(search(start, limits), limits), remark
         end = self._leave_saddles(minimise(self._setup, start, limits), limits)
         end = enforce_output_limits(self._setup, end, start, limits)
-        end = self._restore_faint_values(end, start, limits)
+        end = self._follow_simulations(self._restore_faint_values(end, start, limits), limits)
         projected, other_remark = project(initial, limits)
         if projected is not None and not np.array_equal(projected, start):
             cost = self.objective.cost(projected)
@@ -280,6 +282,15 @@ class FitRun:
                 )
                 end = replace(end, status="failed", message=message)
         return end.with_effort_of(ends)
+
+    def _follow_simulations(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
+        """Search on along differences of whole simulations if the slopes of called functions mislead."""
+        if end.status != "converged" or self._is_solved(end) or self.options.method == "global":
+            return end
+        if not misleading_values(self.objective, self.exact, end.values, limits).size:
+            return end
+        report = partial(self.record, "differences")
+        return descend_by_differences(self.exact, end, limits, self.outputs, self.options.settings, report)
 
     def _restore_faint_values(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Reset values to their start if their effect at the end is mere rounding.
@@ -389,7 +400,19 @@ class FitRun:
         smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
         equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, self.parameters(end.values))
-        return (*find_worsening(quality, self.scored, outweighed=outweighed, share=share), *equal)
+        worse = find_worsening(quality, self.scored, outweighed=outweighed, share=share)
+        return (*worse, *equal, *self._slope_findings(end, limits))
+
+    def _slope_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
+        """Return warnings about slopes that do not describe how the cost changes."""
+        if self.options.method == "global" or self._is_solved(end):
+            return ()
+        own = self.exact, self.objective
+        return *find_jumps(*own, end, limits), *find_misleading_slopes(*own, end.values, limits)
+
+    def _is_solved(self, end: SolverResult) -> bool:
+        """Return if the errors at the end are rounding, compared with those at the start."""
+        return bool(end.cost <= REACHED * self.objective.cost(self.objective.start))
 
     def _assessment(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         if end.status == "infeasible" or not informed:

@@ -4,7 +4,7 @@ The step check runs the model with half its step, as a fixed-step solver may rep
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
-from kennfeld.graph.events import Event, events
+from kennfeld.graph.events import events
 from kennfeld.graph.external_function import CodeNotRunError, function_remarks
 from kennfeld.graph.factors import factors
 from kennfeld.graph.traversal import dependents
@@ -26,6 +26,7 @@ from kennfeld.models import Model
 from kennfeld.models.formula import expression
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.equal_neurons import REMEDY, describe, equal_neurons
+from kennfeld.optimize.jumping_cost import MAX_NAMES, jump_finding
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.lookup_coverage import Coverage
 from kennfeld.optimize.problem import Problem, difference
@@ -54,9 +55,6 @@ DIFFERENCE_QUANTILE = 0.95  # of the samples; events that move by a step cause l
 MAX_HALVINGS = 6
 MAX_STEP_SAMPLES = 5_000
 MAX_STEPS = 1_000_000  # of one run
-
-MAX_EVENTS = 4  # in a warning
-MAX_NAMES = 5  # of parameters in a warning
 
 MAX_MISSING = 0.1  # share of samples without a value
 MAX_OUTSIDE = 0.05  # share of samples outside an axis
@@ -265,30 +263,7 @@ def check_events(file: ProjectFile, problem: Problem) -> list[Finding]:
         return []
     outputs = [difference(i) for i in range(len(problem.criteria))]
     jumps = events(problem.graph, problem.free_names, outputs)
-    if not jumps:
-        return []
-    model = problem.model
-    located = (model.locations[event.name] for event in jumps if event.name in model.locations)
-    place = next(located, Location(model.source))
-    names = dict.fromkeys(name for event in jumps for name in event.parameters)
-    listed = join_names(list(names), MAX_NAMES)
-    message = f"{describe_events(jumps)} depending on {listed}; derivatives do not account for that"
-    values = sum(problem.parameters[name].size for name in names)
-    few = f"Free up to {FEW} values, and write" if values > FEW else "Write"
-    remedy = f'{few} [optimizer] method = "global", and bounds for {listed if values <= FEW else "them"}.'
-    return [Finding(place, message, remedy, severity="warning")]
-
-
-def describe_events(jumps: Sequence[Event]) -> str:
-    """Return a clause on the events, such as `turned (floor) and fires (>) jump`."""
-    words: dict[str, list[str]] = {}
-    for event in jumps:
-        name = event.name if event.name.isprintable() else ""
-        words.setdefault(name or "a node without a name", []).append(event.word)
-    shown = [f"{name} ({', '.join(dict.fromkeys(own))})" for name, own in list(words.items())[:MAX_EVENTS]]
-    if len(words) > MAX_EVENTS:
-        shown.append(f"{len(words) - MAX_EVENTS} more")
-    return f"{', '.join(shown[:-1])} and {shown[-1]} jump" if len(shown) > 1 else f"{shown[0]} jumps"
+    return [jump_finding(problem, jumps)] if jumps else []
 
 
 def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, Location]) -> list[Finding]:

@@ -212,7 +212,7 @@ def describe_formula(path: Path, model: Model) -> FileInfo:
     jumps = events(graph, tuple(graph.parameters))
     notes = _surrogate_notes(model)
     if jumps:
-        from kennfeld.project.checks import describe_events
+        from kennfeld.optimize.jumping_cost import describe_events
 
         advice = 'Derivatives do not account for that; method = "global" does.'
         notes.append(f"{describe_events(jumps)} depending on parameters. {advice}")
