@@ -99,7 +99,8 @@ class Result(NotebookDisplay):
         resumed: the checkpoints from which the search resumed.
         smoothness: factors of each table with an automatic one, by axis x, y, z or w.
         shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
-        warnings: criteria whose errors are larger than at the start.
+        warnings: criteria whose errors are larger than at the start, slopes that do not describe how the cost changes,
+            and sample weights that are missing.
         recordings: errors by criterion, dataset and file, with the worst stretch of each file.
 
     >>> from kennfeld import calibrate
