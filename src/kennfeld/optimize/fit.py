@@ -192,7 +192,7 @@ class FitRun:
             return self._within_limits(search(start, limits), limits), remark
         end = self._leave_saddles(minimise(self._setup, start, limits), limits)
         end = enforce_output_limits(self._setup, end, start, limits)
-        end = self._follow_simulations(self._restore_faint_values(end, start, limits), limits)
+        end = self._follow_simulations(self._restore_faint_values(end, start, limits), start, limits)
         projected, other_remark = project(initial, limits)
         if projected is not None and not np.array_equal(projected, start):
             cost = self.objective.cost(projected)
@@ -283,11 +283,11 @@ class FitRun:
                 end = replace(end, status="failed", message=message)
         return end.with_effort_of(ends)
 
-    def _follow_simulations(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
+    def _follow_simulations(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search on along differences of whole simulations if the slopes of called functions mislead."""
-        if end.status != "converged" or self._is_solved(end) or self.options.method == "global":
+        if end.status != "converged" or self.options.method == "global":
             return end
-        if not misleading_values(self.objective, self.exact, end.values, limits).size:
+        if not misleading_values(self.objective, self.exact, end.values, limits).size or self._is_solved(end, start):
             return end
         report = partial(self.record, "differences")
         return descend_by_differences(self.exact, end, limits, self.outputs, self.options.settings, report)
@@ -405,14 +405,14 @@ class FitRun:
 
     def _slope_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
         """Return warnings about slopes that do not describe how the cost changes."""
-        if self.options.method == "global" or self._is_solved(end):
+        if self.options.method == "global" or self._is_solved(end, self.objective.start):
             return ()
         own = self.exact, self.objective
         return *find_jumps(*own, end, limits), *find_misleading_slopes(*own, end.values, limits)
 
-    def _is_solved(self, end: SolverResult) -> bool:
+    def _is_solved(self, end: SolverResult, start: Float) -> bool:
         """Return if the errors at the end are rounding, compared with those at the start."""
-        return bool(end.cost <= REACHED * self.objective.cost(self.objective.start))
+        return bool(end.cost <= REACHED * self.objective.cost(start))
 
     def _assessment(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         if end.status == "infeasible" or not informed:
