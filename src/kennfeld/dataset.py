@@ -250,10 +250,16 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             values, message = replace_infinite(channel.values)
             if message:
                 channel = replace(channel, values=values)
-                location = Location(f"dataset {self.name}, channel {channel.name}")
-                findings.append(Finding(location, message, severity="warning"))
+                findings.append(Finding(self._location_of(channel.name), message, severity="warning"))
             channels.append(channel)
         return replace(self, channels=tuple(channels), findings=(*self.findings, *findings)) if findings else self
+
+    def had_infinite(self, name: str) -> bool:
+        """Return True if `without_infinite` has replaced values of a channel."""
+        return any(finding.location == self._location_of(name) for finding in self.findings)
+
+    def _location_of(self, name: str) -> Location:
+        return Location(f"dataset {self.name}, channel {name}")
 
     def to_frame(self) -> Any:
         """Return the channels as the columns of a DataFrame of pandas.

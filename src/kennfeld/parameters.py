@@ -23,6 +23,7 @@ TextKind = Literal["text", "enumeration", "boolean"]
 AXIS_LETTERS = ("x", "y", "z", "w")
 LABELS = ("description", "display_name", "variant", "functions")  # attributes that parameters and texts share
 MIN_SPACING = 0.05  # of the mean distance of breakpoints, to which free ones may approach each other
+LEAST_SPACING = 1e-6  # the same if they are closer at the start; slopes of a narrower cell are mostly rounding
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -36,7 +37,7 @@ class Axis:
         name: the name of a group axis, which several tables share.
         free: True if a calibration moves the breakpoints.
         min_distance: how close free breakpoints may come, by default a twentieth of their mean distance, or the
-            smallest distance if that is less.
+            smallest distance if that is less, but at least a millionth.
         range: limits within which all free breakpoints may move; without it, the first and the last one are fixed.
 
     Raises:
@@ -159,8 +160,12 @@ class Axis:
     def least_distance(self) -> float:
         """Smallest distance to which free neighbouring breakpoints may approach; infinite for a single one."""
         gaps = np.diff(self.breakpoints)
-        wanted = MIN_SPACING * float(gaps.mean()) if self.min_distance is None and gaps.size else self.min_distance
-        return min(float(gaps.min(initial=np.inf)), np.inf if wanted is None else wanted)
+        if not gaps.size:
+            return np.inf if self.min_distance is None else self.min_distance
+        least, mean = float(gaps.min()), float(gaps.mean())
+        if self.min_distance is None:
+            return min(max(least, LEAST_SPACING * mean), MIN_SPACING * mean)
+        return min(least, self.min_distance)
 
     def changed(self, **changes: Any) -> "Axis":
         """Return the same axis with some of its attributes replaced."""

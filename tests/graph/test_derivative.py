@@ -187,6 +187,75 @@ def test_a_power_of_exponent_zero_has_slope_zero_even_at_zero():
     assert slopes(lambda b, a: b.call("pow", a, b.const(0.0)), a=0.0) == (1.0, [0.0])
 
 
+def logistic(b, k, x):
+    return b.call("div", b.const(1.0), b.call("add", b.const(1.0), b.call("exp", b.call("neg", b.call("mul", k, x)))))
+
+
+@pytest.mark.parametrize("x", [-300.0, -5.0, -0.5, 0.0, 0.4, 300.0])
+def test_a_logistic_function_saturates_without_leaving_its_range(x):
+    value, found = slopes(lambda b, k: logistic(b, k, b.const(x)), k=4.0)
+    half = 1 / np.cosh(np.clip(2 * x, -350, 350)) ** 2 / 4  # y (1 - y)
+    assert value == pytest.approx((1 + np.tanh(2 * x)) / 2, abs=1e-15)
+    assert found == pytest.approx([x * half], rel=1e-12, abs=1e-100)
+
+
+def nozzle(b, k, p0, p):
+    ratio = b.call("pow", b.call("div", p0, b.call("max", p, p0)), k)
+    return b.call("sqrt", b.call("max", b.call("sub", b.const(1.0), ratio), b.const(0.0)))
+
+
+@pytest.mark.parametrize("p", [0.5, 1.0])
+def test_a_nozzle_without_flow_has_slope_zero(p):
+    assert slopes(lambda b, k, p0: nozzle(b, k, p0, b.const(p)), k=0.3, p0=1.0) == (0.0, [0.0, 0.0])
+
+
+def test_a_nozzle_with_flow_has_the_slopes_of_its_formula():
+    value, found = slopes(lambda b, k, p0: nozzle(b, k, p0, b.const(2.0)), k=0.3, p0=1.0)
+    ratio = 0.5**0.3
+    assert value == pytest.approx((1 - ratio) ** 0.5)
+    assert found == pytest.approx([-ratio * np.log(0.5) / (2 * value), -0.3 * ratio / (2 * value)])
+
+
+SATURATED = {
+    "root of a quantity cut at 0": lambda b, k: b.call(
+        "sqrt", b.call("max", b.call("sub", k, b.const(1.0)), b.const(0.0))
+    ),
+    "power of one": lambda b, k: b.call(
+        "pow", b.call("max", b.const(0.0), b.call("sub", k, b.const(1.0))), b.const(0.5)
+    ),
+    "arc sine of a quantity cut at 1": lambda b, k: b.call("asin", b.call("min", k, b.const(1.0))),
+    "arc cosine of one": lambda b, k: b.call("acos", b.call("max", b.call("neg", k), b.const(-1.0))),
+    "root of what a cut ratio leaves": lambda b, k: b.call(
+        "sqrt", b.call("sub", b.const(1.0), b.call("pow", b.call("min", k, b.const(1.0)), b.const(2.0)))
+    ),
+    "root of an absolute value": lambda b, k: b.call("sqrt", b.call("abs", b.call("sub", k, b.const(1.0)))),
+    "root of a condition": lambda b, k: b.call(
+        "sqrt", b.call("select", b.call("ge", k, b.const(1.0)), b.call("sub", k, b.const(1.0)), b.const(0.0))
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SATURATED)
+def test_at_an_edge_with_one_finite_slope_a_saturated_quantity_has_that_one(name):
+    assert slopes(SATURATED[name], k=1.0)[1] == [0.0]
+
+
+def test_a_root_that_is_not_saturated_has_an_infinite_slope_at_zero():
+    assert slopes(lambda b, k: b.call("sqrt", b.call("sub", k, b.const(1.0))), k=1.0)[1] == [np.inf]
+
+
+@pytest.mark.parametrize("op", ["max", "min"])
+def test_a_tie_off_an_edge_has_the_slope_of_the_first_argument(op):
+    root = slopes(lambda b, k: b.call("sqrt", b.call(op, k, b.const(4.0))), k=4.0)
+    assert root == (2.0, [0.25])
+
+
+def test_an_infinite_slope_of_a_factor_zero_is_zero():
+    assert slopes(lambda b, k: b.call("sqrt", b.call("mul", k, b.input("x"))), {"x": [0.0]}, k=2.0) == (0.0, [0.0])
+    inverse = slopes(lambda b, k: b.call("exp", b.call("neg", b.call("div", k, b.input("x")))), {"x": [0.0]}, k=2.0)
+    assert inverse == (0.0, [0.0])
+
+
 def test_a_value_that_is_not_finite_shows():
     assert np.isnan(slopes(lambda b, x: b.call("log", x), x=-1.0)[0])
     assert slopes(lambda b, x: b.call("div", b.const(1.0), x), x=0.0)[0] == np.inf

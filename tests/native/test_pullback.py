@@ -5,9 +5,11 @@ from kennfeld.graph import GraphBuilder, derivative
 from kennfeld.graph.adjoints import AdjointProgram
 from kennfeld.graph.derivative import Written
 from kennfeld.native.adjoint_loop import PullProgram
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
 from tests.draws import mostly_slow
 from tests.native.models import MODELS, case, coupled
-from tests.native.reference import compiled
+from tests.native.reference import compiled, sums
 from tests.native.segments import cut_code
 
 
@@ -104,3 +106,28 @@ def test_factors_take_no_memory_of_adjoints(share):
         *(node for pull in back.pulls for node in (pull.of, pull.onto)),
     }
     assert any(pull.factor not in program.source for pull in back.pulls)
+
+
+def test_saturated_quantities_have_slope_zero_in_all_forms(share):
+    b = GraphBuilder()
+    k, u, one = b.lookup("K"), b.input("u"), b.const(1.0)
+    cut = b.call(
+        "max", b.call("sub", b.call("floor", u), b.call("sub", k, k)), b.const(0.0)
+    )  # 0 in half of the samples
+    steep = b.call("exp", b.call("mul", b.call("add", k, b.const(1000.0)), u))  # infinite in half of the samples
+    state = b.state()
+    b.close(state, k, b.call("div", one, b.call("add", one, b.call("mul", steep, b.call("exp", state)))))
+    names = {
+        "root": b.call("sqrt", b.call("mul", cut, k)),
+        "logistic": b.call("div", one, b.call("add", one, steep)),
+        "memory": b.call("mul", state, u),
+    }
+    written, pulled = both(case(b.finish(names), 60, values=ParameterSet([Scalar("K", 0.7)])), share)
+    expected = written.run(written.interpreter())
+    assert np.isfinite(expected).all()
+    for made in (written, pulled):
+        np.testing.assert_allclose(made.run(made.interpreter()), expected, rtol=1e-13)
+        _, jacobian = made.accumulator().rows(made.values)
+        assert np.isfinite(jacobian).all()
+    assert_equal(results(pulled), results(written))
+    assert_equal([written.accumulator().normal(written.values).gradient], [sums(written.case, expected).gradient])

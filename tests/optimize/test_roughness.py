@@ -3,7 +3,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from kennfeld.optimize.table_penalties import Roughness, second_differences
+import kennfeld as kf
+from kennfeld.optimize.roughness_rows import CLOSE, roughness_rows, second_differences
+from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Cube, Curve, Map, Scalar
 
@@ -107,3 +109,50 @@ def test_parameters_that_are_not_free_have_no_penalty():
     held = Roughness.of(ParameterSet([Scalar("K", 1.0), table]), Packed({"K": 0, "T": 1}, 1), {"T": (1.0,)})
     assert held.cost(np.ones(1)) == 0.0
     assert held.rows(np.ones(1))[1].shape == (0, 1)
+
+
+def with_pairs(*places):
+    """Breakpoints whose mean spacing is about 1; each place gets a second one, 2e-7 behind the first."""
+    x = np.array([0.0, 1.1, 1.9, 3.0, 4.2, 5.0, 5.8])
+    return np.sort(np.concatenate([x, x[list(places)] + 2e-7]))
+
+
+@pytest.mark.parametrize("places", [[3], [0], [6], [0, 6], [2, 3], [1, 4, 5]], ids=str)
+def test_pairs_of_close_breakpoints_cost_what_the_formula_costs_at_its_least_slope_between_them(places):
+    x = with_pairs(*places)
+    rng = np.random.default_rng(3)
+    slopes = rng.standard_normal(x.size - 1)
+    # the formula over slopes: those within pairs take the values of least cost
+    rows = 2 * np.diff(np.eye(x.size - 1), axis=0) / (x[2:] - x[:-2])[:, None]
+    within = np.diff(x) < CLOSE
+    slopes[within] = np.linalg.lstsq(rows[:, within], -rows[:, ~within] @ slopes[~within], rcond=None)[0]
+    expected = np.sum((rows @ slopes) ** 2) * ((x[-1] - x[0]) / (x.size - 1)) ** 4
+    table = Curve("T", x, np.append(0, np.cumsum(slopes * np.diff(x))))
+    assert roughness(table, float(x.size))[1] == pytest.approx(expected, rel=1e-6)
+
+
+def test_values_of_close_breakpoints_are_tied_far_above_the_weight_of_data():
+    x = with_pairs(3)
+    jump = (np.arange(x.size) > 3) * 1.0
+    rows = roughness_rows(x)
+    assert np.sum((rows.coefficients * jump[rows.points]).sum(axis=1) ** 2) > 1e11
+
+
+@pytest.mark.parametrize("gap", [2e-16, 1e-12, 2e-9, 1e-8, 1e-6, 1e-4], ids=str)
+@pytest.mark.parametrize("factor", [0.1, 1e3], ids=["slight", "strong"])
+def test_a_fit_on_nearly_equal_breakpoints_is_that_on_one_of_them(gap, factor):
+    u = np.linspace(0, 0.6, 301)
+    y = np.sin(8 * u) + 0.3 * np.random.default_rng(4).standard_normal(u.size)
+    pair = np.array([0, 0.1, 0.2, 0.3, 0.3 + 0.6 * gap, 0.5, 0.6])
+    result = kf.calibrate("y = C(u)", {"u": u, "y": y}, kf.ParameterSet([Curve("C", pair, np.zeros(7))]), "y",
+                          smoothness=factor)  # fmt: skip
+    assert result.status == "converged"
+    # the slopes themselves as unknowns: z = T s has no large coefficients
+    steps = np.tril(np.ones((7, 7)), -1)[:, :6] * np.diff(pair)
+    basis = np.column_stack([np.ones(7), steps])
+    slopes = np.column_stack([np.zeros(6), np.eye(6)])
+    spacing = (pair[-1] - pair[0]) / 6
+    rough = 2 * spacing**2 * np.diff(slopes, axis=0) / (pair[2:] - pair[:-2])[:, None] * (factor / 7) ** 0.5
+    hats = np.column_stack([np.interp(u, pair, hat) for hat in np.eye(7)])
+    unknowns = np.linalg.lstsq(np.vstack([hats @ basis, rough]), np.append(y, np.zeros(5)), rcond=None)[0]
+    np.testing.assert_allclose(result.parameters["C"].values, basis @ unknowns, atol=1e-6)

@@ -197,6 +197,16 @@ def test_a_weight_follows_its_sample_through_sorting_gaps_and_smoothing():
     assert LeastSquaresObjective(smooth).cost(smooth.start) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize(("weight", "numbers"), [(np.nan, "NaN"), (np.inf, "NaN or infinite")])
+@pytest.mark.parametrize("owner", ["dataset", "criterion"])
+def test_weights_that_are_not_finite_are_counted_in_a_warning(weight, numbers, owner):
+    weights = np.where(np.arange(60) % 20 == 3, weight, 1.0)
+    data = kf.Dataset.of("bench", {"x": X, "y": Y, "w": weights}, weight_channel="w" if owner == "dataset" else "")
+    criterion = kf.Criterion("m", "y", weight_channel="w" if owner == "criterion" else "")
+    [finding] = kf.calibrate("m = a * x + b", data, {"a": 0.0, "b": 0.0}, criteria=[criterion]).warnings
+    assert finding.message == f"w is {numbers} in 3 of 60 samples of dataset bench; these samples get weight 0"
+
+
 def test_wrong_weights_are_found_all_at_once():
     criteria = [
         kf.Criterion("m", "y", weight_channel="ww"),

@@ -212,3 +212,34 @@ def test_an_end_without_any_slope_has_not_converged(text, target, start):
     result = kf.calibrate(text, {"u": u, "z": target(u)}, {"a": start}, "z")
     assert result.status == "failed"
     assert result.message.startswith("All derivatives are zero")
+
+
+LOCKED = np.array([True, True, False, False])
+PIN = kf.Pin("C", (2.0,), 5.0)
+STEP = kf.Equality([kf.Term("C", (3.0,)), kf.Term("C", (2.0,), -1.0)], 1.0)
+
+
+def fitted_beside_locked_values(upper=np.inf, **limits):
+    """Fit a curve whose values at the data are locked."""
+    u = np.linspace(0.0, 1.0, 21)
+    start = kf.Curve("C", [0, 1, 2, 3], [1.0, 2.0, 0.0, 0.0], locked=LOCKED, upper=upper)
+    return kf.calibrate("y = C(u)", {"u": u, "z": 1 + u**2}, kf.ParameterSet([start]), "z", **limits)
+
+
+@pytest.mark.parametrize(
+    ("limits", "values"),
+    [
+        ({"pins": [PIN], "constraints": [STEP]}, [5.0, 6.0]),
+        ({"upper": 3.0, "constraints": [kf.Equality([kf.Term("C", (2.0,)), kf.Term("C", (3.0,))], 6.0)]}, [3.0, 3.0]),
+        ({"upper": [9, 9, 4.0, 9], "constraints": [STEP, kf.Equality([kf.Term("C", (2.5,))], 4.5)]}, [4.0, 5.0]),
+    ],
+    ids=["pin and equality", "bounds and equality", "two equalities"],
+)
+def test_values_that_limits_determine_are_the_best_ones_without_any_slope(limits, values):
+    result = fitted_beside_locked_values(**limits)
+    assert result.converged, result.message
+    assert result.parameters["C"].values[2:] == pytest.approx(values)
+
+
+def test_values_that_limits_leave_free_do_not_converge_without_any_slope():
+    assert fitted_beside_locked_values(pins=[PIN]).status == "failed"

@@ -58,3 +58,36 @@ def _write(builder, arguments):
 def lag_function() -> ModelFunction:
     """Return the lag as a function of u, with the parameters k and T."""
     return ModelFunction("lag", (FunctionInput("u"),), (FunctionOutput("y"), FunctionOutput("twice")), _write)
+
+
+def reset_lag(*_: object) -> Trajectory:
+    """Arguments time, u, k, T and limit; the lag, which starts again from 1 at the first sample above the limit."""
+
+    @ctypes.CFUNCTYPE(None, *POINTERS)
+    def call(x, y, slopes):
+        time, u, k, constant, limit = (x[i] for i in range(5))
+        if time < _memory.time:
+            _memory.y = 0.0
+        elif time > _memory.time:
+            _memory.y += (time - _memory.time) / constant * (k * _memory.u - _memory.y)
+            _memory.y = 1.0 if _memory.y > limit else _memory.y
+        _memory.time, _memory.u = time, u
+        y[0] = _memory.y
+        if slopes:
+            for number in range(5):
+                slopes[number] = float("nan")
+
+    return Trajectory(call)
+
+
+RESET = ExternalFunction("reset", 5, 1, "tests.optimize.trajectory_functions:reset_lag", sequential=True)
+
+
+def _write_reset(builder, arguments):
+    [u] = arguments
+    return builder.external(RESET, builder.input("t"), u, *(builder.lookup(name) for name in ("k", "T", "limit")))
+
+
+def reset_function() -> ModelFunction:
+    """Return the lag with a limit as a function of u."""
+    return ModelFunction("reset", (FunctionInput("u"),), (FunctionOutput("y"),), _write_reset)

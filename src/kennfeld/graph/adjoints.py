@@ -9,6 +9,7 @@ zero is zero even if the other factor is not finite, so values of a branch not t
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial, reduce
 from typing import NamedTuple
 
 from kennfeld.graph.builder import GraphBuilder
@@ -24,6 +25,9 @@ SLOPES = {
     "external": "external_slope",
     "dense": "dense_slope",
 }
+
+BRANCHING = ("min", "max", "select")  # the last two arguments are the branches
+ALGEBRAIC = ("add", "sub", "mul", "div", "neg", "abs", "pow")
 
 
 class Partial(NamedTuple):
@@ -47,10 +51,40 @@ def partials(b: GraphBuilder, at: int, active: Collection[int]) -> Iterator[Part
     elif args:
         rule = OPERATIONS[op]
         conditions = rule.branches(b, args) if rule.branches else (None,) * len(args)
-        for a, partial, condition in zip(args, rule.partials, conditions, strict=True):
-            if a in active and partial is not None:
-                factor = partial(b, args, at) if condition is None else condition
+        for a, write, condition in zip(args, rule.partials, conditions, strict=True):
+            if a in active and write is not None:
+                factor = write(b, args, at) if condition is None else condition
+                if rule.edge is not None and a == args[0]:
+                    factor = _cut_off(b, rule.edge(b, args), list(_ties(b, a, active)), factor)
                 yield Partial(a, factor, switches=condition is not None)
+
+
+def _cut_off(b: GraphBuilder, edge: int, ties: Sequence[int], slope: int) -> int:
+    """Return a slope that is 0 at an edge of the range if the argument is saturated there.
+
+    The slope of `sqrt(max(z, 0))` at z = 0 is 0 on one side and infinite on the other: the finite one counts.
+    """
+    if not ties:
+        return slope
+    saturated = reduce(partial(b.call, "or"), ties)
+    return b.call("select", b.call("and", edge, saturated), b.const(0.0), slope)
+
+
+def _ties(b: GraphBuilder, at: int, active: Collection[int]) -> Iterator[int]:
+    """Yield the conditions under which a quantity saturates in the expression of a node.
+
+    They are those under which a branch of `min`, `max` or `select` equals another one that does not vary.
+    """
+    seen, stack = {at}, [at]
+    while stack:
+        op, args, _ = b.nodes[stack.pop()]
+        branches = args[-2:] if op in BRANCHING else ()
+        if branches and not all(a in active for a in branches):
+            yield b.call("eq", *branches)
+        for a in branches or (args if op in ALGEBRAIC else ()):
+            if a in active and a not in seen:
+                seen.add(a)
+                stack.append(a)
 
 
 def layer_partials(b: GraphBuilder, outputs: Mapping[int, int], active: Collection[int]) -> Iterator[tuple[int, int]]:

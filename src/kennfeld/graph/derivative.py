@@ -7,12 +7,14 @@ dp/db_i = -w_i(p) dp/dx, where w_i(p) is the weight of breakpoint b_i in B(p).
 One reverse sweep per row (an output or a next state) gives its derivatives with respect to all atoms and all states
 that carry the influence of a free value. If few rows share a node, each sweep is written out as nodes: conditions
 switch adjoints instead of multiplying them, so a non-finite value in a branch not taken never reaches the result, and
-`guard` keeps 0 times infinity at 0. If many rows share a node, they share one adjoint program (`adjoints.py`).
+`guard` keeps 0 times infinity at 0, as for `1/(1 + exp(z))` at a large z. If many rows share a node, they share one
+adjoint program (`adjoints.py`).
 """
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
+from math import isfinite
 from typing import TypeAlias
 
 from kennfeld.errors import ArgumentError
@@ -24,6 +26,8 @@ from kennfeld.graph.traversal import ancestors, dependents
 from kennfeld.lazy_dataclass import dataclass
 
 MAX_VISITS = 5000  # of nodes by rows, up to which each row is written out
+UNBOUNDED = ("exp", "log", "log10", "tan", "sinh", "cosh")  # operations with infinite results of finite arguments
+PASSING = ("add", "sub", "mul", "guard", "min", "max", "select", "neg", "abs", "sqrt", "mod")  # infinity as well
 SHARED = 1.4  # rows that see a node, on the average, from which they share one pull-back
 
 
@@ -108,7 +112,8 @@ def _slopes(b: GraphBuilder, rows: Sequence[int], active: Collection[int], is_at
     nodes, visits = _extent(b, [row for row in rows if row in active], active)
     if visits > MAX_VISITS and visits > SHARED * nodes:
         return pull_back(b, rows, active, is_atom)
-    return Written(tuple(_reverse(b, row, active, is_atom) for row in rows))
+    overflow = _Overflow(b)
+    return Written(tuple(_reverse(b, row, active, is_atom, overflow) for row in rows))
 
 
 def _extent(b: GraphBuilder, rows: Sequence[int], active: Collection[int]) -> tuple[int, int]:
@@ -123,7 +128,48 @@ def _extent(b: GraphBuilder, rows: Sequence[int], active: Collection[int]) -> tu
     return len(seen), sum(rows.bit_count() for rows in seen.values())
 
 
-def _reverse(b: GraphBuilder, root: int, active: Collection[int], is_atom: Callable[[Node], bool]) -> dict[int, int]:
+class _Overflow:
+    """Finds the nodes of a graph in progress that may be infinite although inputs, values and states are finite."""
+
+    def __init__(self, b: GraphBuilder) -> None:
+        self._nodes = b.nodes
+        self._infinite: list[bool] = []  # of the nodes so far
+
+    def __call__(self, at: int) -> bool:
+        for node in self._nodes[len(self._infinite) : at + 1]:
+            self._infinite.append(self._may_be_infinite(node))
+        return self._infinite[at]
+
+    def _may_be_infinite(self, node: Node) -> bool:
+        op, args, payload = node
+        if op == "const":
+            return not isfinite(payload)
+        if op in UNBOUNDED or op in ("div", "pow"):
+            constant = self._nodes[args[-1]].payload if self._nodes[args[-1]].op == "const" else None
+            tame = (op == "div" and constant not in (None, 0.0)) or (op == "pow" and (constant or -1.0) > 0)
+            return self._infinite[args[0]] if tame else True
+        return op in PASSING and any(self._infinite[a] for a in args)
+
+
+def _product(b: GraphBuilder, adjoint: int, factor: int, switched: bool, overflow: _Overflow) -> int:
+    """Return the product of two slopes, 0 if one of them is 0 and the other may be infinite."""
+    if any(b.nodes[at].op == "const" and b.nodes[at].payload != 0 for at in (adjoint, factor)):
+        return b.call("mul", adjoint, factor)
+    by_adjoint, by_factor = switched or overflow(factor), overflow(adjoint)
+    if by_adjoint and by_factor:
+        return b.call("select", factor, b.call("guard", adjoint, factor), b.const(0.0))
+    if by_factor:
+        return b.call("guard", factor, adjoint)
+    return b.call("guard" if by_adjoint else "mul", adjoint, factor)
+
+
+def _reverse(
+    b: GraphBuilder,
+    root: int,
+    active: Collection[int],
+    is_atom: Callable[[Node], bool],
+    overflow: _Overflow,
+) -> dict[int, int]:
     """Differentiate `root` with respect to the atoms and states it reaches within one step."""
     if root not in active:
         return {}
@@ -141,14 +187,15 @@ def _reverse(b: GraphBuilder, root: int, active: Collection[int], is_atom: Calla
                     switched.add(argument)
         if at not in totals:  # reached through steps alone, as a comparison
             continue
-        node, adjoint, product = b.nodes[at], totals[at], "guard" if at in switched else "mul"
+        node, adjoint = b.nodes[at], totals[at]
+        times = partial(_product, b, adjoint, switched=at in switched, overflow=overflow)
         if node.op == "state" or is_atom(node):  # of a position, the derivative with respect to B(p)
             free_axis = node.op == "position"
-            result[at] = b.call(product, adjoint, breakpoint_slope(b, at)) if free_axis else adjoint
+            result[at] = times(breakpoint_slope(b, at)) if free_axis else adjoint
         if node.op == "dense":
             continue
         for argument, factor, switches in partials(b, at, active):
-            part = b.call("select", factor, adjoint, b.const(0.0)) if switches else b.call(product, adjoint, factor)
+            part = b.call("select", factor, adjoint, b.const(0.0)) if switches else times(factor)
             totals[argument] = b.call("add", totals[argument], part) if argument in totals else part
             if switches or at in switched:
                 switched.add(argument)

@@ -24,6 +24,7 @@ class Writer(Protocol):
 
 
 Partial = Callable[[Writer, tuple[int, ...], int], int]
+Edge = Callable[[Writer, tuple[int, ...]], int]
 Branches = Callable[[Writer, tuple[int, ...]], tuple[int | None, ...]]
 
 
@@ -33,13 +34,15 @@ class Operation:
 
     `evaluate` works on floats and arrays. `partials[i](writer, args, y)` writes dy/d(args[i]); None stands for zero.
     `branches` is set for operations that return one of their arguments: `branches(writer, args)` writes for each
-    argument the condition under which it is the result.
+    argument the condition under which it is the result. `edge(writer, args)` writes the condition under which the first
+    argument is at an end of its range with a slope that is infinite on one side and missing on the other.
     """
 
     arity: int
     evaluate: Callable[..., Any]
     partials: tuple[Partial | None, ...]
     branches: Branches | None = None
+    edge: Edge | None = None
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -73,8 +76,10 @@ def _steps(arity: int, evaluate: Callable[..., Any]) -> Operation:
     return Operation(arity, evaluate, (None,) * arity)
 
 
-def _unary(evaluate: Callable[..., Any], slope: Callable[[Writer, int, int], int]) -> Operation:
-    return Operation(1, _quiet(evaluate), (lambda w, args, y: slope(w, args[0], y),))
+def _unary(
+    evaluate: Callable[..., Any], slope: Callable[[Writer, int, int], int], edge: Edge | None = None
+) -> Operation:
+    return Operation(1, _quiet(evaluate), (lambda w, args, y: slope(w, args[0], y),), edge=edge)
 
 
 def _binary(
@@ -82,10 +87,11 @@ def _binary(
     first: Callable[..., int],
     second: Callable[..., int],
     branches: Branches | None = None,
+    edge: Edge | None = None,
 ) -> Operation:
     """Return an operation of two arguments, whose slopes are written by `slope(writer, a, b, y)`."""
     partials = (lambda w, args, y: first(w, *args, y), lambda w, args, y: second(w, *args, y))
-    return Operation(2, _quiet(evaluate), partials, branches)
+    return Operation(2, _quiet(evaluate), partials, branches, edge)
 
 
 def _one(w: Writer, *_: Any) -> int:
@@ -117,6 +123,14 @@ def _erf_slope(w: Writer, x: int, y: int) -> int:
     return w.call("mul", w.const(2 / math.sqrt(math.pi)), grown)
 
 
+def _at_zero(w: Writer, args: tuple[int, ...]) -> int:
+    return w.call("eq", args[0], w.const(0.0))
+
+
+def _at_one(w: Writer, args: tuple[int, ...]) -> int:
+    return w.call("eq", w.call("abs", args[0]), w.const(1.0))
+
+
 def _either(comparison: str) -> Branches:
     def conditions(w: Writer, args: tuple[int, ...]) -> tuple[int, int]:
         first = w.call(comparison, *args)
@@ -129,12 +143,12 @@ OPERATIONS: dict[str, Operation] = {
     "add": _binary(np.add, _one, _one),
     "sub": _binary(np.subtract, _one, lambda w, a, b, y: w.const(-1.0)),
     "mul": _binary(np.multiply, lambda w, a, b, y: b, lambda w, a, b, y: a),
-    # the product of an adjoint that a condition may have switched off with a slope that may not be finite
+    # the product of a slope that may be exactly 0 with one that may not be finite
     "guard": _binary(lambda a, b: np.where(a == 0, 0.0, a * b), lambda w, a, b, y: b, lambda w, a, b, y: a),
     "div": _binary(
         np.divide, lambda w, a, b, y: _one_over(w, b), lambda w, a, b, y: w.call("neg", w.call("div", y, b))
     ),
-    "pow": _binary(np.power, _power_base, lambda w, a, b, y: w.call("guard", y, w.call("log", a))),
+    "pow": _binary(np.power, _power_base, lambda w, a, b, y: w.call("guard", y, w.call("log", a)), edge=_at_zero),
     "mod": _binary(_mod, _one, lambda w, a, b, y: w.call("neg", w.call("floor", w.call("div", a, b)))),
     "atan2": _binary(
         np.arctan2,
@@ -151,15 +165,17 @@ OPERATIONS: dict[str, Operation] = {
     ),
     "neg": _unary(np.negative, lambda w, x, y: w.const(-1.0)),
     "abs": _unary(np.abs, lambda w, x, y: w.call("sign", x)),
-    "sqrt": _unary(np.sqrt, lambda w, x, y: w.call("div", w.const(0.5), y)),
+    "sqrt": _unary(np.sqrt, lambda w, x, y: w.call("div", w.const(0.5), y), _at_zero),
     "exp": _unary(np.exp, lambda w, x, y: y),
     "log": _unary(np.log, lambda w, x, y: _one_over(w, x)),
     "log10": _unary(np.log10, lambda w, x, y: w.call("div", w.const(float(1 / np.log(10))), x)),
     "sin": _unary(np.sin, lambda w, x, y: w.call("cos", x)),
     "cos": _unary(np.cos, lambda w, x, y: w.call("neg", w.call("sin", x))),
     "tan": _unary(np.tan, lambda w, x, y: _one_plus_square(w, y)),
-    "asin": _unary(np.arcsin, lambda w, x, y: _one_over(w, w.call("sqrt", _one_minus_square(w, x)))),
-    "acos": _unary(np.arccos, lambda w, x, y: w.call("neg", _one_over(w, w.call("sqrt", _one_minus_square(w, x))))),
+    "asin": _unary(np.arcsin, lambda w, x, y: _one_over(w, w.call("sqrt", _one_minus_square(w, x))), _at_one),
+    "acos": _unary(
+        np.arccos, lambda w, x, y: w.call("neg", _one_over(w, w.call("sqrt", _one_minus_square(w, x)))), _at_one
+    ),
     "atan": _unary(np.arctan, lambda w, x, y: _one_over(w, _one_plus_square(w, x))),
     "sinh": _unary(np.sinh, lambda w, x, y: w.call("cosh", x)),
     "cosh": _unary(np.cosh, lambda w, x, y: w.call("sinh", x)),

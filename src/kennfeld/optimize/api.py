@@ -21,7 +21,14 @@ from kennfeld.optimize.problem import Factor, Problem, Smoothness
 from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.optimize.result import Progress, Result
 from kennfeld.optimize.search.multistart import run
-from kennfeld.optimize.validation import check_inputs, check_problem, dataset_location, delay_findings, step_findings
+from kennfeld.optimize.validation import (
+    check_inputs,
+    check_problem,
+    dataset_location,
+    delay_findings,
+    step_findings,
+    weight_warnings,
+)
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter, Scalar
 from kennfeld.preprocessing.binding import bind_inputs
@@ -103,7 +110,8 @@ def calibrate(
         channels=channels,
         shift=shift,
     )
-    return run(problem, options or Options(), progress)
+    result = run(problem, options or Options(), progress)
+    return replace(result, warnings=(*weight_warnings(problem), *result.warnings))
 
 
 def build_problem(

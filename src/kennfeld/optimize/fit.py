@@ -19,7 +19,7 @@ from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
-from kennfeld.optimize.projection import FEASIBLE, missed_limits, project
+from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.solver.certificate import Certificate
@@ -35,6 +35,7 @@ from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.optimize.trust.assessment import TrustAssessment
 from kennfeld.optimize.validation import check_fittable
+from kennfeld.optimize.wide_differences import descend_by_differences, find_misleading_slopes, misleading_values
 from kennfeld.optimize.worsening import admissible_share, find_worsening
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
@@ -202,13 +203,14 @@ class FitRun:
         end = self._leave_saddles(minimise(self._setup, start, limits), limits)
         end = self._leave_saturation(end, start, limits)
         end = enforce_output_limits(self._setup, end, start, limits)
-        end = self._restore_faint_values(end, start, limits)
+        end = self._follow_simulations(self._restore_faint_values(end, start, limits), start, limits)
         projected, other_remark = project(initial, limits)
         if projected is not None and not np.array_equal(projected, start):
             cost = self.objective.cost(projected)
             if not end.cost < cost:  # the departure from a saddle did not pay
                 end, remark = end.moved(projected, cost), other_remark
-        end = self._within_limits(self._with_rejections(self._check_derivatives(end, limits)), limits)
+        end = self._with_derivative_fault(self._check_derivatives(end, limits))
+        end = self._within_limits(self._with_rejections(end), limits)
         return self._confirm(end, limits), remark
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
@@ -308,6 +310,15 @@ class FitRun:
         lower = again.cost < (1 - UNCHANGED) * end.cost
         return (again if lower else end).with_effort_of([end, again])
 
+    def _follow_simulations(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search on along differences of whole simulations if the slopes of called functions mislead."""
+        if end.status != "converged" or self.options.method == "global":
+            return end
+        if not misleading_values(self.objective, self.exact, end.values, limits).size or self._is_solved(end, start):
+            return end
+        report = partial(self.record, "differences")
+        return descend_by_differences(self.exact, end, limits, self.outputs, self.options.settings, report)
+
     def _restore_faint_values(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Reset values to their start if their effect at the end is mere rounding.
 
@@ -379,13 +390,13 @@ class FitRun:
     def _check_derivatives(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
         """Mark the end as failed if no free value has a derivative there although errors remain.
 
-        Values that are all at bounds may be the best ones.
+        Values that are all at bounds, or determined by the limits, may be the best ones.
         """
         if end.status != "converged" or end.cost == 0 or self.options.method == "global":
             return end
         sloped = self.objective.sloped(end.values)
         within = (limits.lower < end.values) & (end.values < limits.upper)
-        if sloped is None or (sloped & limits.movable).any() or not within.any():
+        if sloped is None or (sloped & limits.movable).any() or not leaves_room(end.values, limits, within):
             return end
         message = (
             "All derivatives are zero: no free value changes the outputs here. Start from values in the range in which "
@@ -400,6 +411,16 @@ class FitRun:
         if end.status != "converged" or not hidden:
             return end
         return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
+
+    def _with_derivative_fault(self, end: SolverResult) -> SolverResult:
+        """Add a sentence on the node and the sample whose derivative made the search fail."""
+        known = np.isfinite(end.cost) and self.problem.partitions is None
+        if end.status != "failed" or not known or self.objective.sloped(end.values) is not None:
+            return end
+        from kennfeld.optimize.derivative_faults import describe_derivative_fault
+
+        fault = describe_derivative_fault(self.problem, self.parameters(end.values))
+        return replace(end, message=f"{end.message} {fault}".rstrip())
 
     def _with_rejections(self, end: SolverResult) -> SolverResult:
         """Add a sentence on the trial values that were rejected."""
@@ -447,9 +468,19 @@ class FitRun:
             *find_worsening(quality, self.scored, outweighed=outweighed, share=share),
             *(() if outweighed else find_poor_fits(quality, self.scored)),
             *find_slopes(certified, moved=moved),
-            *(() if self.options.method == "global" else find_jumps(self.problem)),
+            *self._slope_findings(end, limits),
             *equal,
         )
+
+    def _slope_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
+        """Return warnings about slopes that do not describe how the cost changes."""
+        if self.options.method == "global" or self._is_solved(end, self.objective.start):
+            return ()
+        return *find_jumps(self.problem), *find_misleading_slopes(self.exact, self.objective, end.values, limits)
+
+    def _is_solved(self, end: SolverResult, start: Float) -> bool:
+        """Return if the errors at the end are rounding, compared with those at the start."""
+        return bool(end.cost <= REACHED * self.objective.cost(start))
 
     def _assessment(self, end: SolverResult, informed: Mapping[str, Bool]) -> TrustAssessment | None:
         if end.status == "infeasible" or not informed:

@@ -35,10 +35,16 @@ def find_jumps(problem: Problem, option: str = "") -> Iterator[Finding]:
     listed = join_names(list(names), MAX_NAMES)
     written = PurePath(place.file).suffix in ("", ".kf")  # else the operators are not those of the source
     message = f"{describe_events(jumps, operators=written)} depending on {listed}; derivatives do not account for that"
+    yield Finding(place, message, global_search_remedy(problem, list(names), option), severity="warning")
+
+
+def global_search_remedy(problem: Problem, names: Sequence[str], option: str = "") -> str:
+    """Return the advice to search for parameters without derivatives; for `option` see `find_jumps`."""
     values = sum(problem.parameters[name].size for name in names)
     few = f"Free up to {FEW} values, and write" if values > FEW else "Write"
-    remedy = f'{few} {option}method = "global", and bounds for {listed if values <= FEW else "them"}.'
-    yield Finding(place, message, remedy, severity="warning")
+    return (
+        f'{few} {option}method = "global", and bounds for {join_names(names, MAX_NAMES) if values <= FEW else "them"}.'
+    )
 
 
 def describe_events(jumps: Sequence[Event], *, operators: bool = True) -> str:

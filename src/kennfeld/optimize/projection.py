@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kennfeld.arrays import Float, ignore_floating_errors
+from kennfeld.arrays import Bool, Float, ignore_floating_errors
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import count_noun
 from kennfeld.graph.value_layout import ValueLayout
@@ -14,6 +14,7 @@ from kennfeld.optimize.solver.quadratic_program import QuadraticProgram
 from kennfeld.optimize.validation import check_linear_limits
 
 MAX_LISTED = 3
+UNMOVED = 1e-6  # of a push: what is left of it where limits determine a value
 SLACK = 1e-9  # of the size of a limit: a row this close to its side is active
 FEASIBLE = 1e-9  # of the limits' scale
 
@@ -45,6 +46,33 @@ def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
         clauses = "; ".join(_describe_contradiction(limits, there, row) for row in violated.tolist())
         return None, f"The limits contradict the bounds, the locks or each other: {clauses}."
     return there, "The start violated its limits and was moved to the nearest values that satisfy them."
+
+
+def leaves_room(values: Float, limits: LinearLimits, which: Bool) -> bool:
+    """Return True if the limits let any of some values move.
+
+    They do unless the nearest points to values pushed in two opposite directions are the values themselves: both
+    directions are then combinations of the limits' gradients.
+
+    Args:
+        values: values that keep the limits, Float[values].
+        limits: bounds and linear rows.
+        which: marks the values that are pushed, each by another share of its size.
+    """
+    movable = np.flatnonzero(limits.movable)
+    here, pushed = values[movable], which[movable]
+    if not pushed.any():
+        return False
+    size = np.maximum(np.abs(here), float(np.abs(here).mean()) or 1.0)
+    shares = 1 + np.modf(np.arange(1, here.size + 1) * 0.618034)[0]
+    narrow = limits.restricted_to(movable, values)
+    program, factor = QuadraticProgram(narrow), Factor.of(np.diag(1 / size))
+    for sign in (1.0, -1.0):
+        step = np.where(pushed, sign * shares * size, 0.0)
+        left = program.solve(factor, step, here).apply_to(here, narrow) - here
+        if np.any(np.abs(left[pushed]) > UNMOVED * size[pushed]):
+            return True
+    return False
 
 
 def _describe_contradiction(limits: LinearLimits, nearest: Float, row: int) -> str:

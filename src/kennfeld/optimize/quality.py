@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from kennfeld.arrays import Float
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Channel, Dataset
 from kennfeld.file_spans import short_names
 from kennfeld.graph import Graph
-from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.simulator import Simulator
 from kennfeld.optimize.error_sums import ErrorSums
@@ -97,9 +98,17 @@ class NodeSimulator:
     """Compiled nodes of a graph: those in `names`, or all visible ones."""
 
     def __init__(self, graph: Graph, parameters: ParameterSet, names: Sequence[str] | None = None) -> None:
-        names = list(graph.names) if names is None else names
-        self._names, self._units = names, graph.units
-        lowered = lower_lookups(graph, parameters)
+        self._compile(lower_lookups(graph, parameters), parameters, list(graph.names) if names is None else names)
+
+    @classmethod
+    def of_lowered(cls, lowered: LoweredGraph, parameters: ParameterSet, names: Sequence[str]) -> Self:
+        """Compile nodes of a graph whose lookups are lowered already."""
+        result = cls.__new__(cls)
+        result._compile(lowered, parameters, names)
+        return result
+
+    def _compile(self, lowered: LoweredGraph, parameters: ParameterSet, names: Sequence[str]) -> None:
+        self._names, self._units = names, lowered.graph.units
         self._has_states = bool(lowered.graph.states)
         self._simulator = Simulator(lowered, [lowered.graph.names[name] for name in names], parameters)
 

@@ -18,6 +18,7 @@ from kennfeld.free_axes import key_of
 from kennfeld.graph.value_layout import ValueLayout
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import SymmetricMatrix, add_entries
+from kennfeld.optimize.roughness_rows import roughness_rows
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 
@@ -27,43 +28,27 @@ EMPTY = 1e-2  # of the mean curvature of a table: a value below it has no data
 Factors = Mapping[str, Sequence[float]]
 
 
-def second_differences(breakpoints: Float) -> Float:
-    """Return the coefficients of d = 2 [(z3-z2)/(x3-x2) - (z2-z1)/(x2-x1)] / (x3-x1), x in mean spacings.
-
-    Args:
-        breakpoints: Float[points].
-
-    Returns:
-        Float[points - 2, 3]: of z1, z2 and z3. On an even axis d is z1 - 2 z2 + z3.
-
-    >>> second_differences(np.array([0.0, 10.0, 20.0]))
-    array([[ 1., -2.,  1.]])
-    """
-    count = breakpoints.size
-    if count < 3:
-        return np.zeros((0, 3))
-    x = breakpoints / ((breakpoints[-1] - breakpoints[0]) / (count - 1))
-    left, right, both = x[1:-1] - x[:-2], x[2:] - x[1:-1], x[2:] - x[:-2]
-    return np.stack([2 / (left * both), -2 / (left * right), 2 / (right * both)], axis=1)
+def _lines(table: Parameter, axis: int) -> Int:
+    """Return the flat numbers of the values along an axis, Int[points, lines]."""
+    return np.moveaxis(np.arange(table.size).reshape(table.values.shape), axis, 0).reshape(len(table.axes[axis]), -1)
 
 
 def _triples(table: Parameter, axis: int) -> Int:
     """Return the flat numbers of three neighbours along an axis, Int[points - 2, lines, 3]."""
-    count = table.values.shape[axis]
-    lines = np.moveaxis(np.arange(table.size).reshape(table.values.shape), axis, 0).reshape(count, -1)
-    return np.stack([lines[i : max(count - 2, 0) + i] for i in range(3)], axis=-1)
+    lines = _lines(table, axis)
+    return np.stack([lines[i : max(len(lines) - 2, 0) + i] for i in range(3)], axis=-1)
 
 
 @dataclass(frozen=True)
 class Roughness:
-    """The penalty sum S R over all tables: the sum of squares of rows of three values each.
+    """The penalty sum S R over all tables: the sum of squares of rows of a few values each.
 
-    A row of two values names one of them twice.
+    A row of fewer values names one of them twice.
     """
 
     size: int
-    columns: Int  # Int[rows, 3]
-    coefficients: Float  # Float[rows, 3]
+    columns: Int  # Int[rows, entries]
+    coefficients: Float  # Float[rows, entries]
 
     @classmethod
     def of(cls, parameters: ParameterSet, values: ValueLayout, smoothness: Factors) -> "Roughness":
@@ -73,11 +58,19 @@ class Roughness:
             at = values.offsets.get(name, values.free)
             for axis, factor in enumerate(factors):
                 if factor > 0 and at < values.free:
-                    points, breakpoints = _triples(parameters[name], axis), parameters[name].axes[axis].breakpoints
-                    rows = second_differences(breakpoints)[:, None, :] / np.sqrt(float(breakpoints.size))
-                    columns.append(at + points.reshape(-1, 3))
-                    coefficients.append(np.broadcast_to(rows, points.shape).reshape(-1, 3) * factor**0.5)
-        return cls(values.free, np.concatenate(columns), np.concatenate(coefficients))
+                    breakpoints = parameters[name].axes[axis].breakpoints
+                    along = roughness_rows(breakpoints)
+                    entries = along.points.shape[1]
+                    points = np.moveaxis(_lines(parameters[name], axis)[along.points], 1, 2)  # rows, lines, entries
+                    rows = along.coefficients[:, None, :] / np.sqrt(float(breakpoints.size)) * factor**0.5
+                    columns.append(at + points.reshape(-1, entries))
+                    coefficients.append(np.broadcast_to(rows, points.shape).reshape(-1, entries))
+        entries = max(part.shape[1] for part in columns)
+        return cls(
+            values.free,
+            np.concatenate([np.pad(part, ((0, 0), (0, entries - part.shape[1])), "edge") for part in columns]),
+            np.concatenate([np.pad(part, ((0, 0), (0, entries - part.shape[1]))) for part in coefficients]),
+        )
 
     def _differences(self, values: Float) -> Float:
         return np.asarray(np.einsum("ij,ij->i", self.coefficients, values[self.columns]))

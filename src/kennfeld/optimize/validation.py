@@ -29,6 +29,20 @@ def dataset_location(data: Dataset) -> Location:
     return Location(f"dataset {data.name}")
 
 
+def weight_warnings(problem: Problem) -> list[Finding]:
+    """Return the warnings about sample weights of a problem made in Python, such as missing ones."""
+    return [finding for finding in _weight_findings(problem) if finding.severity == "warning"]
+
+
+def _weight_findings(problem: Problem) -> list[Finding]:
+    return weight_findings(
+        problem.criteria,
+        problem.fitted_datasets,
+        lambda i: Location(f"criterion on {problem.criteria[i].node}"),
+        dataset_location,
+    )
+
+
 def check_problem(problem: Problem) -> Findings:
     """Check a problem made in Python; sizes and limits only if all names are known."""
     findings = Findings(check_inputs(problem.model.graph, problem.datasets, problem.parameters, problem.channels))
@@ -40,13 +54,7 @@ def check_problem(problem: Problem) -> Findings:
     for pin in problem.pins:
         if not np.all(np.isfinite((*pin.at, pin.value))):
             findings.error(Location(f"pin of {pin.parameter}"), f"{pin.value} at {list(pin.at)} is not finite")
-    weights = weight_findings(
-        problem.criteria,
-        problem.fitted_datasets,
-        lambda i: Location(f"criterion on {problem.criteria[i].node}"),
-        dataset_location,
-    )
-    findings.add(*(finding for finding in weights if finding.severity == "error"))
+    findings.add(*(finding for finding in _weight_findings(problem) if finding.severity == "error"))
     names = problem.model.graph.names
     channels = {channel for data in problem.datasets for channel in data}
     for criterion in problem.criteria:

@@ -125,7 +125,8 @@ def _channel_findings(name: str, data: Dataset, location: Location, offered: Seq
         yield Finding(location, message, "Is it the right channel?", severity="warning")
     elif missing:
         share = f"{missing} of {scored.size} samples of dataset {data.name}"
-        yield Finding(location, f"{name} is NaN in {share}; these samples get weight 0", severity="warning")
+        numbers = "NaN or infinite" if data.had_infinite(name) else "NaN"
+        yield Finding(location, f"{name} is {numbers} in {share}; these samples get weight 0", severity="warning")
 
 
 def _missing_channel(name: str, data: Dataset, location: Location, offered: Sequence[str]) -> Finding:

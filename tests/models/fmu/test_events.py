@@ -70,6 +70,16 @@ def test_a_step_goes_on_with_its_own_states(jumping):
     np.testing.assert_allclose(results[:, 0], (U - points[:, 1]) / TAU)
 
 
+def test_a_calibration_says_that_slopes_miss_how_events_move(jumping):
+    model = fmu(jumping, step=0.1)
+    data = {"time": np.arange(41) * 0.1, "u": np.full(41, U)}
+    data["m"] = kf.simulate(model, data, {"tau": 0.8})["y"].values
+    result = kf.calibrate(model, data, {"tau": 1.4}, "m", free=["tau"])
+    assert "along differences of whole simulations" in result.message
+    assert "events move with parameters" in " ".join(finding.message for finding in result.warnings)
+    assert result.cost_after < result.cost_before
+
+
 @pytest.mark.parametrize("version", mostly_slow([2, 3], [3]))
 def test_conditions_on_the_time_follow_announced_events(tmp_path, version):
     path = build_signals(tmp_path, version, "-DTIME_EVENT")

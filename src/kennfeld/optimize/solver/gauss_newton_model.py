@@ -101,7 +101,7 @@ class GaussNewtonModel:
 
     def remembered_scale(self, earlier: Float | None) -> Float:
         """Return the column scale, at least half the one remembered before."""
-        return self.column_scale if earlier is None else np.maximum(self.column_scale, SCALE_MEMORY * earlier)
+        return np.maximum(self.column_scale, 0.0 if earlier is None else SCALE_MEMORY * earlier)
 
     @cached_property
     def rounding(self) -> float:
