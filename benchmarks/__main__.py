@@ -28,6 +28,7 @@ TOPICS = {
     "sets": "benchmarks.sets",
     "fmu": "benchmarks.fmu",
     "onnx": "benchmarks.onnx_networks",
+    "smoothness": "benchmarks.automatic_smoothness",
 }
 
 

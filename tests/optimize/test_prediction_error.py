@@ -4,14 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 import kennfeld as kf
 from kennfeld.models.formula import formula
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.table_penalties import Roughness
+from kennfeld.optimize.tuning import prediction_error
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
-from kennfeld.optimize.tuning.prediction_error import GAMMA, HOLDOUT_SHARE, Linearised, Prediction, minimise_prediction
+from kennfeld.optimize.tuning.prediction_error import (
+    GAMMA,
+    HOLDOUT_SHARE,
+    SPREAD,
+    Linearised,
+    Prediction,
+    balanced_factor,
+    minimise_prediction,
+)
 from tests.draws import mostly_slow
 
 AXES = {"M": 2, "C": 1}
@@ -133,10 +143,38 @@ def test_what_is_held_back_is_met_by_a_fit_to_the_rest(compiled):
         logarithms.append(np.log(error @ error))
     alone = Prediction(linearised(compiled), blocks).at(np.log(factors)).value
     both = Prediction(linearised(compiled, blocks=parts(compiled)), blocks).at(np.log(factors)).value
+    balanced = [balanced_factor(block, linearised(compiled).matrix.diagonal()) for block in blocks]
+    both -= np.sum((np.log(factors / balanced) / SPREAD) ** 2)
     assert (both - (1 - HOLDOUT_SHARE) * alone) / HOLDOUT_SHARE == pytest.approx(200 * np.mean(logarithms), rel=1e-6)
 
 
-@pytest.mark.parametrize("count", [7, pytest.param(25, marks=pytest.mark.slow)])
+def test_a_sparse_matrix_gives_the_same(compiled):
+    blocks, fit = [unit(compiled, "M", 0), unit(compiled, "M", 1)], linearised(compiled)
+    dense, sparse = (Prediction(replace(fit, matrix=matrix), blocks) for matrix in (fit.matrix, csr_array(fit.matrix)))
+    for at in POINTS:
+        agree(sparse.at(at), dense.at(at), rel=1e-9)
+
+
+def test_traces_by_probes_are_those_of_the_whole_inverse(compiled, monkeypatch):
+    blocks, fit = [unit(compiled, "M", 0), unit(compiled, "M", 1)], linearised(compiled)
+    whole = Prediction(fit, blocks)
+    monkeypatch.setattr(prediction_error, "MAX_EXPLICIT", 0)
+    probed = Prediction(fit, blocks)
+    monkeypatch.setattr(prediction_error, "MAX_UNIT_PROBES", 0)
+    monkeypatch.setattr(prediction_error, "RANDOM_PROBES", 4000)
+    estimated = Prediction(fit, blocks)
+    for at in POINTS:
+        agree(probed.at(at), whole.at(at), rel=1e-9)
+        assert estimated.freedom(at) == pytest.approx(whole.freedom(at), rel=0.02)
+
+
+def agree(point, other, rel):
+    assert point.value == pytest.approx(other.value, rel=rel)
+    assert point.slope == pytest.approx(other.slope, rel=rel, abs=1e-6)
+    assert point.curvature == pytest.approx(other.curvature, rel=rel, abs=1e-6)
+
+
+@pytest.mark.parametrize("count", [9, pytest.param(25, marks=pytest.mark.slow)])
 def test_the_minimum_is_that_of_a_grid(prediction, count):
     bounds = np.full(2, -12.0), np.full(2, 12.0)
     found = minimise_prediction(prediction, np.zeros(2), *bounds)

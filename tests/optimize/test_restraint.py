@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
-from kennfeld.optimize.table_penalties import PULL, Restraint, penalty_of
+from kennfeld.optimize.table_penalties import PULL, Restraint, move_determined, penalty_of
 
 MAP = kf.Map("M", range(4), range(3), np.arange(12.0).reshape(4, 3))
 CURVE = kf.Curve("C", range(5), np.ones(5))
@@ -23,7 +23,7 @@ class Packed:
 
 
 def restraint(values=None, curvature=CURVATURE, variance=0.5):
-    return Restraint.of(MAP, np.arange(12.0) if values is None else values, curvature, variance)
+    return Restraint.of(MAP.values, np.arange(12.0) if values is None else values, curvature, variance)
 
 
 def penalty(**arguments):
@@ -82,3 +82,12 @@ def test_without_restraints_the_penalty_is_the_roughness():
     rough = penalty_of(parameters, Packed(), factors, {})
     made = penalty()
     assert rough.cost(values) == made.roughness.cost(values) < made.cost(values)
+
+
+def test_the_start_moves_in_the_directions_of_the_data_only():
+    """The data determine a sum of equal weights and a value; the difference of the first two and the last stay."""
+    rows = np.array([[3.0, 3.0, 0, 0], [0, 0, 2.0, 0]])
+    start, values, measured = np.array([1.0, 2, 3, 4]), np.array([10.0, 0, -3, 7]), np.array([12.0, 8.0])
+    gradient = rows.T @ (rows @ values - measured)
+    moved = move_determined(start, values, gradient, rows.T @ rows)
+    assert moved == pytest.approx([1.5, 2.5, 4.0, 4.0], rel=1e-12)

@@ -32,6 +32,16 @@ def as_sparse(matrix: SymmetricMatrix) -> Sparse:
     return csr_array((np.append(values, values[off]), both), shape=(len(matrix), len(matrix)))
 
 
+def scaled(matrix: Float | Sparse, scale: Float) -> SymmetricMatrix:
+    """Return a matrix with its rows and columns multiplied by a scale; a sparse array becomes blocks."""
+    if isinstance(matrix, np.ndarray):
+        return matrix * scale[:, None] * scale
+    entries = matrix.tocoo()
+    storage = BlockStorage(scale.size)
+    storage.add_entries(entries.row, entries.col, entries.data * scale[entries.row] * scale[entries.col])
+    return BlockMatrix(storage, np.arange(scale.size))
+
+
 def zeros_like(matrix: SymmetricMatrix) -> SymmetricMatrix:
     """Return a matrix of zeros of the same size and kind."""
     if isinstance(matrix, np.ndarray):

@@ -11,6 +11,7 @@ from functools import partial
 
 from kennfeld.arrays import Float
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.optimize.compiled import smoothable
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.options import Options
@@ -23,6 +24,8 @@ from kennfeld.optimize.tuning.shift_estimation import estimate_shifts
 from kennfeld.optimize.tuning.smoothness import SmoothnessChoice, SmoothnessSelection
 from kennfeld.task_runner import RunnerLostError
 from kennfeld.threads import blas_threads
+
+SAME_END = 1e-4  # relative difference of the costs of two searches that may have ended at the same values
 
 Search = Callable[[Problem], Result]
 
@@ -101,9 +104,9 @@ class _Smoothing:
         if options.method == "global" or options.steps or plain.problem.limits or result.status == "stopped":
             return self._merge(result, choice)
         end = plain.exact.values.pack(result.parameters)[: start.size]
-        if choice.fit.cost < result.cost_after:
+        if choice.fit.cost < (1 - SAME_END) * result.cost_after:
             end = choice.fit.values
-        elif options.continuation == "off":
+        elif options.continuation == "off" or not smoothable(plain.problem):
             return self._merge(result, choice)
         try:
             last = choose_smoothness(plain, end, limits, choice)

@@ -4,32 +4,40 @@ The criterion is generalised cross-validation (GCV), n D / (n - gamma F)^2, with
 effective number of values that the data determine, the trace of the influence matrix (P. Craven and G. Wahba, Smoothing
 noisy data with spline functions, 1979). A gamma above 1 guards small data sets against following noise (Y.-J. Kim and
 C. Gu, Smoothing spline Gaussian regression, 2004). First and second derivatives by the logarithms of the factors are
-exact.
+exact. With data at many grid points, the trace is estimated from random signs (M. F. Hutchinson, A stochastic estimator
+of the trace of the influence matrix for Laplacian smoothing splines, 1989), the same ones for all factors, so that its
+derivatives are those of the estimate.
 
 If errors are correlated in time, blocks of the data are also held out in turn: with D_b the misfit of block b by the
 linearised fit to all other blocks, the mean of log D_b is a second estimate of the logarithm of the error (S. N. Wood,
 On neighbourhood cross validation, 2024). Logarithms keep a single block with large model errors from dominating. The
 criterion is then a weighted mean of both estimates: GCV is precise but relies on the estimated correlation time, the
-blocks do not but are few.
+blocks do not but are few. As they tell a factor vaguely, and the least of a vague criterion is often extreme, the
+logarithm of each factor is also assumed to be normally distributed around that of equal weight of roughness and data.
 """
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property, partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Int, Sparse
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.cholesky import Cholesky, Factor
+from kennfeld.native.symmetric import scaled
 from kennfeld.optimize.table_penalties import Roughness
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock
 
 GAMMA = 1.2
+SPREAD = 0.5 * float(np.log(10))  # standard deviation of the logarithm of a factor, if blocks are held out
 HOLDOUT_SHARE = 0.75  # of the estimate from held-out blocks in the mean
 RIDGE = 1e-8  # of the diagonal; keeps undetermined values where they are
 MIN_RESIDUAL_SHARE = 0.01  # of the samples that a fit must leave as residual degrees of freedom
 MAX_STEP = 4.0  # change of a logarithm in one Newton step
 MIN_GAIN = 0.02  # of the criterion in a step, for the search to continue
+MAX_UNIT_PROBES = 256  # values with data up to which the trace is exact
+RANDOM_PROBES = 64
+MAX_EXPLICIT = 512  # values up to which the inverse is computed as a whole
 
 Solve = Callable[[Float], Float]  # the inverse times a vector, or times each row of a matrix
 Misfit = tuple[float, Float, Float]  # its value, slope and curvature
@@ -42,7 +50,7 @@ class Linearised:
     values: Float  # p, Float[values]
     misfit: float  # cost of the data at p
     gradient: Float  # half the gradient of the misfit, Float[values]
-    matrix: Float  # Gauss-Newton matrix of the misfit, Float[values, values]
+    matrix: Float | Sparse  # Gauss-Newton matrix of the misfit, Float[values, values]
     movable: Bool  # values that may change, Bool[values]
     rows: Float  # directions fixed by equalities, Float[equalities, values]
     samples: float  # number of independent samples
@@ -61,6 +69,16 @@ class Point:
     curvature: Float  # Float[blocks, blocks]
 
 
+def balanced_factor(block: Roughness, diagonal: Float) -> float:
+    """Return the factor at which roughness and data have about equal weight; 0 for a table without data.
+
+    Args:
+        block: roughness with unit factor.
+        diagonal: that of the Gauss-Newton matrix of the data, Float[values].
+    """
+    return float(diagonal[np.unique(block.columns)].sum() / np.sum(block.coefficients**2))
+
+
 class Prediction:
     """The criterion of a linearised fit.
 
@@ -71,24 +89,32 @@ class Prediction:
     """
 
     def __init__(self, fit: Linearised, blocks: Sequence[Roughness], fixed: Sequence[Roughness] = ()) -> None:
-        touched = np.diag(fit.matrix) > 0
+        diagonal = fit.matrix.diagonal()
+        self._balanced = np.log([max(balanced_factor(block, diagonal), 1e-300) for block in blocks])
+        touched = diagonal > 0
         for block in (*blocks, *fixed):
             touched[block.columns] = True
         self._fit, self._free = fit, np.flatnonzero(fit.movable & touched)
-        self._blocks = [_PenaltyRows(block, fit.movable) for block in blocks]
-        self._fixed = [_PenaltyRows(block, fit.movable) for block in fixed]
+        self._blocks = [_Penalty(block, fit.values, self._free) for block in blocks]
+        self._fixed = [_Penalty(block, fit.values, self._free) for block in fixed]
         self._equalities = fit.rows[(fit.rows[:, self._free] != 0).any(axis=1)][:, self._free]
-        self._data = fit.matrix[np.ix_(self._free, self._free)]
-        self._cholesky = Cholesky(self._free.size) if fit.blocks else None
+        self._data = _part(fit.matrix, self._free)
+        self._cholesky = Cholesky(self._free.size)
+        self._probes = _probes(self._data)
+        self._probed = self._probes @ self._data
+        size, exact = self._free.size, len(self._probes) == np.count_nonzero(self._data.diagonal() > 0)
+        self._explicit = exact and size <= MAX_EXPLICIT and len(self._probes) * len(blocks) > size
 
     def at(self, logarithms: Float) -> Point:
         """Evaluate the criterion at the logarithms of the factors, shape (blocks,)."""
         factors = np.exp(logarithms)
-        inverse = self._inverse(factors)
-        influence = inverse @ self._data
-        whole = HoldoutBlock(self._fit.misfit, self._fit.gradient, self._fit.matrix, 1.0)
-        misfit, d_misfit, dd_misfit = self._misfit(factors, self._fit.gradient, whole, lambda rows: rows @ inverse)
-        freedom, d_freedom, dd_freedom = self._freedom(factors, inverse, influence)
+        matrix = self._add_penalty(factors)
+        solve = self._inverse(matrix)
+        if solve is None:
+            return self._undefined
+        freedom, d_freedom, dd_freedom = self._freedom(factors, solve)
+        whole = HoldoutBlock(self._fit.misfit, self._fit.gradient, self._data, 1.0)
+        misfit, d_misfit, dd_misfit = self._misfit(factors, self._fit.gradient, whole, solve)
         samples = self._fit.samples
         residual = samples - GAMMA * freedom
         if residual < MIN_RESIDUAL_SHARE * samples:
@@ -98,28 +124,32 @@ class Prediction:
         curvature = dd_misfit / misfit - np.outer(d_misfit, d_misfit) / misfit**2
         curvature += 2 * GAMMA * dd_freedom / residual + 2 * GAMMA**2 * np.outer(d_freedom, d_freedom) / residual**2
         point = Point(float(value), slope, samples * curvature)
-        if self._cholesky is None:
+        if not self._fit.blocks:
             return point
-        held_out, share = self._held_out(factors, self._cholesky), HOLDOUT_SHARE
+        held_out, share = self._held_out(factors, matrix), HOLDOUT_SHARE
+        away = (logarithms - self._balanced) / SPREAD
         return Point(
-            (1 - share) * point.value + share * held_out.value,
-            (1 - share) * point.slope + share * held_out.slope,
-            (1 - share) * point.curvature + share * held_out.curvature,
+            (1 - share) * point.value + share * held_out.value + float(away @ away),
+            (1 - share) * point.slope + share * held_out.slope + 2 * away / SPREAD,
+            (1 - share) * point.curvature + share * held_out.curvature + 2 * np.eye(away.size) / SPREAD**2,
         )
 
-    def _held_out(self, factors: Float, cholesky: Cholesky) -> Point:
+    @property
+    def _undefined(self) -> Point:
+        count = len(self._blocks)
+        return Point(np.inf, np.zeros(count), np.zeros((count, count)))
+
+    def _held_out(self, factors: Float, matrix: Float | Sparse) -> Point:
         """Return the samples times the mean of log D_b, with D_b the misfit of a block by the fit to the others."""
         count = len(self._blocks)
         value, slope, curvature = 0.0, np.zeros(count), np.zeros((count, count))
-        matrix = self._add_penalty(factors)
-        scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         for block in self._fit.blocks:
-            rest = matrix - block.matrix[np.ix_(self._free, self._free)]
-            factor = cholesky.factor(rest * scale[:, None] * scale, np.full(scale.size, RIDGE))
-            if factor is None:
-                return Point(np.inf, slope, curvature)
-            solve = _constrained(partial(_solve, factor, scale), self._equalities)
-            misfit, first, second = self._misfit(factors, self._fit.gradient - block.gradient, block, solve)
+            own = block.matrix[np.ix_(self._free, self._free)]
+            solve = self._inverse(matrix - own)
+            if solve is None:
+                return self._undefined
+            scored = HoldoutBlock(block.misfit, block.gradient, own, block.share)
+            misfit, first, second = self._misfit(factors, self._fit.gradient - block.gradient, scored, solve)
             value += block.share * np.log(misfit)
             slope += block.share * first / misfit
             curvature += block.share * (second / misfit - np.outer(first, first) / misfit**2)
@@ -128,75 +158,89 @@ class Prediction:
 
     def freedom(self, logarithms: Float) -> float:
         """Return the effective number of values that the data determine."""
-        return float(np.trace(self._inverse(np.exp(logarithms)) @ self._data))
+        solve = self._inverse(self._add_penalty(np.exp(logarithms)))
+        return float("nan") if solve is None else float(np.sum(solve(self._probes) * self._probed))
 
-    def _add_penalty(self, factors: Float) -> Float:
+    def _add_penalty(self, factors: Float) -> Float | Sparse:
         """Return matrix plus penalty over the free values."""
-        matrix = self._fit.matrix.copy()
-        for rows, factor in zip(self._blocks, factors, strict=True):
-            rows.add(factor, matrix)
-        for rows in self._fixed:
-            rows.add(1.0, matrix)
-        matrix[np.diag_indices_from(matrix)] += self._fit.pull
-        return matrix[np.ix_(self._free, self._free)]
+        matrix = self._data.copy()
+        for penalty, factor in self._weighted(factors):
+            matrix = penalty.add(factor, matrix)
+        pull = np.broadcast_to(self._fit.pull, self._fit.values.shape)[self._free]
+        return _with_diagonal(matrix, pull)
 
-    def _inverse(self, factors: Float) -> Float:
-        """Return the inverse of matrix plus penalty in the directions that equalities leave free."""
-        matrix = self._add_penalty(factors)
-        scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        matrix *= scale[:, None] * scale
-        matrix[np.diag_indices_from(matrix)] += RIDGE
-        inverse = np.linalg.inv(matrix) * (scale[:, None] * scale)
-        inverse = (inverse + inverse.T) / 2
-        if len(self._equalities):
-            across = inverse @ self._equalities.T
-            inverse = inverse - across @ np.linalg.pinv(self._equalities @ across) @ across.T
-        return inverse
+    def _weighted(self, factors: Float) -> Iterator[tuple["_Penalty", float]]:
+        """Yield all penalties with their factors."""
+        yield from zip(self._blocks, factors.tolist(), strict=True)
+        yield from ((penalty, 1.0) for penalty in self._fixed)
+
+    def _inverse(self, matrix: Float | Sparse) -> Solve | None:
+        """Return the product with the inverse of a matrix in the directions that equalities leave free.
+
+        None if the matrix is not positive definite. The product is valid until the next call.
+        """
+        scale = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
+        factor = self._cholesky.factor(scaled(matrix, scale), np.full(scale.size, RIDGE))
+        return None if factor is None else _constrained(partial(_solve, factor, scale), self._equalities)
 
     def _misfit(self, factors: Float, fitted: Float, scored: HoldoutBlock, solve: Solve) -> Misfit:
         """Return the misfit of the `scored` data by the linearised fit with these factors, and its derivatives.
 
-        `fitted` is the gradient of the fitted data, `solve` multiplies with the inverse V of their matrix plus penalty.
-        The fit moves by d = -V (g + sum of f_i P_i p), so that dd/dlog f_i = -f_i V P_i (p + d).
+        The matrix of the `scored` data is that of the free values, Float[free, free]. `fitted` is the gradient of the
+        fitted data, `solve` multiplies with the inverse V of their matrix plus penalty. The fit moves by
+        d = -V (g + sum of f_i P_i p), so that dd/dlog f_i = -f_i V P_i (p + d).
         """
-        fit, free = self._fit, self._free
-        data = self._data if scored.matrix is fit.matrix else scored.matrix[np.ix_(free, free)]
-        pull = fitted + fit.pull * (fit.values - fit.toward)
-        weighted = [*zip(self._blocks, factors, strict=True), *((rows, 1.0) for rows in self._fixed)]
-        for rows, factor in weighted:
-            pull += factor * rows.transposed(rows.of(fit.values), fit.values.size)
-        step = -solve(pull[free])
-        values = self._spread(step) + fit.values
-        gradient = scored.gradient[free] + data @ step
+        free = self._free
+        pull = fitted[free] + self._penalty_slope(factors)
+        step = -solve(pull)
+        gradient = scored.gradient[free] + scored.matrix @ step
         misfit = max(scored.misfit + float((scored.gradient[free] + gradient) @ step), 1e-12 * scored.misfit, 1e-300)
-        pulls = np.array([rows.transposed(rows.of(values), values.size)[free] for rows in self._blocks])
-        moves = -factors[:, None] * solve(pulls)
+        ends = np.stack([step, solve(gradient)], axis=1)
+        pulls, back = np.array([penalty.times(ends).T for penalty in self._blocks]).transpose(1, 0, 2)
+        moves = -factors[:, None] * solve(pulls + [penalty.slope for penalty in self._blocks])
         slope = 2 * moves @ gradient
-        back = self._spread(solve(gradient))
-        bends = [[rows.of(back) @ rows.of(self._spread(move)) for move in moves] for rows in self._blocks]
-        cross = factors[:, None] * np.array(bends)
-        return misfit, slope, np.diag(slope) + 2 * moves @ data @ moves.T - 2 * (cross + cross.T)
+        cross = factors[:, None] * (back @ moves.T)
+        return misfit, slope, np.diag(slope) + 2 * moves @ (scored.matrix @ moves.T) - 2 * (cross + cross.T)
 
-    def _freedom(self, factors: Float, inverse: Float, influence: Float) -> tuple[float, Float, Float]:
+    def _penalty_slope(self, factors: Float) -> Float:
+        """Return half the gradient of the penalty by the free values, at the values of the fit."""
+        fit = self._fit
+        slope: Float = (fit.pull * (fit.values - fit.toward) + np.zeros(fit.values.size))[self._free]
+        for penalty, factor in self._weighted(factors):
+            slope += factor * penalty.slope
+        return slope
+
+    def _freedom(self, factors: Float, solve: Solve) -> tuple[float, Float, Float]:
         """Return the trace of the influence matrix V H, and its derivatives, from dV/df_i = -V P_i V."""
-        count = len(self._blocks)
-        traces, squares = np.zeros(count), np.zeros((count, count))
-        spread = self._spread(influence @ inverse)
-        whole = self._spread(inverse)
-        for i, rows in enumerate(self._blocks):
-            by_inverse, by_spread = self._spread(rows.of(whole).T), self._spread(rows.of(spread).T)
-            for j, other in enumerate(self._blocks[: i + 1]):
-                product = other.of(by_spread)
-                squares[i, j] = squares[j, i] = np.sum(other.of(by_inverse) * product)
-            traces[i] = np.trace(product)
+        trace, traces, squares = (self._traces if self._explicit else self._probed_traces)(solve)
         slope = -factors * traces
-        return float(np.trace(influence)), slope, np.diag(slope) + 2 * np.outer(factors, factors) * squares
+        bends = np.outer(factors, factors) * (squares + squares.T)
+        return trace, slope, np.diag(slope) + bends
 
-    def _spread(self, rows: Float) -> Float:
-        """Extend rows of the free values by zeros to all values."""
-        extended = np.zeros((self._fit.values.size, *rows.shape[1:]))
-        extended[self._free] = rows
-        return extended
+    def _traces(self, solve: Solve) -> tuple[float, Float, Float]:
+        """Return the traces of V H, of P_i V H V and of P_i V P_j V H V; each P is a block over few values."""
+        inverse = solve(np.eye(self._free.size))
+        influence = inverse @ self._data
+        spread = influence @ inverse
+        blocks = [(penalty.own, penalty.dense) for penalty in self._blocks]
+        traces = [np.sum(matrix * spread[np.ix_(own, own)]) for own, matrix in blocks]
+        squares = [
+            [np.sum((matrix @ inverse[np.ix_(own, its)]) * (spread[np.ix_(own, its)] @ other)) for its, other in blocks]
+            for own, matrix in blocks
+        ]
+        return float(np.trace(influence)), np.array(traces), np.array(squares)
+
+    def _probed_traces(self, solve: Solve) -> tuple[float, Float, Float]:
+        """Return the same traces, as the sums of u'V H u and so on over the probes u, which are rows."""
+        before, after = solve(self._probes).T, solve(self._probed).T
+        pulled = [penalty.times(before) for penalty in self._blocks]
+        traces, squares = [], []
+        for penalty in self._blocks:
+            twice = penalty.times(after)
+            traces.append(np.sum(before * twice))
+            back = solve(twice.T).T
+            squares.append([np.sum(other * back) for other in pulled])
+        return float(np.sum(before.T * self._probed)), np.array(traces), np.array(squares)
 
 
 def _solve(factor: Factor, scale: Float, rows: Float) -> Float:
@@ -213,28 +257,83 @@ def _constrained(solve: Solve, equalities: Float) -> Solve:
     return lambda rows: solve(rows) - rows @ across.T @ middle @ across
 
 
-class _PenaltyRows:
-    """The second differences D of a block that involve a movable value; its penalty matrix is P = D'D."""
+class _Penalty:
+    """The penalty z'P z with unit factor over the free values z, linearised at those of a fit.
 
-    def __init__(self, block: Roughness, movable: Bool) -> None:
-        some = movable[block.columns].any(axis=1)
-        self.columns, self.coefficients = block.columns[some], block.coefficients[some]
+    Args:
+        block: roughness with unit factor, rows D of three values each; P = D'D.
+        values: values of the fit, Float[values].
+        free: numbers of the free ones.
+    """
 
-    def of(self, values: Float) -> Float:
-        """Return D v for a vector or for each column of a matrix."""
-        shape = (-1, *[1] * (values.ndim - 1))
-        first, second, third = (self.coefficients[:, i].reshape(shape) * values[self.columns[:, i]] for i in range(3))
-        return np.asarray(first + second + third)
+    def __init__(self, block: Roughness, values: Float, free: Int) -> None:
+        place = np.full(values.size, -1, dtype=np.int64)
+        place[free] = np.arange(free.size)
+        columns = place[block.columns]
+        some = (columns >= 0).any(axis=1)
+        self._columns = columns[some].clip(0)
+        self._coefficients = np.where(columns[some] >= 0, block.coefficients[some], 0.0)
+        self._rows = Roughness(free.size, self._columns, self._coefficients)
+        self.slope = block.slope(values)[free]  # P z, with what fixed values add
 
-    def transposed(self, weights: Float, size: int) -> Float:
-        """Return D' w."""
-        terms = self.coefficients * weights[:, None]
-        return np.bincount(self.columns.ravel(), terms.ravel(), minlength=size).astype(np.float64)
+    def add(self, factor: float, matrix: Float | Sparse) -> Float | Sparse:
+        """Add factor P to a matrix; an array is changed in place."""
+        rows, columns, entries = self._rows.nonzeros
+        if isinstance(matrix, np.ndarray):
+            matrix[rows, columns] += factor * entries
+            return matrix
+        from scipy.sparse import csr_array
 
-    def add(self, factor: float, matrix: Float) -> None:
-        """Add factor D'D to a matrix, in place."""
-        products = factor * self.coefficients[:, :, None] * self.coefficients[:, None, :]
-        np.add.at(matrix, (self.columns[:, :, None], self.columns[:, None, :]), products)
+        return matrix + csr_array((factor * entries, (rows, columns)), shape=matrix.shape)
+
+    def times(self, vectors: Float) -> Float:
+        """Return P times the columns of an array, Float[free, columns]."""
+        terms = list(zip(self._columns.T, self._coefficients.T[:, :, None], strict=True))
+        differences = np.sum([coefficients * vectors[column] for column, coefficients in terms], axis=0)
+        product = np.zeros(vectors.shape)
+        for column, coefficients in terms:
+            np.add.at(product, column, coefficients * differences)
+        return product
+
+    @cached_property
+    def own(self) -> Int:
+        """The values in P."""
+        return np.unique(self._rows.nonzeros[0])
+
+    @cached_property
+    def dense(self) -> Float:
+        """P over its own values."""
+        rows, columns, entries = self._rows.nonzeros
+        matrix = np.zeros((self.own.size, self.own.size))
+        matrix[np.searchsorted(self.own, rows), np.searchsorted(self.own, columns)] = entries
+        return matrix
+
+
+def _part(matrix: Float | Sparse, which: Int) -> Float | Sparse:
+    return matrix[np.ix_(which, which)] if isinstance(matrix, np.ndarray) else matrix[which][:, which]
+
+
+def _with_diagonal(matrix: Float | Sparse, diagonal: Float) -> Float | Sparse:
+    """Add a diagonal; an array is changed in place."""
+    if isinstance(matrix, np.ndarray):
+        matrix[np.diag_indices_from(matrix)] += diagonal
+        return matrix
+    from scipy.sparse import diags_array
+
+    return (matrix + diags_array(diagonal)).tocsr()
+
+
+def _probes(data: Float | Sparse) -> Float:
+    """Return rows u whose sum of u u' leaves the trace of the data's matrix times any other as it is, or nearly so."""
+    seen = np.flatnonzero(data.diagonal() > 0)
+    few = seen.size <= MAX_UNIT_PROBES
+    probes = np.zeros((seen.size if few else RANDOM_PROBES, data.shape[0]))
+    if few:
+        probes[np.arange(seen.size), seen] = 1.0
+    else:
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(RANDOM_PROBES, seen.size))
+        probes[:, seen] = signs / RANDOM_PROBES**0.5
+    return probes
 
 
 def minimise_prediction(

@@ -13,22 +13,27 @@ from functools import partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Sparse
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.native.symmetric import as_array
-from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.native.block_matrix import BlockMatrix, BlockStorage
+from kennfeld.native.symmetric import as_sparse
+from kennfeld.optimize.compiled import CompiledProblem, smoothable
 from kennfeld.optimize.fit import CHOICE
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, StageReport, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.table_penalties import Restrained, Restraint, Roughness, penalty_of
-from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlocks
-from kennfeld.optimize.tuning.prediction_error import Linearised, Prediction, minimise_prediction
+from kennfeld.optimize.table_penalties import Restrained, Restraint, Roughness, move_determined, penalty_of
+from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock, HoldoutBlocks
+from kennfeld.optimize.tuning.prediction_error import (
+    Linearised,
+    Prediction,
+    balanced_factor,
+    minimise_prediction,
+)
 from kennfeld.parameters import AXIS_LETTERS
 
 RANGE = 1e7  # largest factor, and reciprocal of the smallest one, relative to the data
 MIN_CHANGE = 0.1  # of a logarithm, for another fit
-MIN_RISE = 0.25  # of the level of smoothness, for another fit
 MAX_ROUNDS = 12
 PATH = (3, 2, 1, 0, -1)  # powers of ten of the factors tried first, relative to the data
 LIGHT = -2  # power of ten of the factors for the fit whose errors give the number of independent samples
@@ -36,8 +41,6 @@ MIN_GAIN = 0.1  # of n times the logarithm of the criterion, for another round
 POOR, GOOD = 0.25, 0.75  # ratio of actual to predicted gain at which the radius is halved, or doubled
 NO_FACTOR = -np.inf  # logarithm of the factor 0, for tables without data
 MIN_CORRELATION = 2.0  # samples per independent sample, from which blocks are held out
-MAX_SMOOTHER_FITS = 4
-MAX_STRIDE = float(np.log(1e4))  # rise of the lowest level of smoothness from one of these fits to the next
 ACTIVE_TOLERANCE = 1e-9  # relative to the size of a linear row
 ROUGH = SolverSettings(max_iterations=40, tolerance=1e-5, patience=2)
 
@@ -69,36 +72,6 @@ class Round:
         best = minimise_prediction(self.prediction, here, lower, upper)
         return self._with(best), self.value - self.prediction.at(best).value
 
-    def raise_lowest(self, allowed: float, stride: float) -> tuple[Float, float]:
-        """Raise the lowest factors to the highest common level that the linearised criterion allows.
-
-        Levels are relative to the data: at 0, roughness and data have equal weight. Factors above the level stay.
-
-        Args:
-            allowed: the largest value of the criterion.
-            stride: the largest rise of the lowest level.
-
-        Returns:
-            The logarithms of all factors, and the rise of the lowest level.
-        """
-        if self.prediction is None:
-            return self.logarithms, 0.0
-        prediction, here = self.prediction, self.logarithms[self.live]
-        lowest = float(np.min(here - self.middle))
-        low, high = lowest + MIN_RISE, min(lowest + stride, np.log(RANGE))
-
-        def is_allowed(level: float) -> bool:
-            return prediction.at(np.maximum(here, self.middle + level)).value <= allowed
-
-        if high < low or not is_allowed(low):
-            return self.logarithms, 0.0
-        if is_allowed(high):
-            low = high
-        while high - low > MIN_RISE:
-            middle = (low + high) / 2
-            low, high = (middle, high) if is_allowed(middle) else (low, middle)
-        return self._with(np.maximum(here, self.middle + low)), low - lowest
-
     def _with(self, live: Float) -> Float:
         logarithms = self.logarithms.copy()
         logarithms[self.live] = live
@@ -122,7 +95,7 @@ class SmoothnessChoice:
         blocks = f" and by {self.blocks} held-out blocks of the recordings" if self.blocks else ""
         return (
             f"Smoothness was chosen by generalised cross-validation{blocks}: "
-            "the smoothest fit within one standard error of the best."
+            "the factors with the least predicted error."
         )
 
     @property
@@ -139,11 +112,6 @@ class _Block:
     axis: int
     unit: Roughness
     factor: float | None
-
-    def scale(self, matrix: Float) -> float:
-        """Return the factor at which roughness and data have about equal weight; 0 for a table without data."""
-        columns = np.unique(self.unit.columns)
-        return float(np.diag(matrix)[columns].sum() / np.sum(self.unit.coefficients**2))
 
 
 @dataclass
@@ -187,9 +155,8 @@ class SmoothnessSelection:
             best = self._search(start)
         else:
             self._set_samples(known.samples)
-            self.restraints = known.restraints
-            best = self._improve(self._fit(known.logarithms, start))
-        best = self._smoothest(best)
+            self.restraints = known.restraints  # at each new target, values that the data leave open could move on
+            best = self._improve(self._round(known.logarithms, start))
         self._use(best.logarithms)
         cost = self.objective.cost(best.fit.values)
         fit = replace(best.fit, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
@@ -204,17 +171,22 @@ class SmoothnessSelection:
         self.samples = samples
 
     def _search(self, start: Float) -> Round:
-        """Return the better of two choices: from factors with the weight of the data, and from the best of a path."""
+        """Return the choice from factors with the weight of the data or, if better, from the best of a path.
+
+        The path is for chains of tables, those whose lookups depend on the values of others.
+        """
         reference = self._reference(start)
         if self.independent is not None:
             # a lightly smoothed fit: the errors of a smoother one are correlated by the smoothness itself
-            self._set_samples(self.independent(self._fit(reference + LIGHT * np.log(10), start).fit.values))
-        first = self._fit(reference, start)
-        if first.fit.cut_short:
-            return first
-        self.restraints = self._restraints(first)
-        best = self._improve(self._fit(reference, first.fit.values))
-        if best.fit.cut_short:
+            self._set_samples(self.independent(self._fit(reference + LIGHT * np.log(10), start).values))
+        plain = self._fit(reference, start)
+        if plain.cut_short:
+            return Round(reference, plain)
+        self.restraints = self._restraints(plain.values, move_start=False)
+        restrained = self._fit(reference, plain.values)
+        self.restraints = self._restraints(restrained.values, move_start=True)
+        best = self._improve(self._judge(reference, restrained))
+        if best.fit.cut_short or not smoothable(self.problem):
             return best
         other = self._path(reference, start)
         if other.value < best.value and not other.fit.cut_short:
@@ -231,21 +203,24 @@ class SmoothnessSelection:
         logarithms = np.log(scales, out=np.full(scales.size, NO_FACTOR), where=scales > 0)
         if (scales > 0).all() or not (scales > 0).any():
             return logarithms
-        again = self._scales(self._data(self._fit(logarithms, start).fit.values)[1])
+        again = self._scales(self._data(self._fit(logarithms, start).values)[1])
         return np.log(again, out=logarithms, where=(scales <= 0) & (again > 0))
 
     def _path(self, reference: Float, start: Float) -> Round:
         """Return the best of fits with decreasing factors in constant proportion, each starting at the previous one.
 
         With large factors tables are almost straight, which keeps a chain of tables from starting at a fit of noise.
+        The fits are compared without held-out blocks, which take longer than a fit.
         """
         trials: list[Round] = []
         for decade in PATH:
-            trials.append(self._fit(reference + decade * np.log(10), start))
+            logarithms = reference + decade * np.log(10)
+            trials.append(self._judge(logarithms, self._fit(logarithms, start), hold_out=False))
             start = trials[-1].fit.values
             if trials[-1].fit.cut_short:
                 break
-        return trials[-1] if trials[-1].stopped else min(trials, key=lambda trial: trial.value)
+        best = trials[-1] if trials[-1].stopped else min(trials, key=lambda trial: trial.value)
+        return self._judge(best.logarithms, best.fit) if self.holdout else best
 
     def _improve(self, best: Round) -> Round:
         radius, last = np.inf, self.rounds + MAX_ROUNDS
@@ -253,7 +228,7 @@ class SmoothnessSelection:
             proposal, gain = best.propose(radius)
             if gain < MIN_GAIN:
                 break
-            trial = self._fit(proposal, best.fit.values)
+            trial = self._round(proposal, best.fit.values)
             if trial.fit.cut_short:
                 return trial if trial.stopped else best
             moved = np.abs(proposal[best.live] - best.logarithms[best.live]).max()
@@ -262,83 +237,85 @@ class SmoothnessSelection:
             best = trial if ratio > 0 else best
         return best
 
-    def _restraints(self, fit: Round) -> dict[str, Restraint]:
-        values, restraints = fit.fit.values, {}
-        weights, offsets = np.diag(self._data(values)[1]), self.compiled.values.offsets
+    def _restraints(self, values: Float, *, move_start: bool) -> dict[str, Restraint]:
+        """Return the restraints of tables with an automatic factor, after a fit.
+
+        Args:
+            values: the free values of the fit.
+            move_start: pull towards the start moved by what the data determine, see `move_determined`.
+        """
+        gradient, matrix = self._data(values)
+        weights, offsets = matrix.diagonal(), self.compiled.values.offsets
         variance = self.compiled.sums.cost(self.compiled.full(values)) / self.samples
+        toward = self.objective.start
+        if move_start:
+            toward = move_determined(toward, values, gradient, matrix)
+        restraints = {}
         for name in self.problem.automatic_names:
             table = self.problem.parameters[name]
             part = slice(offsets[name], offsets[name] + table.size)
-            restraints[name] = Restraint.of(table, values[part], weights[part], variance)
+            at = toward[part].reshape(table.values.shape)
+            restraints[name] = Restraint.of(at, values[part], weights[part], variance)
         return restraints
 
-    def _smoothest(self, best: Round) -> Round:
-        """Return the smoothest fit whose error is within one standard error of the best.
+    def _round(self, logarithms: Float, start: Float) -> Round:
+        return self._judge(logarithms, self._fit(logarithms, start))
 
-        The mean square of n independent normal errors has the relative standard error sqrt(2/n); with autocorrelations
-        that decay exponentially with a correlation time of tau samples it is sqrt((tau + 1/tau)/n). Heavier tails are
-        ignored: the errors in them are about the same in all fits that are compared.
-        """
-        count = self.scored
-        tau = max(count / self.samples, 1.0)
-        allowed = best.value + self.samples * np.log1p(((tau + 1 / tau) / count) ** 0.5)
-        smoothest, stride = best, MAX_STRIDE
-        for _ in range(MAX_SMOOTHER_FITS):
-            if not np.isfinite(smoothest.value):
-                break
-            proposal, rise = smoothest.raise_lowest(allowed, stride)
-            if rise == 0:
-                break
-            trial = self._fit(proposal, smoothest.fit.values)
-            if trial.fit.cut_short:
-                return trial if trial.stopped else smoothest
-            if trial.value <= allowed:
-                smoothest = trial
-            else:
-                stride = rise / 3
-        return smoothest
-
-    def _fit(self, logarithms: Float, start: Float) -> Round:
-        """Fit with some factors, and evaluate and linearise the criterion there."""
+    def _fit(self, logarithms: Float, start: Float) -> SolverResult:
+        """Fit with some factors."""
         self._use(logarithms)
         self.rounds += 1
         report = partial(self.report, f"{CHOICE} {self.rounds}")
         fit = levenberg_marquardt(self.objective, start, self.limits, self.settings, report)
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations
+        return fit
+
+    def _judge(self, logarithms: Float, fit: SolverResult, *, hold_out: bool = True) -> Round:
+        """Evaluate and linearise the criterion at a fit with some factors."""
+        self._use(logarithms)
         gradient, matrix = self._data(fit.values)
         scales = self._scales(matrix)
         live = (scales > 0) & np.isfinite(logarithms)
         if not live.any() or fit.cut_short:
             return Round(logarithms, fit)
-        prediction = self._prediction(fit.values, gradient, matrix, live)
+        holdout = self.holdout if hold_out else None
+        parts = tuple(holdout.linearise(self.compiled.full(fit.values))) if holdout else ()
+        prediction = self._prediction(fit.values, gradient, matrix, live, parts)
         return Round(logarithms, fit, prediction.at(logarithms[live]).value, prediction, live, np.log(scales[live]))
 
-    def _prediction(self, values: Float, gradient: Float, matrix: Float, live: Bool) -> Prediction:
+    def _prediction(
+        self,
+        values: Float,
+        gradient: Float,
+        matrix: Float | Sparse,
+        live: Bool,
+        parts: tuple[HoldoutBlock, ...],
+    ) -> Prediction:
         """Return the criterion of the problem linearised at these values; values at an active bound are fixed."""
         total = gradient.copy()
-        self.compiled.roughness.add(values, total, np.zeros_like(matrix))
+        self.compiled.roughness.add(values, total, BlockMatrix(BlockStorage(values.size), np.arange(values.size)))
         limits, full = self.limits, self.compiled.full(values)
         active = ((values >= limits.upper) & (total < 0)) | ((values <= limits.lower) & (total > 0))
         misfit = self.compiled.sums.cost(full)
-        parts = self.holdout.linearise(full) if self.holdout else ()
         free, fixed = limits.movable & ~active, list(self.fixed)
         penalty, pull = self.compiled.roughness, {}
         if isinstance(penalty, Restrained):
             fixed.append(penalty.steps)
             pull = {"pull": penalty.weights, "toward": penalty.toward}
         rows = limits.rows.matrix(np.flatnonzero(limits.rows.touching(values, ACTIVE_TOLERANCE)), values.size)
-        fit = Linearised(values, misfit, gradient, matrix, free, rows, self.samples, tuple(parts), **pull)
+        fit = Linearised(values, misfit, gradient, matrix, free, rows, self.samples, parts, **pull)
         blocks = [block.unit for block, good in zip(self.automatic, live, strict=True) if good]
         return Prediction(fit, blocks, fixed)
 
-    def _data(self, values: Float) -> tuple[Float, Float]:
-        """Return half the gradient and the Gauss-Newton matrix of the data alone."""
+    def _data(self, values: Float) -> tuple[Float, Float | Sparse]:
+        """Return half the gradient and the Gauss-Newton matrix of the data alone, copies."""
         data = self.compiled.sums.normal(self.compiled.full(values))
-        return data.gradient.copy(), as_array(data.matrix)
+        matrix = data.matrix
+        return data.gradient.copy(), matrix.copy() if isinstance(matrix, np.ndarray) else as_sparse(matrix)
 
-    def _scales(self, matrix: Float) -> Float:
-        return np.array([block.scale(matrix) for block in self.automatic])
+    def _scales(self, matrix: Float | Sparse) -> Float:
+        return np.array([balanced_factor(block.unit, matrix.diagonal()) for block in self.automatic])
 
     def _factors(self, logarithms: Float) -> dict[str, tuple[float, ...]]:
         """Return the factors of the tables with an automatic one; 0 for axes with too few breakpoints for roughness."""
