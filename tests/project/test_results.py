@@ -51,7 +51,7 @@ def test_the_keys_of_the_result_stay(result, tmp_path):
     write(result, Line(), tmp_path)
     found = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert list(found) == [
-        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "quality"),
+        *("status", "message", "iterations", "evaluations", "cost", "seconds", "values", "certificate", "quality"),
         *("recordings", "starts", "resumed", "trust", "smoothness", "shifts", "warnings", "files"),
     ]
     assert set(found["cost"]) == {"before", "after"}
@@ -106,7 +106,7 @@ def test_the_trust_has_a_line_for_each_free_value(tmp_path):
         *("null_space", "directions", "holdings", "remark"),
     ]
     assert told["undetermined"] == 2
-    assert list(told["directions"][0]) == ["sentence", "remedy", "exact", "ratio", "parameters"]
+    assert list(told["directions"][0]) == ["sentence", "remedy", "exact", "determined", "ratio", "parameters"]
     assert told["directions"][0]["parameters"] == ["M"]
 
 

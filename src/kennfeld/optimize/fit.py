@@ -296,19 +296,28 @@ class FitRun:
         return end.with_effort_of(ends)
 
     def _leave_saturation(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
-        """Search again with values back at their start that ran to where they have all but lost their effect.
+        """Search again if parameters ran to where they have all but lost their effect.
 
-        A long step may lead an exponent or a rate there while the other values are far from their optimum.
+        A long step may lead an exponent or a rate there while the other values are far from their optimum. The first
+        search goes on with these parameters at their start, the second one begins at the start with shorter steps for
+        values whose effect shrinks.
         """
         if end.status != "converged" or end.cost == 0 or self.options.method == "global":
             return end
-        values = self.objective.with_effect(end.values, start)
-        if np.array_equal(values, end.values) or limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
-            return end
-        report = partial(self.record, "plain")
-        again = levenberg_marquardt(self.objective, values, limits, self.options.settings, report)
-        lower = again.cost < (1 - UNCHANGED) * end.cost
-        return (again if lower else end).with_effort_of([end, again])
+        settings, report = self.options.settings, partial(self.record, "plain")
+        ends = [end]
+        for remembers in (False, True):
+            values = self.objective.with_effect(end.values, start)
+            if np.array_equal(values, end.values):
+                break
+            values = start if remembers else values
+            if limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
+                continue
+            way = replace(settings, remembers_scale=remembers)
+            ends.append(levenberg_marquardt(self.objective, values, limits, way, report))
+            if ends[-1].cost < (1 - UNCHANGED) * end.cost:
+                end = ends[-1]
+        return end.with_effort_of(ends)
 
     def _follow_simulations(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search on along differences of whole simulations if the slopes of called functions mislead."""

@@ -117,10 +117,13 @@ class LeastSquaresObjective:
         return self._faint(self._curvature(self._values(values)))
 
     def with_effect(self, values: Float, start: Float) -> Float:
-        """Return the values, those at their start whose effect has faded since by the share `FADED`."""
+        """Return the values, with parameters at their start whose whole effect has faded since by the share `FADED`.
+
+        Single values of a table also lose their effect when samples move to other cells.
+        """
         before = self._curvature(self._values(start)).copy()
-        faded = (values != start) & (self._curvature(self._values(values)) <= FADED**2 * before)
-        return np.where(faded, start, values)
+        faded = self._curvature(self._values(values)) <= FADED**2 * before
+        return np.where(self._sensitivity.all_of_parameter(faded), start, values)
 
     def sloped(self, values: Float) -> Bool | None:
         """Mark the values with a derivative at a scored sample, without roughness; None if one is not finite."""
@@ -226,6 +229,12 @@ class _Sensitivity:
                     diagonal = sum(unscored) + sums.normal(values).matrix.diagonal()
                     self._everywhere = self._largest(np.nan_to_num(diagonal, posinf=0.0))
         return self._everywhere
+
+    def all_of_parameter(self, each: Bool) -> Bool:
+        """Mark the values of the parameters of which all values are marked."""
+        if not each.size:
+            return each
+        return np.repeat(np.logical_and.reduceat(each, self._starts), self._sizes)
 
     def _largest(self, each: Float) -> Float:
         """Return for each value the largest number of its parameter."""

@@ -69,6 +69,7 @@ class SolverSettings:
     patience: int = 3
     damping: float = 1e-4
     damping_limited_ratio: float = 0.9
+    remembers_scale: bool = False  # begin with a damping in the scale of the columns on the way
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ class _State:
     # Used for termination
     stalled_steps: int = 0  # accepted steps below the tolerance in a row
     limit_damping_dropped: bool = False  # the stall was answered by a lower `limit_damping` already
-    remembers_scale: bool = False  # columns count as at least `remembered_scale`
+    remembers_scale: bool  # columns count as at least `remembered_scale`
     remembered_scale: Float | None = None  # of earlier columns, halved with each iterate
     untried: tuple[bool, ...] = RESTARTS  # choices of `remembers_scale` for another try from the same values
     certificate: Certificate | None = None  # of the last end
@@ -215,7 +216,12 @@ class _LevenbergMarquardt:
         self.program = QuadraticProgram(self.limits)
         self.secant = SecantCorrection(self.movable.size) if objective.supports_secant else None
         limits_hold = bool(limits.rows.equal.any())
-        self.state = _State(values=start, damping=settings.damping, limits_hold=limits_hold)
+        self.state = _State(
+            values=start,
+            damping=settings.damping,
+            limits_hold=limits_hold,
+            remembers_scale=settings.remembers_scale,
+        )
 
     def run(self) -> SolverResult:
         state = self.state
