@@ -138,3 +138,13 @@ def test_the_least_fuel_of_a_cycle_is_found_where_no_noise_excuses_an_early_end(
     assert result.cost_after < least
     limited = kf.calibrate(FUEL, data, start, node="root", target=0.0, limits=[kf.Limit("sp", upper=100.0)])
     assert result.cost_after <= limited.cost_after * (1 + 1e-6)
+
+
+def test_a_sequence_that_ends_on_a_coarse_grid_says_what_the_whole_one_could_reach():
+    random = np.random.default_rng(0)
+    z = random.uniform(0, 10, 300)
+    curve = kf.Curve("C", np.linspace(0, 10, 11), np.zeros(11))
+    data = {"z": z, "m": np.sin(z) + random.normal(0, 0.1, z.size)}
+    coarse = kf.Options(steps=(kf.Step(grid_reduction=2),))
+    [warning] = kf.calibrate("y = C(z)", data, kf.ParameterSet([curve]), target="m", options=coarse).warnings
+    assert "the last step of the sequence keeps some of them, or removes breakpoints" in warning.message

@@ -27,24 +27,31 @@ def find_poor_fits(quality: Sequence[Quality], scored: Collection[str]) -> Itera
             yield Finding(Location(), message, OTHER_START, severity="warning")
 
 
-def find_slopes(certificate: Certificate | None, *, moved: bool) -> Iterator[Finding]:
-    """Yield a warning if the slopes at an end promise a lower cost than the search could reach.
+def find_slopes(certificate: Certificate | None, *, moved: bool, in_steps: bool) -> Iterator[Finding]:
+    """Yield a warning if the slopes at an end promise a lower cost than the search reached.
 
     Args:
         certificate: of an end that counts as converged, if there is one.
         moved: if any value differs from its start.
+        in_steps: if the search was a sequence, whose last step may keep some of the values.
     """
     if certificate is None:
         return
-    if not moved and certificate.gradient > SLOPED:
+    message, remedy = "", OTHER_START
+    if in_steps:
+        if certificate.predicted_decrease > STEEP:
+            message = f"All free values together would lower the cost by {certificate.predicted_decrease:.0%}"
+            message += ": the last step of the sequence keeps some of them, or removes breakpoints"
+            remedy = "End the sequence with a step that frees all of them on their whole grids."
+    elif not moved and certificate.gradient > SLOPED:
         message = (
             "No value has moved from its start although the gradient is not zero there "
             f"(cosine {certificate.gradient:.2g} with the errors): no step lowers the cost"
         )
-        yield Finding(Location(), message, OTHER_START, severity="warning")
     elif certificate.predicted_decrease > STEEP:
         message = (
             f"The slopes at the end promise a cost {certificate.predicted_decrease:.0%} lower, but no step reaches it: "
             "the function has kinks or jumps there"
         )
-        yield Finding(Location(), message, OTHER_START, severity="warning")
+    if message:
+        yield Finding(Location(), message, remedy, severity="warning")

@@ -476,7 +476,7 @@ class FitRun:
         return (
             *find_worsening(quality, self.scored, outweighed=outweighed, share=share),
             *(() if outweighed else find_poor_fits(quality, self.scored)),
-            *find_slopes(certified, moved=moved),
+            *find_slopes(certified, moved=moved, in_steps=bool(self.options.steps)),
             *self._slope_findings(end, limits),
             *equal,
         )
