@@ -25,6 +25,7 @@ TOPICS = {
     "simulink": "benchmarks.drawn",
     "app": "benchmarks.app",
     "nist": "benchmarks.nist",
+    "starts": "benchmarks.bad_starts",
     "sets": "benchmarks.sets",
     "fmu": "benchmarks.fmu",
     "onnx": "benchmarks.onnx_networks",

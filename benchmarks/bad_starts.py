@@ -78,6 +78,7 @@ def solve(tool: str) -> dict[str, Any]:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         for name in KINDS:
+            _check_agreement(problem(name, 0))
             for number in range(FITS // len(KINDS)):
                 case = problem(name, number)
                 began = time.perf_counter()
@@ -112,18 +113,28 @@ def _kennfeld(case: BadStart) -> End:
     return End(values, result.status == "converged", bool(result.warnings))
 
 
-def _start_of(case: BadStart) -> dict[str, Any]:
-    """Return the start as parameters of Kennfeld."""
+def _check_agreement(case: BadStart) -> None:
+    """Raise an error if the function in numpy, which judges the ends, is not that of the formula."""
+    from kennfeld import simulate
+
+    output = simulate(case.kind.formula, dict(case.inputs), _start_of(case, case.truth))["y"].values
+    expected = case.residual(case.truth) + case.target
+    if not np.allclose(output, expected, rtol=AGREEMENT, atol=AGREEMENT * np.abs(expected).max()):
+        raise RuntimeError(f"{case.kind.formula}: the forms in numpy and in formula text disagree")
+
+
+def _start_of(case: BadStart, values: Float | None = None) -> dict[str, Any]:
+    """Return the start, or other values, as parameters of Kennfeld."""
     from kennfeld import Axis, Curve, Map, Scalar
 
     start: dict[str, Any] = {}
-    first = 0
+    flat, first = case.start if values is None else values, 0
     for name in case.kind.ranges:
         axes = [Axis(points) for points in case.kind.axes.get(name, ())]
         shape = tuple(len(axis.breakpoints) for axis in axes)
-        values = case.start[first : first + int(np.prod(shape))].reshape(shape)
-        first += values.size
-        start[name] = [Scalar, Curve, Map][len(axes)](name, *axes, values)
+        own = flat[first : first + int(np.prod(shape))].reshape(shape)
+        first += own.size
+        start[name] = [Scalar, Curve, Map][len(axes)](name, *axes, own)
     return start
 
 

@@ -101,7 +101,8 @@ class GaussNewtonModel:
 
     def remembered_scale(self, earlier: Float | None) -> Float:
         """Return the column scale, at least half the one remembered before."""
-        return np.maximum(self.column_scale, 0.0 if earlier is None else SCALE_MEMORY * earlier)
+        scale: Float = np.maximum(self.column_scale, 0.0 if earlier is None else SCALE_MEMORY * earlier)
+        return scale
 
     @cached_property
     def rounding(self) -> float:
