@@ -148,3 +148,35 @@ def test_a_sequence_that_ends_on_a_coarse_grid_says_what_the_whole_one_could_rea
     coarse = kf.Options(steps=(kf.Step(grid_reduction=2),))
     [warning] = kf.calibrate("y = C(z)", data, kf.ParameterSet([curve]), target="m", options=coarse).warnings
     assert "the last step of the sequence keeps some of them, or removes breakpoints" in warning.message
+
+
+def test_two_terms_that_became_alike_on_the_way_part_again():
+    x = np.linspace(0, 10, 300)
+    truth = {"a": 3.0, "b": 1.5, "c": 2.0, "d": 0.2}
+    y = 3 * np.exp(-1.5 * x) + 2 * np.exp(-0.2 * x) + 0.01 * np.sin(37 * x)
+    start = {"a": 0.5, "b": 5.0, "c": 7.7, "d": 0.6}
+    result = kf.calibrate("y = a*exp(-b*x) + c*exp(-d*x)", {"x": x, "m": y}, start, target="m")
+    assert result.converged
+    assert {name: result.parameters[name].value for name in truth} == pytest.approx(truth, rel=2e-3)
+
+
+def test_a_value_whose_slope_vanishes_at_the_minimum_has_converged():
+    result = kf.calibrate("y = b + a^2*x", {"x": X, "m": 3 - 0.5 * X}, {"a": 1.0, "b": 0.0}, target="m")
+    assert result.converged
+    assert result.parameters["a"].value == pytest.approx(0.0, abs=1e-3)
+    assert result.parameters["b"].value == pytest.approx(0.5)
+    assert not result.warnings
+
+
+def test_targets_that_are_kept_as_upper_limits_need_not_be_met():
+    criteria = [kf.Criterion("y", "m", loss="excess")]
+    result = kf.calibrate("y = a + b*x", {"x": X, "m": 3 + X}, {"a": 0.0, "b": 0.0}, criteria=criteria)
+    assert result.converged
+    assert result.cost_after == 0.0
+    assert not result.warnings
+
+
+def test_the_mean_itself_is_no_worse_than_the_mean():
+    for seed in range(8):
+        m = 5 + np.random.default_rng(seed).normal(size=50)
+        assert not kf.calibrate("y = c + 0*x", {"x": np.arange(50.0), "m": m}, {"c": 0.0}, target="m").warnings

@@ -8,6 +8,8 @@ from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.certificate import Certificate
 
 STEEP = 1e-2  # share of the cost that an undamped step may promise without a warning, after it was tried
+NOTICEABLE = 0.25, 0.05  # variances of the noise that it may promise, and as many for each fitted value
+POOR = -1e-6  # R2 below which it is no rounding of 0
 SLOPED = 1e-4  # cosine between residuals and a column of J from which a value should have moved
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
@@ -22,16 +24,27 @@ def find_poor_fits(quality: Sequence[Quality], scored: Collection[str]) -> Itera
     training = [row for row in quality if row.use == "training" and row.criterion in scored and row.samples]
     for criterion, rows in groupby(sorted(training, key=lambda row: row.criterion), key=lambda row: row.criterion):
         best = max(row.r2_after for row in rows)  # NaN of a constant target is kept
-        if best < 0:
+        if best < POOR:
             message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
             yield Finding(Location(), message, OTHER_START, severity="warning")
 
 
-def find_slopes(certificate: Certificate | None, *, moved: bool, in_steps: bool) -> Iterator[Finding]:
+def steepness(residuals: int, values: int) -> float:
+    """Return the share of the cost that slopes may promise without a warning.
+
+    A cost that is lower by one variance of the noise, its share 1/n of n residuals, may move a value by one standard
+    deviation.
+    """
+    variances = max(NOTICEABLE[0], NOTICEABLE[1] * values)
+    return min(STEEP, variances / max(residuals, 1))
+
+
+def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, in_steps: bool) -> Iterator[Finding]:
     """Yield a warning if the slopes at an end promise a lower cost than the search reached.
 
     Args:
         certificate: of an end that counts as converged, if there is one.
+        steep: see `steepness`.
         moved: if any value differs from its start.
         in_steps: if the search was a sequence, whose last step may keep some of the values.
     """
@@ -48,9 +61,9 @@ def find_slopes(certificate: Certificate | None, *, moved: bool, in_steps: bool)
             "No value has moved from its start although the gradient is not zero there "
             f"(cosine {certificate.gradient:.2g} with the errors): no step lowers the cost"
         )
-    elif certificate.predicted_decrease > STEEP:
+    elif certificate.predicted_decrease > steep:
         message = (
-            f"The slopes at the end promise a cost {certificate.predicted_decrease:.0%} lower, but no step reaches it: "
+            f"The slopes at the end promise a cost {certificate.predicted_decrease:.2%} lower, but no step reaches it: "
             "the function has kinks or jumps there"
         )
     if message:

@@ -12,7 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
-from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes
+from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.jumps import find_jumps
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
@@ -22,6 +22,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
+from kennfeld.optimize.ridges import lower_values
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
     Iteration,
@@ -201,7 +202,7 @@ class FitRun:
         if search is not None:
             return self._within_limits(search(start, limits), limits), remark
         end = self._leave_saddles(minimise(self._setup, start, limits), limits)
-        end = self._leave_saturation(end, start, limits)
+        end = self._leave_ridges(self._leave_saturation(end, start, limits), limits)
         end = enforce_output_limits(self._setup, end, start, limits)
         end = self._follow_simulations(self._restore_faint_values(end, start, limits), start, limits)
         projected, other_remark = project(initial, limits)
@@ -225,6 +226,12 @@ class FitRun:
     def scored(self) -> set[str]:
         """The nodes of the criteria with a weight."""
         return {criterion.node for criterion in self.problem.criteria if criterion.weight > 0}
+
+    @property
+    def targeted(self) -> set[str]:
+        """Those of them that are to meet their target, not only to stay below it."""
+        limited = {criterion.node for criterion in self.problem.criteria if criterion.loss == "excess"}
+        return self.scored - limited
 
     @cached_property
     def scorer(self) -> Scorer:
@@ -319,6 +326,23 @@ class FitRun:
                 end = ends[-1]
         return end.with_effort_of(ends)
 
+    def _leave_ridges(self, end: SolverResult, limits: LinearLimits) -> SolverResult:
+        """Search again from lower values along combinations that change nothing to first order."""
+        ends = [end]
+        for _ in range(MAX_DEPARTURES):
+            small = self.objective.uses_qr and self.options.method != "global"
+            if end.status != "converged" or not small or not end.cost > 0:
+                break
+            lower = lower_values(self.objective, end.values, end.cost, limits)
+            if lower is None:
+                break
+            report = partial(self.record, "plain")
+            ends.append(levenberg_marquardt(self.objective, lower, limits, self.options.settings, report))
+            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
+                break
+            end = ends[-1]
+        return end.with_effort_of(ends)
+
     def _follow_simulations(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search on along differences of whole simulations if the slopes of called functions mislead."""
         if end.status != "converged" or self.options.method == "global":
@@ -382,7 +406,8 @@ class FitRun:
         if end.status == "infeasible" or not np.isfinite(end.cost):
             return None
         certificate = end.certificate or certificate_at(self.objective, end.values, limits)
-        return certificate and certificate._replace(limits=limits.violation(end.values))
+        excess = 0.0 if self.outputs is None else max(self.outputs.measure(end.values).largest, 0.0)
+        return certificate and certificate._replace(limits=max(limits.violation(end.values), excess))
 
     def _descend_without(self, faint: Bool, end: SolverResult, values: Float, limits: LinearLimits) -> SolverResult:
         """Descend from `values`; return the old end if the faint values matter after all.
@@ -415,7 +440,7 @@ class FitRun:
 
     def _check_underflow(self, end: SolverResult, before: float, quality: Sequence[Quality]) -> SolverResult:
         """Mark the end as failed if errors remain whose squares underflow, so that the search did not see them."""
-        training = [row for row in quality if row.use == "training" and row.criterion in self.scored]
+        training = [row for row in quality if row.use == "training" and row.criterion in self.targeted]
         hidden = REACHED * before <= end.cost < UNDERFLOW and any(row.max_abs_after > 0 for row in training)
         if end.status != "converged" or not hidden:
             return end
@@ -473,10 +498,11 @@ class FitRun:
         equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, self.parameters(end.values))
         moved = not np.array_equal(end.values, self.objective.start)
         certified = certificate if end.status == "converged" else None
+        steep = steepness(self.exact.residuals, int(limits.movable.sum()))
         return (
             *find_worsening(quality, self.scored, outweighed=outweighed, share=share),
-            *(() if outweighed else find_poor_fits(quality, self.scored)),
-            *find_slopes(certified, moved=moved, in_steps=bool(self.options.steps)),
+            *(() if outweighed else find_poor_fits(quality, self.targeted)),
+            *find_slopes(certified, steep, moved=moved, in_steps=bool(self.options.steps)),
             *self._slope_findings(end, limits),
             *equal,
         )

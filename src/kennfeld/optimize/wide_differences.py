@@ -46,9 +46,13 @@ def called_values(compiled: CompiledProblem, limits: LinearLimits) -> Int:
 def misleading_values(
     objective: LeastSquaresObjective, compiled: CompiledProblem, values: Float, limits: LinearLimits
 ) -> Int:
-    """Return the places of the values on which called functions depend and whose slopes are not those of wide steps."""
+    """Return the places of the values on which called functions depend and whose slopes are not those of wide steps.
+
+    With a robust loss, differences of weighted residuals contain those of the weights, which slopes leave out.
+    """
     places = called_values(compiled, limits)[:MAX_VALUES]
-    if not places.size or not objective.uses_qr:
+    square = all(output.loss == "square" for output in compiled.kernel.outputs)
+    if not places.size or not objective.uses_qr or not square:
         return places[:0]
     own = objective.rows(values)[1][:, places]
     wide = DifferenceObjective(compiled, limits, COMPARED).jacobian(values, places)

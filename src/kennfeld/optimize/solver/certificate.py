@@ -1,4 +1,4 @@
-"""How far values are from a stationary point, in numbers without units.
+"""The distance of values from a stationary point, in numbers without units.
 
 With the step d of the undamped model within the limits, J'J d = -g - A'm holds with the multipliers m of the active
 limits A, so that -J'J d is what their forces leave of the gradient g. Two numbers follow:

@@ -35,6 +35,8 @@ LIMIT_DAMPING = 1e-9  # of the mean curvature: least damping while limits are ac
 SLOW_LIMIT_DAMPING = 1e-15  # the same while steps succeed, but slowly
 TRIAL_TOLERANCE = 1e-10  # of a limit's scale: violation allowed to a trial, a tenth of what is promised to the user
 EXACT_FIT = 1e3  # times their rounding error: residuals this small reproduce the data exactly
+RISE = 1e-12  # of the cost, more than its rounding
+SLIGHT, MAX_SLOPED = 1e-3, 64  # cosine of a value with a slope, and number of those that are looked at one by one
 ZERO_TABLE = 1e-12  # of the step without limits: a table this small is rounding around 0
 
 RESTARTS = (False, True)  # see `_State.untried`
@@ -210,7 +212,7 @@ class _LevenbergMarquardt:
         settings: SolverSettings,
         report: Report,
     ) -> None:
-        self.objective, self.settings, self.report = objective, settings, report
+        self.objective, self.settings, self.report, self.start = objective, settings, report, start
         self.movable = np.flatnonzero(limits.movable)
         self.limits = limits.restricted_to(self.movable, start)
         self.program = QuadraticProgram(self.limits)
@@ -241,7 +243,7 @@ class _LevenbergMarquardt:
         if not np.isfinite(state.cost) or not self.movable.size:
             return None
         model = GaussNewtonModel(self.objective, state.values, self.movable)
-        return self._certificate(model) if model.finite else None
+        return self._certificate(model, self._undamped_step(model)) if model.finite else None
 
     def _iterate(self) -> SolverResult:
         state = self.state
@@ -437,18 +439,24 @@ class _LevenbergMarquardt:
         """End as converged where the undamped step promises nothing, or was tried; otherwise go on.
 
         The descent has failed if trying has not helped though it promises to halve a cost that is not rounding, or if
-        no step at all was possible from a slope that is no kink's.
+        no step at all was possible from a slope that is no kink's; unless the cost rises to both sides of each value.
         """
         state = self.state
         if state.remembers_scale:
             model = GaussNewtonModel(self.objective, state.values, self.movable)
-        state.certificate = self._certificate(model)
+        step = self._undamped_step(model)
+        state.certificate = self._certificate(model, step)
         slope, promise = (1.0, 1.0) if state.certificate is None else state.certificate[:2]
         if promise > self.settings.tolerance and state.untried:
             self._restart()
             return None
         failed = promise > PROMISED_SHARE or (state.iterations == 0 and slope > STEEP)
-        return self._end("failed", UNFULFILLED) if failed else self._end("converged", message)
+        if failed:
+            state.certificate = self._certificate_of_costs(model)
+            if state.certificate is None:
+                state.certificate = Certificate(slope, promise)
+                return self._end("failed", UNFULFILLED)
+        return self._end("converged", message)
 
     def _restart(self) -> None:
         """Go on from the same values with the undamped step, and without the secant model."""
@@ -459,15 +467,49 @@ class _LevenbergMarquardt:
         if self.secant is not None:
             self.secant = SecantCorrection(self.movable.size)
 
-    def _certificate(self, model: GaussNewtonModel) -> Certificate | None:
-        """Return how far the iterate is from stationary; None if its matrix cannot be factored."""
-        if self._fits_exactly(model):
-            return Certificate(0.0, 0.0)
+    def _undamped_step(self, model: GaussNewtonModel) -> Float | None:
+        """Return the step of the undamped model within the limits; None if its matrix cannot be factored."""
         damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
         if damped is None or not np.all(np.isfinite(damped.step)):
             return None
-        step = self.program.solve(damped.factor, damped.step, self._here, self.state.active_set).step
-        return Certificate.of(model, step, self.state.cost)
+        return self.program.solve(damped.factor, damped.step, self._here, self.state.active_set).step
+
+    def _certificate(self, model: GaussNewtonModel, step: Float | None) -> Certificate | None:
+        """Return how far the iterate is from stationary; None if that is unknown."""
+        if self._fits_exactly(model):
+            return Certificate(0.0, 0.0)
+        return None if step is None else Certificate.of(model, step, self.state.cost)
+
+    def _certificate_of_costs(self, model: GaussNewtonModel) -> Certificate | None:
+        """Return the certificate by parabolas through costs beside each value with a slope; None without a minimum.
+
+        In `a^2 * x` the derivative by a vanishes with a itself, and with it the curvature of the model: it promises
+        much, but for a target of -x the curvature of the residuals holds a at 0.
+        """
+        state = self.state
+        with np.errstate(all="ignore"):
+            slopes = np.abs(model.gradient) / np.sqrt(model.diagonal * state.cost)
+        sloped = np.flatnonzero(slopes > SLIGHT)
+        if state.limits_hold or sloped.size > MAX_SLOPED:
+            return None
+        decreases = [self._decrease_beside(number) for number in self.movable[sloped].tolist()]
+        decrease = sum(decreases) / state.cost
+        return Certificate(float(np.sqrt(decrease)), decrease) if np.isfinite(decrease) else None
+
+    def _decrease_beside(self, number: int) -> float:
+        """Return by how much a parabola through three costs falls below the middle one; infinite without a minimum."""
+        state = self.state
+        size = max(abs(state.values[number]), abs(self.start[number])) or 1.0
+        for share in (1.0, 1e-2, 1e-4):
+            low, high = (self._cost_with(number, state.values[number] + side * share * size) for side in (-1, 1))
+            if np.isfinite([low, high]).all() and min(low, high) > (1 + RISE) * state.cost:
+                return (high - low) ** 2 / (8 * (high + low - 2 * state.cost))
+        return np.inf
+
+    def _cost_with(self, number: int, value: float) -> float:
+        values = self.state.values.copy()
+        values[number] = value
+        return self.objective.cost(values)
 
     def _end(self, status: Status, message: str) -> SolverResult:
         state = self.state
