@@ -41,19 +41,18 @@ class SearchPlan:
         short: the schedule that is tried first.
         long: tried if kinks matter, unless it is None; ends at a width at which `short` was at least as good.
         direct: whether a descent without smoothing is tried.
-        again: the schedule with which the best end is smoothed and sharpened once more, as long as that gains enough.
-        most_again: how often, at most.
+        again: the schedules with which the best end is smoothed and sharpened again: both of the first two, the others
+            as long as that gains enough.
         tolerance: relative change of the cost that ends a descent while others may end lower.
         patience: number of such changes in a row.
         kink_difference: relative difference of two ends from which kinks matter.
-        gain: relative decrease of the cost from which an end is smoothed and sharpened another time.
+        gain: relative decrease of the cost that is enough.
     """
 
     short: SmoothingSchedule = SHORT_SCHEDULE
     long: SmoothingSchedule | None = LONG_SCHEDULE
     direct: bool = True
-    again: SmoothingSchedule | None = SHORT_SCHEDULE
-    most_again: int = 4
+    again: tuple[SmoothingSchedule, ...] = (SHORT_SCHEDULE, LONG_SCHEDULE, SHORT_SCHEDULE, SHORT_SCHEDULE)
     tolerance: float = 1e-3
     patience: int = 2
     kink_difference: float = 3e-3
@@ -142,36 +141,32 @@ def _compare_descents(
         ends.append(continuation.descend(plan.long, start, limits, early, setup.report, costs)[0])
     end = _continue_on_all_samples(setup, ends, start, limits, settings)
     smooth = end.certificate is not None and end.certificate.predicted_decrease <= settings.tolerance
-    return end if plan.again is None or smooth else _cross_kinks(setup, continuation, plan.again, end, limits, settings)
+    done = smooth or end.cost == 0 or end.status != "converged"
+    return end if done else _cross_kinks(setup, continuation, end, limits, settings)
 
 
 def _cross_kinks(
-    setup: DescentSetup,
-    continuation: Continuation,
-    schedule: SmoothingSchedule,
-    end: SolverResult,
-    limits: LinearLimits,
-    settings: SolverSettings,
+    setup: DescentSetup, continuation: Continuation, end: SolverResult, limits: LinearLimits, settings: SolverSettings
 ) -> SolverResult:
-    """Smooth and sharpen the model again from an end: its kinks may hold it above the floor of its valley."""
-    best, searched = end, end
-    for _ in range(setup.plan.most_again):
-        if searched.status != "converged" or best.cost == 0:
-            break
-        early = setup.plan.early(settings)
-        near, _ = continuation.descend(schedule, best.values, limits, early, setup.report)
+    """Smooth and sharpen the model again from an end: its kinks may hold it above the floor of its valley.
+
+    Goes on while that pays, for at most about as many steps as the search has taken until then.
+    """
+    plan, best, spent = setup.plan, end, 0
+    for number, schedule in enumerate(plan.again):
+        near, _ = continuation.descend(schedule, best.values, limits, plan.early(settings), setup.report)
         ends = [near]
         if near.status != "stopped":
-            ends.append(
-                levenberg_marquardt(setup.objective, near.values, limits, settings, partial(setup.report, "final"))
-            )
+            final = partial(setup.report, "final")
+            ends.append(levenberg_marquardt(setup.objective, near.values, limits, settings, final))
         last, before = ends[-1], best.cost
+        spent += sum(each.iterations for each in ends)
         lower = setup.objective.cost(last.values) < before
         best = (last if lower else best).with_effort_of([best, *ends])
-        searched = last
         if last.status == "stopped":
             return replace(best, status=last.status, message=last.message)
-        if not best.cost < (1 - setup.plan.gain) * before:
+        gained = best.cost < (1 - plan.gain) * before
+        if last.status != "converged" or spent >= end.iterations or (number > 0 and not gained):
             break
     return best
 
