@@ -68,6 +68,8 @@ class CostTable:
         self._shared = 0.0  # CPU seconds of processes that ended in a teardown
 
     def pytest_runtest_logreport(self, report: Any) -> None:
+        if not hasattr(report, "cpu"):  # of a process that died
+            return
         self._cpu[report.nodeid] += report.cpu
         self._wall[report.nodeid] += report.duration
         self._shared += report.shared

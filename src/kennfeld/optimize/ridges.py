@@ -57,7 +57,8 @@ def _null_space(objective: LeastSquaresObjective, values: Float, limits: LinearL
     moving = np.flatnonzero(limits.movable & (lengths > 0))
     if moving.size < 2 or not np.all(np.isfinite(lengths)):
         return np.zeros((0, values.size))
-    _, singular, turned = np.linalg.svd(jacobian[:, moving] / lengths[moving])
+    triangle = np.linalg.qr(jacobian[:, moving] / lengths[moving], mode="r")
+    _, singular, turned = np.linalg.svd(triangle)
     shares = np.zeros(moving.size)
     shares[: singular.size] = singular / singular[0]
     basis = turned[shares <= ALIKE].T
