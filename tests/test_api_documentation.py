@@ -74,6 +74,7 @@ def test_every_field_of_a_public_class_is_described(name):
     assert fields - described(docstring(name)) == set()
 
 
+@pytest.mark.slow
 def test_a_name_that_the_page_does_not_mention_is_added(script, tmp_path):
     (tmp_path / "api.md").write_text("# Python reference\n", encoding="utf-8")
     [text] = script.documents(tmp_path).values()

@@ -121,6 +121,7 @@ def chain(fitted, target):
     )
 
 
+@pytest.mark.slow
 @some_splits
 def test_a_structure_like_that_of_torque_meets_held_out_nitrogen_oxides_better_than_a_map(seeds):
     errors = []

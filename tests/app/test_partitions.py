@@ -72,6 +72,7 @@ def test_a_project_whose_excerpt_is_everything_says_nothing(tmp_path: Path, monk
     assert overview.overview(Session(plain))["excerpt"] is None
 
 
+@pytest.mark.slow
 def test_a_run_evaluates_all_partitions_as_the_command_does(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path))
     result, command = calibrated(session), Project.read(session.path).calibrate()

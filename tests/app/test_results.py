@@ -52,6 +52,7 @@ def test_a_value_that_nothing_determines_foretells_nothing() -> None:
     assert pinned_deviation(trust, "a", ()) == {}
 
 
+@pytest.mark.slow
 def test_the_errors_of_a_choice_are_those_after_it_is_accepted(calibrated: Session) -> None:
     given = {"run": 1, "cells": {"MapOptTorque": list(range(20))}, "title": "Accepted"}
     expected = ask(calibrated, "choice", **given).head["scores"]

@@ -25,7 +25,7 @@ commands = st.one_of(
 )
 
 
-@few_or_many(commands, few=30, many=200)
+@few_or_many(commands, few=12, many=200)
 def test_every_command_has_an_inverse(command: Command) -> None:
     before = SessionState({"kennfeld.toml": "a"}, {"Kp": np.array([1.0, 2.0])})
     after = command.apply(before)

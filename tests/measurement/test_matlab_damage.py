@@ -98,6 +98,7 @@ def many_empty_arrays():
     return file5(struct.pack("<II", 15, len(packed)) + packed)
 
 
+@pytest.mark.slow
 def test_many_empty_arrays_are_refused(mat):
     with pytest.raises(InputError, match="more than 100000 arrays"):
         read(mat(many_empty_arrays()))

@@ -154,6 +154,7 @@ def test_where_all_fail_the_result_has_failed():
     assert result.parameters["k"].value == -2.0
 
 
+@pytest.mark.slow
 def test_a_start_whose_process_dies_is_a_row(monkeypatch):
     made = []
 
@@ -217,6 +218,7 @@ def test_a_request_to_stop_ends_all_starts_and_keeps_the_best(processes, how):
     assert result.cost_after == min(r.cost_after for r in result.starts if np.isfinite(r.cost_after))
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_can_use_several_processes(tmp_path):
     import subprocess
     import sys

@@ -110,6 +110,7 @@ def test_the_choice_is_that_of_all_data(tmp_path, write, size, blocks, closeness
         assert other.rmse_after == pytest.approx(one.rmse_after, rel=0.01 * closeness)
 
 
+@pytest.mark.slow
 def test_a_step_chooses_its_factors_in_partitions(tmp_path):
     text = (
         FEW

@@ -193,6 +193,7 @@ def test_a_report_on_workers_has_the_same_figures(tmp_path, shared_cluster):
     assert figures[1] == figures[0]
 
 
+@pytest.mark.slow
 def test_processes_of_this_machine_give_the_same_bits(tmp_path):
     path = write_short(tmp_path)
     serial = calibrate(in_partitions(path, SIZE))

@@ -52,6 +52,7 @@ def cluster(certificates):
     started.close()
 
 
+@pytest.mark.slow
 def test_a_calibration_through_tls_gives_the_same_bits(tmp_path, cluster, certificates):
     path = write_short(tmp_path)
     names = dict(zip(KEYS, (str(certificates / name) for name in RIGHT), strict=True))

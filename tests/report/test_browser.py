@@ -46,6 +46,7 @@ def lines_of_tooltip(page: Any) -> list[str]:
     return page.locator(".tooltip").evaluate("node => [...node.children].map(child => child.textContent)")
 
 
+@pytest.mark.slow
 def test_a_strip_zooms_by_dragging_and_by_keys_and_a_double_click_shows_the_whole(show):
     page = show(a_map)
     strip = canvas_of(page, "strip")

@@ -116,6 +116,7 @@ def test_a_stopped_static_training_returns_the_best_so_far(method, times):
     assert rows(stopped)["b", "static"].rmse < 60
 
 
+@pytest.mark.slow
 def test_a_training_that_is_stopped_at_once_is_shorter_than_a_whole_one():
     whole, asked = After(10**6), After(0)
     settings = tank_settings(hold=None, lags="auto", output_lags="auto", centres=3, longest_lag=1)

@@ -160,6 +160,7 @@ def test_a_crash_after_the_work_is_a_warning(tmp_path: Path) -> None:
     assert "warning: lag.fmu: its code crashed when the program ended: aborted (SIGABRT)" in err
 
 
+@pytest.mark.slow
 @POSIX
 def test_output_and_exit_status_are_those_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     project = write_fmu_project(tmp_path)

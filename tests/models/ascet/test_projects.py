@@ -187,6 +187,7 @@ TorquePredict = product - dragTorque
 """
 
 
+@pytest.mark.slow
 def test_the_torque_model_is_that_of_the_formula_and_calibrates_to_the_same_bits(tmp_path):
     model = class_model(tmp_path, TORQUE)
     written = kf.formula(FORMULA, parameters=model.values)

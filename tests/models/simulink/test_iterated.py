@@ -205,6 +205,7 @@ def test_a_limit_without_a_value_is_told_by_name(tmp_path):
         imported(loop(summing, IterationLimit="lost"), tmp_path, parameters=[GIVEN])
 
 
+@pytest.mark.slow
 def test_loops_within_loops_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(hierarchy, "_MAX_BLOCKS", 5000)
     drawn = Model(step="0.1", solver="FixedStepDiscrete")
