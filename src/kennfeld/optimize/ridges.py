@@ -47,7 +47,9 @@ def lower_values(objective: LeastSquaresObjective, values: Float, cost: float, l
 
 def _draw(random: np.random.Generator, sizes: tuple[float, float], count: int) -> Float:
     """Return steps of either sign whose sizes are uniform in their logarithm, Float[count]."""
-    return random.choice([-1.0, 1.0], count) * np.exp(random.uniform(*np.log(sizes), count))
+    low, high = np.log(sizes).tolist()
+    steps: Float = random.choice([-1.0, 1.0], count) * np.exp(random.uniform(low, high, count))
+    return steps
 
 
 def _null_space(objective: LeastSquaresObjective, values: Float, limits: LinearLimits) -> Float:
@@ -65,4 +67,5 @@ def _null_space(objective: LeastSquaresObjective, values: Float, limits: LinearL
     null = np.zeros((basis.shape[1], values.size))
     null[:, moving] = echelon(basis, pivots(basis)).T / lengths[moving]  # each the only one with a part in some value
     size = np.where(values != 0, np.abs(values), 1.0)
-    return null / np.max(np.abs(null) / size, axis=1, initial=1e-300)[:, None]
+    null /= np.max(np.abs(null) / size, axis=1, initial=1e-300)[:, None]
+    return null
