@@ -99,7 +99,7 @@ def test_locked_values_stay_and_equalities_hold():
     rows = LinearRows.of(np.array([[1.0, 1.0, 0.0]]), np.array([1.5]), np.array([1.5]), ["the sum"])
     limits = LinearLimits(np.array([0.0, 0.0, 0.25]), np.array([2.0, 2.0, 0.25]), rows)
     function = Function(lambda values: (values[0] - 1.2) ** 2 + 1.0)
-    end = global_search(function, np.array([0.0, 1.5, 0.25]), limits, GlobalSettings(300))
+    end = global_search(function, np.array([0.0, 1.5, 0.25]), limits, GlobalSettings(600))
     assert end.values == pytest.approx([1.2, 0.3, 0.25], abs=1e-4)
     asked = np.array(function.asked)
     assert np.all(asked[:, 2] == 0.25)
