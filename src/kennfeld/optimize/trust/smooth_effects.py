@@ -88,16 +88,17 @@ def _smooth_share(
 def _visits(compiled: CompiledProblem, count: int, lags: Int) -> tuple[Int, Int]:
     """Return the visits of some samples, and of those at each lag after them in the same piece, Int[lags, samples]."""
     samples = compiled.samples
-    total = samples.count
-    numbers = np.arange(total) if samples.order is None else samples.order.astype(np.int64)
-    visit_of = np.full(int(numbers.max(initial=-1)) + 2, -1)
-    visit_of[numbers] = np.arange(total)
-    piece = np.full(total, -1)
-    for number, each in enumerate(samples.pieces):
-        piece[each.first : each.last] = number
-    firsts = np.sort(numbers)[np.linspace(0, total - 1, min(max(count, 1), total)).astype(np.int64)]
-    places = np.minimum(firsts + lags[:, None], visit_of.size - 1)
-    visits = visit_of[places]
-    inside = (visits >= 0).all(axis=0)
-    inside &= (piece[visits] == piece[visits[0]]).all(axis=0)
+    total, order = samples.count, samples.order
+    chosen = np.linspace(0, total - 1, min(max(count, 1), total)).astype(np.int64)
+    if order is None:
+        firsts = chosen
+        visits = np.where(firsts + lags[:, None] < total, firsts + lags[:, None], -1)
+    else:
+        visit_of = np.full(int(order.max(initial=0)) + 2, -1, dtype=np.int32)
+        visit_of[order] = np.arange(total, dtype=np.int32)
+        firsts = np.sort(order)[chosen].astype(np.int64)
+        visits = visit_of[np.minimum(firsts + lags[:, None], visit_of.size - 1)].astype(np.int64)
+    begins = np.sort([piece.first for piece in samples.pieces])
+    piece = np.searchsorted(begins, visits, side="right")
+    inside = (visits >= 0).all(axis=0) & (piece == piece[0]).all(axis=0)
     return firsts[inside], visits[:, inside]
