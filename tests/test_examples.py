@@ -69,7 +69,7 @@ LONG = {  # documents whose fits take several seconds
 LONGEST = {  # documents with several fits of different projects
     *("commands.md", "get-started.md", "results.md", "how-to/delay.md", "how-to/smoothness.md"),
     *("tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md", "tutorials/torque.md"),
-    *("how-to/ci.md", "tutorials/two-days.md"),
+    "how-to/ci.md",
 }
 
 
