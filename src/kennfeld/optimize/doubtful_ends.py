@@ -9,7 +9,7 @@ from kennfeld.optimize.solver.certificate import Certificate
 
 STEEP = 1e-2  # share of the cost that an undamped step may promise without a warning, after it was tried
 NOTICEABLE = 0.25, 0.05  # variances of the noise that it may promise, and as many for each fitted value
-POOR = -1e-6  # R2 below which it is no rounding of 0
+POOR = -1e-6  # R2 that is clearly below 0, not its rounding
 SLOPED = 1e-4  # cosine between residuals and a column of J from which a value should have moved
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 

@@ -302,6 +302,11 @@ class FitRun:
                 end = replace(end, status="failed", message=message)
         return end.with_effort_of(ends)
 
+    def _descend(self, start: Float, limits: LinearLimits, *, remembers_scale: bool = False) -> SolverResult:
+        """Descend from other values on the model as it is; see `SolverSettings.remembers_scale`."""
+        settings = replace(self.options.settings, remembers_scale=remembers_scale)
+        return levenberg_marquardt(self.objective, start, limits, settings, partial(self.record, "plain"))
+
     def _leave_saturation(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search again if parameters ran to where they have all but lost their effect.
 
@@ -311,7 +316,6 @@ class FitRun:
         """
         if end.status != "converged" or end.cost == 0 or self.options.method == "global":
             return end
-        settings, report = self.options.settings, partial(self.record, "plain")
         ends = [end]
         for remembers in (False, True):
             values = self.objective.with_effect(end.values, start)
@@ -320,8 +324,7 @@ class FitRun:
             values = start if remembers else values
             if limits.violation(values) > max(limits.violation(end.values), FEASIBLE):
                 continue
-            way = replace(settings, remembers_scale=remembers)
-            ends.append(levenberg_marquardt(self.objective, values, limits, way, report))
+            ends.append(self._descend(values, limits, remembers_scale=remembers))
             if ends[-1].cost < (1 - UNCHANGED) * end.cost:
                 end = ends[-1]
         return end.with_effort_of(ends)
@@ -336,8 +339,7 @@ class FitRun:
             lower = lower_values(self.objective, end.values, end.cost, limits)
             if lower is None:
                 break
-            report = partial(self.record, "plain")
-            ends.append(levenberg_marquardt(self.objective, lower, limits, self.options.settings, report))
+            ends.append(self._descend(lower, limits))
             if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
                 break
             end = ends[-1]
@@ -396,8 +398,7 @@ class FitRun:
         certified = end.certificate is not None or self.outputs is not None or self.options.method == "global"
         if end.status != "converged" or certified or end.cost == 0:
             return end
-        report = partial(self.record, "plain")
-        again = levenberg_marquardt(self.objective, end.values, limits, self.options.settings, report)
+        again = self._descend(end.values, limits)
         kept = again.cost < (1 - UNCHANGED) * end.cost and not missed_limits(again.values, limits)
         return again.with_effort_of([end, again]) if kept else end
 
@@ -414,8 +415,7 @@ class FitRun:
 
         A faint value that had moved far follows the noise of some samples, which costs a little to undo.
         """
-        report = partial(self.record, "plain")
-        again = levenberg_marquardt(self.objective, values, limits, self.options.settings, report)
+        again = self._descend(values, limits)
         unmoved = np.array_equal(again.values[faint], values[faint])
         if self.outputs is not None and not self.outputs.is_satisfied(again.values):
             return end

@@ -15,6 +15,10 @@ MAX_NAMES = 5  # of parameters in a warning
 
 def jumps_of(problem: Problem) -> tuple[Event, ...]:
     """Return the discontinuities that a criterion feels and whose time depends on free values."""
+    return problem.once("jumps", _jumps_of)  # the search for them evaluates the function many times
+
+
+def _jumps_of(problem: Problem) -> tuple[Event, ...]:
     return events(problem.graph, problem.free_names, [difference(i) for i in range(len(problem.criteria))])
 
 

@@ -12,7 +12,7 @@ from kennfeld.arrays import Float
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import FEASIBLE
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
-from kennfeld.optimize.trust.information_matrix import echelon, pivots
+from kennfeld.optimize.trust.information_matrix import Spectrum, echelon, pivots
 
 ALIKE = 1e-4  # singular value of the Jacobian with columns of length 1, relative to the largest
 LONG, SHORT = (0.1, 5.0), (1e-3, 0.3)  # steps, in sizes of the values
@@ -59,13 +59,10 @@ def _null_space(objective: LeastSquaresObjective, values: Float, limits: LinearL
     moving = np.flatnonzero(limits.movable & (lengths > 0))
     if moving.size < 2 or not np.all(np.isfinite(lengths)):
         return np.zeros((0, values.size))
-    triangle = np.linalg.qr(jacobian[:, moving] / lengths[moving], mode="r")
-    _, singular, turned = np.linalg.svd(triangle)
-    shares = np.zeros(moving.size)
-    shares[: singular.size] = singular / singular[0]
-    basis = turned[shares <= ALIKE].T
-    null = np.zeros((basis.shape[1], values.size))
-    null[:, moving] = echelon(basis, pivots(basis)).T / lengths[moving]  # each the only one with a part in some value
+    spectrum = Spectrum.of_rows(jacobian[:, moving], ALIKE)
+    null = np.zeros((spectrum.null.shape[1], values.size))
+    # each the only one with a part in some value
+    null[:, moving] = echelon(spectrum.null, pivots(spectrum.null)).T / spectrum.scale
     size = np.where(values != 0, np.abs(values), 1.0)
     null /= np.max(np.abs(null) / size, axis=1, initial=1e-300)[:, None]
     return null

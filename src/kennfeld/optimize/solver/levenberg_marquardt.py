@@ -439,7 +439,7 @@ class _LevenbergMarquardt:
         """End as converged where the undamped step promises nothing, or was tried; otherwise go on.
 
         The descent has failed if trying has not helped though it promises to halve a cost that is not rounding, or if
-        no step at all was possible from a slope that is no kink's; unless the cost rises to both sides of each value.
+        no step at all was possible from a steep start; unless the cost rises to both sides of each value.
         """
         state = self.state
         if state.remembers_scale:

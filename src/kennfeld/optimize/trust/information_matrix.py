@@ -218,13 +218,16 @@ class Spectrum:
         return cls(scale, inverse, loose, vectors[:, weakest], values[weakest])
 
     @classmethod
-    def of_rows(cls, rows: Float) -> "Spectrum":
-        """Analyse H = J'J from J, which avoids the loss of digits in the product."""
+    def of_rows(cls, rows: Float, nothing: float = NOTHING) -> "Spectrum":
+        """Analyse H = J'J from J, which avoids the loss of digits in the product.
+
+        `nothing` is the singular value, relative to the largest, up to which a direction counts as undetermined.
+        """
         scale = np.sqrt(np.einsum("ij,ij->j", rows, rows))
         triangle = np.linalg.qr(rows / scale, mode="r")
         missing = max(scale.size - len(triangle), 0)
         _, singular, turned = np.linalg.svd(np.vstack([triangle, np.zeros((missing, scale.size))]))
-        null = int(np.sum(singular <= NOTHING * singular[:1]))
+        null = int(np.sum(singular <= nothing * singular[:1]))
         return cls._of(scale, singular[::-1] ** 2, turned[::-1].T, null)
 
     @classmethod
