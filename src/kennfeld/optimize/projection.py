@@ -69,8 +69,8 @@ def leaves_room(values: Float, limits: LinearLimits, which: Bool) -> bool:
     program, factor = QuadraticProgram(narrow), Factor.of(np.diag(1 / size))
     for sign in (1.0, -1.0):
         step = np.where(pushed, sign * shares * size, 0.0)
-        left = program.solve(factor, step, here).apply_to(here, narrow) - here
-        if np.any(np.abs(left[pushed]) > UNMOVED * size[pushed]):
+        movement = program.solve(factor, step, here).apply_to(here, narrow) - here
+        if np.any(np.abs(movement[pushed]) > UNMOVED * size[pushed]):
             return True
     return False
 

@@ -58,17 +58,17 @@ def _rows_of_group(x: Float, firsts: Int, lasts: Int, group: int) -> list[tuple[
     after = int(firsts[group + 1]) if group + 1 < firsts.size else last
     points = [before, first, last, after]
     # the slopes on both sides, over these points; 0 beyond an end
-    left = np.array([-1.0, 1.0, 0.0, 0.0]) / (x[first] - x[before]) if before < first else np.zeros(4)
-    right = np.array([0.0, 0.0, -1.0, 1.0]) / (x[after] - x[last]) if last < after else np.zeros(4)
+    slope_before = np.array([-1.0, 1.0, 0.0, 0.0]) / (x[first] - x[before]) if before < first else np.zeros(4)
+    slope_after = np.array([0.0, 0.0, -1.0, 1.0]) / (x[after] - x[last]) if last < after else np.zeros(4)
     # a and b; the distances include the group, as those of second differences include both neighbours
     a = 2 / (x[last] - x[before]) if before < first else 0.0
     b = 2 / (x[after] - x[first]) if last < after else 0.0
     rows = []
     if first == last and a and b:
-        rows.append((points, (2 / (x[after] - x[before]) * (right - left)).tolist()))
+        rows.append((points, (2 / (x[after] - x[before]) * (slope_after - slope_before)).tolist()))
     elif a and b:
-        rows.append((points, (a * b / np.hypot(a, b) * (right - left)).tolist()))
-    slope = (a**2 * left + b**2 * right) / (a**2 + b**2)
+        rows.append((points, (a * b / np.hypot(a, b) * (slope_after - slope_before)).tolist()))
+    slope = (a**2 * slope_before + b**2 * slope_after) / (a**2 + b**2)
     for point in range(first + 1, last + 1):
         # z_point - z_first - slope (x_point - x_first)
         tie = (np.hypot(a, b) / CLOSE) * np.append([-1.0, 1.0], -slope * (x[point] - x[first]))

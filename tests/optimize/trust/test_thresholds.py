@@ -51,15 +51,15 @@ def test_after_a_global_search_a_threshold_is_known_between_samples():
     options = kf.Options(method="global", max_evaluations=400)
     result = kf.calibrate(TEXT, data, start(6.5, 3.5), target="z", options=options)
     assert result.warnings == ()
-    found = [direction for direction in result.trust.directions if "between" in direction.sentence]
-    for direction in found:
+    intervals = [direction for direction in result.trust.directions if "between" in direction.sentence]
+    for direction in intervals:
         (name,) = direction.parts
         words = direction.sentence.split()
         low, high = (float(words[words.index("between") + i].rstrip(";")) for i in (1, 3))
         assert low < result.parameters[name].value < high
         assert np.abs(u - low).min() < 1e-4
         assert np.abs(u - high).min() < 1e-4
-    assert {name for direction in found for name in direction.parts} == {"on", "off"}
+    assert {name for direction in intervals for name in direction.parts} == {"on", "off"}
 
 
 def test_the_interval_of_a_step_lies_between_its_neighbours():

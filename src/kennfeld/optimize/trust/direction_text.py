@@ -113,10 +113,10 @@ class Describer:
 
     def jumping(self, name: str, where: Bool) -> Direction:
         """Describe values as which change the cost jumps, without a derivative."""
-        one = np.count_nonzero(where) == 1
+        single = np.count_nonzero(where) == 1
         sentence = (
-            f"The cost jumps as {self._some_values(name, where)} {'changes' if one else 'change'}, which derivatives "
-            f"do not show; kept at {'its start value' if one else 'their start values'}."
+            f"The cost jumps as {self._some_values(name, where)} {'changes' if single else 'change'}, which "
+            f"derivatives do not show; kept at {'its start value' if single else 'their start values'}."
         )
         remedy = f'Search with method = "global", and bounds for {name}.'
         return _undetermined(sentence, remedy, name, where, (Remedy(locks={name: where}),))

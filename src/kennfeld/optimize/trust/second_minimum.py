@@ -114,10 +114,10 @@ def _find_fold(curvature_at: Callable[[float], float], here: float, way: float, 
     for _ in range(2):
         if not abs(fold) <= reach / 2:
             return None
-        left = curvature_at(fold) / here
-        if left <= VANISHED:
+        ratio = curvature_at(fold) / here
+        if ratio <= VANISHED:
             return float(fold)
-        fold = fold / (1 + np.sqrt(left))  # the root is negative there
+        fold = fold / (1 + np.sqrt(ratio))  # the root is negative there
     return None
 
 

@@ -56,8 +56,8 @@ def _lasts(group: Group) -> bool:
 
 def _raised(group: Group, used: float, smooth: float) -> Group:
     persistence = max(group.correlation.inflation(group.count, max(used, 1.0), smooth), group.persistence)
-    left = group.count - used * (1 + smooth * (persistence - 1))
-    ratio = (group.count - used) / max(left, MIN_LEFT * group.count)
+    freedom = group.count - used * (1 + smooth * (persistence - 1))
+    ratio = (group.count - used) / max(freedom, MIN_LEFT * group.count)
     # without its correlation, a group is not raised again
     return replace(group, persistence=persistence * max(ratio, 1.0), correlation=Correlation())
 
