@@ -183,6 +183,10 @@ def test_a_byte_order_mark_and_windows_line_ends_are_accepted(shop):
         ("[parameters.Gain]\nx = {breakpoints = 3}", "x breakpoints: must be a list of finite numbers"),
         ("[parameters.Gain]\nx = {begin = 0, end = 1}", "x: the axis has only begin, end"),
         ("[parameters.Gain]\nx = {begin = 1, end = 0, count = 3}", "x end: must be > begin = 1, got 0"),
+        (
+            "[parameters.Gain]\nx = {begin = -1e308, end = 1e308, count = 3}",
+            "x end: is too far from begin = -1e+308, got 1e+308",
+        ),
         ("[parameters.Gain]\nx = {begin = 0, end = 1, count = 1}", "x count: must be an integer >= 2, got 1"),
         ("[parameters.Gain]\nx = {begin = 0, end = 1, count = 999999}", "must be <= 100000, got 999999"),
         ("[parameters.Gain]\nx = {breakpoints = [1, 2], count = 2}", "breakpoints contradict begin, end and count"),

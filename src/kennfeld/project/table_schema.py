@@ -1,5 +1,6 @@
 """The sections of tables in a project file: `[parameters.NAME]` and `[axes.NAME]`."""
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import Literal
 
@@ -91,7 +92,10 @@ class GroupAxisEntry:
             return self.breakpoints
         if self.begin is None or self.end is None or not self.count:
             return ()
-        return tuple(np.linspace(self.begin, self.end, self.count).tolist())
+        if not math.isfinite(self.end - self.begin):
+            return ()  # reported by `problems`
+        with np.errstate(over="ignore"):  # rounding may carry the last one beyond all numbers; it is `end`
+            return tuple(np.linspace(self.begin, self.end, self.count).tolist())
 
     @property
     def quantiles(self) -> int:
@@ -122,6 +126,8 @@ class GroupAxisEntry:
         elif self.begin is not None and self.end is not None and self.count:
             if not self.begin < self.end:
                 yield "end", f"must be > begin = {self.begin:g}, got {self.end:g}", "Swap them."
+            elif not math.isfinite(self.end - self.begin):
+                yield "end", f"is too far from begin = {self.begin:g}, got {self.end:g}", "Write physical values."
         elif uniform or not (self.count or self.is_free):
             keys = f"only {', '.join(present)}" if present else "no breakpoints"
             yield "", f"the axis has {keys}", f"Write {self._forms}."
