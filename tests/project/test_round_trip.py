@@ -40,7 +40,7 @@ def table_of(form):
 def entry_of(entry, **further):
     """Entries with any of the keys."""
     keys = {part.name: strategy(forms.form_of(part)) for part in forms.keys_of(entry).values()}
-    needed = {part.name for part in forms.keys_of(entry).values() if forms.is_required(part)}
+    needed = [part.name for part in forms.keys_of(entry).values() if forms.is_required(part)]
     others = {"location": KeyLocation(), "name": "m"} | further
     others = {part: value for part, value in others.items() if part in entry.__dataclass_fields__ and part not in keys}
     required = {name: keys.pop(name) for name in needed}
