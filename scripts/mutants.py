@@ -4,8 +4,9 @@
     python scripts/mutants.py --count 100 --seed 0
 
 Lines of the package are drawn at random. In a copy, an operator, a constant or a condition of each is changed; then the
-tests that execute the line run, the cheapest first, until one fails. Which tests execute it is read from the data of
-the coverage run, and what they cost from its table.
+tests that execute the line run until one fails: those that mirror the module, then the others, the cheapest first.
+Which tests execute it is read from the data of the coverage run, and what they cost from its table. `--cpu` bounds what
+the tests of a mutant cost in total.
 """
 
 import argparse
@@ -20,7 +21,8 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import accumulate
+from pathlib import Path, PurePosixPath
 from queue import SimpleQueue
 from typing import Any
 
@@ -31,17 +33,26 @@ from mutations import Mutation, mutations
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "kennfeld"
 SELECTED = "KENNFELD_SELECTED_TESTS"  # names the file that lists the tests to run, in this order
-LONGEST = 1800.0  # s for the tests of a mutant; an endless loop is caught
+START = 300.0  # s until tests have been collected, on a busy machine
+SLOWER = 10.0  # as many times what tests cost is waited for their end; an endless loop is caught
 PASSED, NO_TESTS = 0, 5  # exit statuses of pytest
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """A mutation of a file of the package, and the tests that execute its line, the cheapest first."""
+    """A mutation of a file of the package, and the tests of its line in the order in which they run.
+
+    Args:
+        path: of the file.
+        mutation: the fault.
+        tests: that execute the line, within the limit of CPU; those that mirror the module first.
+        left_out: number of tests that execute the line, too, but exceed the limit.
+    """
 
     path: Path
     mutation: Mutation
     tests: tuple[str, ...]
+    left_out: int = 0
 
     @property
     def text(self) -> str:
@@ -50,7 +61,7 @@ class Mutant:
 
 
 def draw(
-    count: int, seed: int, tests_by_line: dict[Path, dict[int, list[str]]], costs: dict[str, float]
+    count: int, seed: int, tests_by_line: dict[Path, dict[int, list[str]]], costs: dict[str, float], cpu: float
 ) -> list[Mutant]:
     """Return mutants of lines drawn from all lines of the package that can be mutated."""
     by_line: dict[tuple[Path, int], list[Mutation]] = {}
@@ -60,9 +71,23 @@ def draw(
     generator = random.Random(seed)
     mutants = []
     for path, line in generator.sample(sorted(by_line), count):
-        tests = sorted(tests_by_line.get(path, {}).get(line, ()), key=lambda test: (costs.get(test, 0.0), test))
-        mutants.append(Mutant(path, generator.choice(by_line[path, line]), tuple(tests)))
+        candidates = tests_by_line.get(path, {}).get(line, [])
+        tests = in_order(candidates, path, costs, cpu)
+        mutants.append(Mutant(path, generator.choice(by_line[path, line]), tests, len(candidates) - len(tests)))
     return mutants
+
+
+def in_order(tests: Sequence[str], path: Path, costs: dict[str, float], cpu: float) -> tuple[str, ...]:
+    """Return the tests that mirror a file, then the others, the cheapest first, as many as cost at most `cpu` s."""
+    order = sorted(tests, key=lambda test: (not mirrors(test, path), costs.get(test, 0.0), test))
+    totals = accumulate(costs.get(test, 0.0) for test in order)
+    return tuple(test for test, total in zip(order, totals, strict=True) if total <= cpu)
+
+
+def mirrors(test: str, path: Path) -> bool:
+    """Return whether a test is in the folder that mirrors that of a file of the package."""
+    folder = path.parent.relative_to(PACKAGE).as_posix()
+    return PurePosixPath(test.partition("::")[0]).parent.as_posix() == str(PurePosixPath("tests") / folder)
 
 
 def executed(data_file: Path) -> dict[Path, dict[int, list[str]]]:
@@ -89,45 +114,38 @@ def _tests(contexts: Iterable[str]) -> list[str]:
     return sorted({context.partition("|")[0] for context in contexts if context})
 
 
-def is_caught(mutant: Mutant, copy: Path) -> bool:
+def is_caught(mutant: Mutant, copy: Path, costs: dict[str, float]) -> bool:
     """Run the tests of a mutant on a copy of the package; a mutant that no test executes is not caught."""
-    if not mutant.tests:
-        return False
+    near = [test for test in mutant.tests if mirrors(test, mutant.path)]
     source = mutant.path.read_text(encoding="utf-8")
     target = copy / mutant.path.relative_to(PACKAGE.parent)
-    chosen = copy / "tests.txt"
-    chosen.write_text("\n".join(mutant.tests), encoding="utf-8")
-    files = sorted({test.partition("::")[0] for test in mutant.tests})
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-x",
-        "-q",
-        "-n",
-        "0",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        Path(__file__).stem,
-    ]
-    paths = os.pathsep.join([str(copy), str(Path(__file__).parent)])
-    environment = os.environ | {"PYTHONPATH": paths, SELECTED: str(chosen), "KENNFELD_CACHE": str(copy / "cache")}
     target.write_text(mutant.mutation.apply(source), encoding="utf-8")
     try:
+        return any(fails(tests, copy, costs) for tests in (near, mutant.tests[len(near) :]) if tests)
+    finally:
+        target.write_text(source, encoding="utf-8")
+
+
+def fails(tests: Sequence[str], copy: Path, costs: dict[str, float]) -> bool:
+    """Return whether one of the tests fails, or runs without end, on a copy of the package."""
+    selected = copy / "tests.txt"
+    selected.write_text("\n".join(tests), encoding="utf-8")
+    paths = os.pathsep.join([str(copy), str(Path(__file__).parent)])
+    environment = os.environ | {"PYTHONPATH": paths, SELECTED: str(selected), "KENNFELD_CACHE": str(copy / "cache")}
+    options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-p", Path(__file__).stem, "-m", "slow or not slow"]
+    files = sorted({test.partition("::")[0] for test in tests})
+    try:
         run = subprocess.run(
-            [*command, "-m", "slow or not slow", *files],
+            [sys.executable, "-m", "pytest", *options, *files],
             cwd=ROOT,
             env=environment,
-            timeout=LONGEST,
+            timeout=START + SLOWER * sum(costs.get(test, 0.0) for test in tests),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             check=False,
         )
     except subprocess.TimeoutExpired:
         return True
-    finally:
-        target.write_text(source, encoding="utf-8")
     return run.returncode not in (PASSED, NO_TESTS)
 
 
@@ -137,6 +155,15 @@ def pytest_collection_modifyitems(config: Any, items: list[Any]) -> None:
     order = {name: k for k, name in enumerate(names)}
     config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in order])
     items[:] = sorted((item for item in items if item.nodeid in order), key=lambda item: order[item.nodeid])
+
+
+def outcome(mutant: Mutant, caught: bool) -> str:
+    if caught:
+        return "caught"
+    if not mutant.tests and not mutant.left_out:
+        return "not executed"
+    limit = f", {mutant.left_out} beyond the limit of CPU" if mutant.left_out else ""
+    return f"missed by {len(mutant.tests)} tests{limit}"
 
 
 @contextmanager
@@ -161,25 +188,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--coverage", type=Path, default=ROOT / ".coverage", help="data of a run with --cov-context=test"
     )
     parser.add_argument("--costs", type=Path, default=ROOT / "test-costs.csv", help="table of a run with --cost")
+    parser.add_argument(
+        "--cpu", type=float, default=300.0, metavar="SECONDS", help="what the tests of a mutant may cost in total"
+    )
     options = parser.parse_args(arguments)
     with options.costs.open(encoding="utf-8", newline="") as file:
         costs = {row["test"]: float(row["cpu"]) for row in csv.DictReader(file)}
-    mutants = draw(options.count, options.seed, executed(options.coverage), costs)
+    mutants = draw(options.count, options.seed, executed(options.coverage), costs, options.cpu)
 
     with copies(options.processes) as queue, ThreadPoolExecutor(options.processes) as pool:
 
         def test(mutant: Mutant) -> bool:
             copy = queue.get()
             try:
-                return is_caught(mutant, copy)
+                return is_caught(mutant, copy, costs)
             finally:
                 queue.put(copy)
 
         caught = 0
         for mutant, result in zip(mutants, pool.map(test, mutants), strict=True):
             caught += result
-            word = "caught" if result else "missed" if mutant.tests else "not executed"
-            print(f"{word}: {mutant.text}", flush=True)
+            print(f"{outcome(mutant, result)}: {mutant.text}", flush=True)
     print(f"{caught} of {len(mutants)} caught")
 
 

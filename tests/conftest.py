@@ -1,6 +1,6 @@
 """How every test runs: the same random cases each time, however slow the machine.
 
-A search for new ones is asked for: `pytest --hypothesis-profile=search`.
+New ones are explored on request: `pytest --hypothesis-profile=explore`.
 """
 
 import os
@@ -41,19 +41,19 @@ pytest_plugins = ["tests.costs"]
 PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 
 settings.register_profile("same", derandomize=True, **PATIENT)
-settings.register_profile("search", print_blob=True, **PATIENT)
+settings.register_profile("explore", derandomize=False, print_blob=True, **PATIENT)  # on servers of CI, too
 settings.load_profile("same")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep Hypothesis from drawing constants of the modules that are loaded, unless new cases are searched.
+    """Keep Hypothesis from drawing constants of the modules that are loaded, unless new cases are explored.
 
     Which are loaded depends on the tests before, and all of them are parsed for it.
     """
     with suppress(ImportError):  # older versions draw no constants
         from hypothesis.internal.conjecture import providers
 
-        if config.getoption("hypothesis_profile", None) is None and hasattr(providers, "_get_local_constants"):
+        if config.getoption("hypothesis_profile", None) != "explore" and hasattr(providers, "_get_local_constants"):
             providers._get_local_constants = lambda: providers._local_constants
 
 
