@@ -1,11 +1,13 @@
 """Projects whose data are evaluated in partitions give what they give in one piece, however the partitions are cut."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from pyarrow import parquet
 
+from kennfeld import column_file
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.errors import InputError
 from kennfeld.optimize import compiled as compiled_form
@@ -170,6 +172,30 @@ def test_a_damaged_entry_is_prepared_again(tmp_path):
     for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
         entry.write_bytes(entry.read_bytes()[:-50])
     assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
+
+
+def test_a_flipped_bit_in_an_entry_is_noticed(tmp_path, monkeypatch):
+    path = write_few(tmp_path)
+    values = CompiledProblem(Project.read(path).problem()).start
+    cost = CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values)
+    for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
+        content = bytearray(entry.read_bytes())
+        content[len(content) // 3] ^= 0x40
+        entry.write_bytes(content)
+    monkeypatch.setattr(column_file, "_checked", {})  # as in another process
+    assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
+
+
+def test_a_recording_of_the_same_size_and_time_is_another_one(tmp_path):
+    path = write_few(tmp_path)
+    file = tmp_path / "bench_0.csv"
+    os.utime(file, ns=(10**18, 10**18))
+    before = in_partitions(path, 150).problem().datasets[0]["torque"].values[1]
+    text = file.read_text(encoding="utf-8")
+    row = text.splitlines()[2]
+    file.write_text(text.replace(row, row[:-1] + ("1" if row[-1] != "1" else "2")), encoding="utf-8")
+    os.utime(file, ns=(10**18, 10**18))
+    assert in_partitions(path, 150).problem().datasets[0]["torque"].values[1] != before
 
 
 def test_the_folder_is_ignored_by_git(tmp_path):
