@@ -17,7 +17,8 @@ from typing import Any, ParamSpec, TypeVar
 
 from kennfeld.lazy_dataclass import dataclass
 
-_P, _R = ParamSpec("_P"), TypeVar("_R")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 SETTLED = 2_000_000_000  # ns; a file that was changed shorter before a look at it may change unnoticed
 ABSENT = "absent"  # the content of a file that does not exist
@@ -161,12 +162,6 @@ class FileVersion:
     content: str
 
     @classmethod
-    def of(cls, path: Path, times: tuple[int, ...]) -> "FileVersion | None":
-        """Return the version whose size and times were seen before it was read; None if it has changed since."""
-        version = cls.seen(path, times)
-        return version if version.is_present else None
-
-    @classmethod
     def seen(cls, path: Path, times: tuple[int, ...]) -> "FileVersion":
         """Return the version whose size and times were seen before it was read, whatever it is now."""
         try:
@@ -216,8 +211,8 @@ def while_unchanged(most: int) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]
                     if isinstance(value, Path):
                         note_opened(value)
                 result = read(*args, **kwargs)
-            versions = [version for item in opened.items() if (version := FileVersion.of(*item)) is not None]
-            if len(versions) == len(opened):  # none changed while it was read
+            versions = [FileVersion.seen(*item) for item in opened.items()]
+            if all(version.is_present for version in versions):  # none changed while it was read
                 with _lock:
                     kept[key] = versions, result
                     kept.move_to_end(key)
