@@ -19,7 +19,7 @@ from kennfeld.content_digest import digest_of
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph
 from kennfeld.graph.call_columns import CalledColumns, read_calls, unlocked_values
-from kennfeld.graph.external_function import is_sequential
+from kennfeld.graph.external_function import is_sequential, living_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.native.accumulator import Accumulator
@@ -205,7 +205,7 @@ class CompiledProblem:
         fixed = {n: problem.parameters[n].values for n in sorted(tables) if n not in problem.free_names}
         graphs = self._split.prepared, self._split.graph, self._lowered.axes, dict(self._lowered.shapes)
         layout = tuple(self.kernel.layout.inputs), self.weighting.inputs, self.form.restarts, self.form.step
-        texts = problem.criteria, dict(problem.channels), problem.model.step
+        texts = problem.criteria, dict(problem.channels), problem.model.step, living_functions(problem.graph.nodes)
         return digest_of(graphs, layout, fixed, texts, problem.target_sources, code_digest())
 
     def over_partition(self, recordings: Recordings, partition: Partition) -> "CompiledProblem":
