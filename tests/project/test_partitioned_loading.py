@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from kennfeld import column_file
+from kennfeld import column_file, file_state
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.errors import InputError
 from kennfeld.optimize import compiled as compiled_form
@@ -385,7 +385,8 @@ def test_the_folder_of_prepared_files_keeps_to_its_size(tmp_path):
     assert 0 < sum(sizes) <= max(10_000, max(sizes))
 
 
-def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path):
+def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(file_state, "SETTLED", -1)  # as if the files were two seconds old
     path = write_steady(tmp_path)
     first = in_partitions(path, 600)
     one = CompiledProblem(first.problem()).sums
