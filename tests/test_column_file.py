@@ -46,3 +46,14 @@ def test_a_failed_writing_leaves_the_file_as_it_was(tmp_path):
         write_columns(path, failing(), {})
     assert np.array_equal(read_columns(path).columns[0], np.arange(5.0))
     assert [entry.name for entry in tmp_path.iterdir()] == ["file.columns"]
+
+
+@pytest.mark.parametrize("place", [3, 100, -60, -30])
+def test_one_flipped_bit_anywhere_is_noticed(tmp_path, place):
+    path = tmp_path / "file.columns"
+    write_columns(path, [np.arange(5.0), np.arange(9)], {"name": "drive"})
+    assert read_columns(path) is not None
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+    assert read_columns(path) is None

@@ -1,25 +1,31 @@
 """Files of long columns that are read by mapping them into memory: nothing is loaded before it is used.
 
-The columns come first, each at a multiple of 64 bytes. A description in JSON, its length and a signature end the file,
-so that columns can be written one after the other. A file is written whole or not at all.
+The columns come first, each at a multiple of 64 bytes. A description in JSON, its length, the checksum of all before
+and a signature end the file, so that columns can be written one after the other. A file is written whole or not at all,
+and each process that reads it checks it once.
 """
 
 import json
 import mmap
+import os
 import struct
+import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.atomic_files import replace_atomically
 
-_SIGNATURE = b"kennfeld columns 1"
+_SIGNATURE = b"kennfeld columns 2"
 _ALIGNMENT = 64  # bytes
 _KINDS = ("<f8", "<i8", "<u4", "|b1")
-_END = struct.Struct(f"<Q{len(_SIGNATURE)}s")
+_LENGTH = struct.Struct("<Q")
+_END = struct.Struct(f"<I{len(_SIGNATURE)}s")
+_BLOCK = 1 << 20  # bytes
+_checked: dict[Path, tuple[int, int, int]] = {}  # files whose checksum is right
 
 
 class ColumnFile(NamedTuple):
@@ -38,7 +44,7 @@ def write_columns(path: Path, columns: Iterable[NDArray[Any]], notes: Mapping[st
         notes: read after the last column was made.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replace_atomically(path) as temporary, temporary.open("wb") as file:
+    with replace_atomically(path) as temporary, temporary.open("w+b") as file:
         parts = []
         for column in columns:
             kind = next(kind for kind in _KINDS if column.dtype == np.dtype(kind))
@@ -47,18 +53,21 @@ def write_columns(path: Path, columns: Iterable[NDArray[Any]], notes: Mapping[st
             file.write(np.ascontiguousarray(column).data)
         text = json.dumps({"columns": parts, "notes": dict(notes), "size": file.tell()}).encode()
         file.write(text)
-        file.write(_END.pack(len(text), _SIGNATURE))
+        file.write(_LENGTH.pack(len(text)))
+        size = file.tell()
+        file.seek(0)
+        file.write(_END.pack(_checksum(file, size), _SIGNATURE))
 
 
 def read_columns(path: Path) -> ColumnFile | None:
-    """Return the contents of a file; None if there is no such file, or if it was not written by `write_columns`."""
+    """Return the contents of a file; None if there is none, or if it is not as `write_columns` has written it."""
     try:
         with path.open("rb") as file:
+            if not _is_whole(path, file):
+                return None
             content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        length, signature = _END.unpack_from(content, len(content) - _END.size)
-        if signature != _SIGNATURE:
-            return None
-        end = len(content) - _END.size
+        end = len(content) - _END.size - _LENGTH.size
+        (length,) = _LENGTH.unpack_from(content, end)
         description = json.loads(content[end - length : end])
         if description["size"] != end - length:
             return None
@@ -66,3 +75,30 @@ def read_columns(path: Path) -> ColumnFile | None:
         return ColumnFile(description["notes"], columns)
     except (OSError, ValueError, KeyError, TypeError, struct.error):
         return None
+
+
+def _is_whole(path: Path, file: BinaryIO) -> bool:
+    """Return whether a file ends with its checksum and the signature; it is computed once, unless it is replaced."""
+    stat = os.fstat(file.fileno())
+    identity = stat.st_dev, stat.st_ino, stat.st_size
+    if _checked.get(path) == identity:
+        return True
+    size = stat.st_size - _END.size
+    file.seek(size)
+    checksum, signature = _END.unpack(file.read())
+    file.seek(0)
+    if signature != _SIGNATURE or checksum != _checksum(file, size):
+        return False
+    _checked[path] = identity
+    return True
+
+
+def _checksum(file: BinaryIO, size: int) -> int:
+    """Return the CRC-32 of the next bytes of a file, which are read, not mapped: they take no memory."""
+    result = 0
+    while size > 0:
+        block = file.read(min(size, _BLOCK))
+        if not block:
+            break
+        result, size = zlib.crc32(block, result), size - len(block)
+    return result

@@ -52,12 +52,3 @@ def _parts(value: Any) -> list[Any]:
     if is_dataclass(value):
         return [getattr(value, each.name) for each in fields(value)]
     raise TypeError(f"a {type(value).__name__} has no digest")
-
-
-def digest_of_sources(*folders: Path) -> str:
-    """Return the digest of all Python files directly in some folders, by content."""
-    digest = blake2b(digest_size=_SIZE)
-    for path in sorted(path for folder in folders for path in folder.glob("*.py")):
-        digest.update(path.name.encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from kennfeld.errors import InputError, Location
+from kennfeld.file_state import note_opened
 from kennfeld.formatting import nearest
 
 
@@ -17,10 +18,10 @@ def nearest_file(path: Path) -> str:
 def convert_errors(
     path: Path | str, message: str, remedy: str = "", *, missing: str = "", advice: str = ""
 ) -> Iterator[None]:
-    """Convert an `OSError` within the block to an `InputError`.
+    """Convert an `OSError` within the block to an `InputError`, and note that the file is opened.
 
     Args:
-        path: the file or folder.
+        path: the file or folder; what is remembered of it is so only while it is the same, see `while_unchanged`.
         message: what is impossible, such as "cannot be read"; the reason of the system follows.
         remedy: the remedy.
         missing: the message if the file does not exist, by default `message`.
@@ -29,6 +30,7 @@ def convert_errors(
     Raises:
         InputError: the system cannot read or write the file.
     """
+    note_opened(Path(path))
     try:
         yield
     except OSError as error:

@@ -10,6 +10,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
+from kennfeld.app.session.calibration_source import source_of
 from kennfeld.app.session.session import Session
 from kennfeld.errors import ArgumentError, InputError
 
@@ -222,6 +223,20 @@ def test_the_labels_of_an_a2l_file_are_listed(flash: Path) -> None:
     head = ask(Session(flash), "contents", source=file("ecu.a2l")).head
     (row,) = head["rows"]
     assert (row["name"], row["kind"], row["size"], row["greatest"]) == ("CurveEtaDeltaSpark", "curve", "12", 2.0)
+
+
+def test_values_follow_a_file_that_the_description_includes(flash: Path) -> None:
+    description, included = flash.parent / "ecu.a2l", flash.parent / "methods.a2l"
+    text = description.read_text(encoding="latin-1")
+    start = text.index("/begin COMPU_METHOD")
+    end = text.index("/end COMPU_METHOD") + len("/end COMPU_METHOD")
+    included.write_text(text[start:end], encoding="latin-1")
+    description.write_text(text[:start] + '/include "methods.a2l"' + text[end:], encoding="latin-1")
+    session = Session(flash)
+    before = source_of(session, file("ecu.hex", "ecu.a2l")).parameters["CurveEtaDeltaSpark"].values
+    included.write_text(text[start:end].replace("0 100 0", "0 200 0"), encoding="latin-1")
+    after = source_of(session, file("ecu.hex", "ecu.a2l")).parameters["CurveEtaDeltaSpark"].values
+    np.testing.assert_array_equal(after, before / 2)
 
 
 @pytest.mark.slow

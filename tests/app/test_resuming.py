@@ -50,7 +50,7 @@ def interrupt(path: Path, **optimizer: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("every", "folder"), [(0, ".kennfeld/saves"), pytest.param(2, "results/saves", marks=pytest.mark.slow)]
+    ("every", "folder"), [(0, ".kennfeld/kennfeld/saves"), pytest.param(2, "results/saves", marks=pytest.mark.slow)]
 )
 def test_an_interrupted_run_is_resumed_in_another_session(torque: Path, every: int, folder: str) -> None:
     interrupt(torque, save_every=every or None)
@@ -79,7 +79,7 @@ def test_a_run_that_converges_leaves_nothing_to_resume(exhaust: Path) -> None:
     wait_for_end(session)
     assert session.job.state == "converged"
     assert ask(session, "outcome").head["resumable"] == ""
-    assert not (exhaust.parent / ".kennfeld" / "saves").exists()
+    assert not (exhaust.parent / ".kennfeld" / "kennfeld" / "saves").exists()
     with pytest.raises(InputError, match="no checkpoint"):
         ask(session, "run", resume=True)
     assert session.job.state == "converged"

@@ -1,5 +1,6 @@
 """Sessions: edits that are followed at once, undo, and runs in a process of their own."""
 
+import os
 import time
 from pathlib import Path
 
@@ -105,3 +106,27 @@ def test_a_project_that_cannot_be_read_says_why(torque: Path) -> None:
     assert any("missing.kf" in str(finding) for finding in session.findings)
     with pytest.raises(InputError):
         session.run()
+
+
+def test_a_recording_that_is_replaced_is_noticed_and_read_before_a_run(exhaust: Path) -> None:
+    session = Session(exhaust)
+    assert not session.changed_on_disk
+    drive = exhaust.parent / "drive.csv"
+    stat, text = drive.stat(), drive.read_text(encoding="utf-8")
+    drive.write_text("\n".join(text.splitlines()[:2001]) + "\n", encoding="utf-8")
+    os.utime(drive, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    assert session.changed_files == [drive]
+    assert session.changed_on_disk
+    session.run()
+    session.close()
+    assert session.require_view().model.problem.datasets[0].samples == 1999  # below two lines of header
+    assert not session.changed_on_disk
+
+
+def test_what_the_app_saves_has_not_changed_on_disk(torque: Path) -> None:
+    session = Session(torque)
+    for _ in range(2):
+        raise_value(session, "MapOptTorque", 1.0)
+        session.save()
+        assert not session.changed_on_disk
+        session.refresh()

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kennfeld import file_state
 from kennfeld.errors import InputError
+from kennfeld.file_state import FileState
 from kennfeld.measurement import cache as caching
 from kennfeld.measurement.bus_databases import to_databases
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import read_leniently
 from tests.measurement.bus_files import DBC, drive, write_mf4
+from tests.measurement.test_diadem import GLOBAL, explicit
 
 TEXT = "time [s],Speed [rpm],Torque [Nm]\n0,1000,10\n0.1,1100,\n0.2,1200,12\n"
 
@@ -123,9 +126,9 @@ def test_a_file_that_was_touched_alone_is_not_read_anew(kept):
 
 def test_the_content_is_hashed_where_the_file_changed_and_not_otherwise(kept):
     hashed = []
-    state_of = caching._FileState.of
-    kept.patch.setattr(caching._FileState, "of", lambda path: hashed.append(path) or state_of(path))
-    kept.patch.setattr(caching, "_SETTLED", -1)
+    state_of = FileState.of
+    kept.patch.setattr(FileState, "of", lambda path: hashed.append(path) or state_of(path))
+    kept.patch.setattr(file_state, "SETTLED", -1)
     for _ in range(3):
         kept.speed()
     assert len(hashed) == 1
@@ -137,8 +140,8 @@ def test_the_content_is_hashed_where_the_file_changed_and_not_otherwise(kept):
 
 def test_a_file_that_was_written_a_moment_ago_is_hashed_each_time(kept):
     hashed = []
-    state_of = caching._FileState.of
-    kept.patch.setattr(caching._FileState, "of", lambda path: hashed.append(path) or state_of(path))
+    state_of = FileState.of
+    kept.patch.setattr(FileState, "of", lambda path: hashed.append(path) or state_of(path))
     for _ in range(3):
         kept.speed()
     assert len(hashed) == 3
@@ -271,7 +274,7 @@ def test_the_folder_ignores_itself(kept):
 
 def test_another_version_of_the_readers_reads_anew(kept):
     kept.speed()
-    kept.patch.setattr(caching, "_readers", lambda: [["reader.py", 1, 2]])
+    kept.patch.setattr(caching, "code_digest", lambda: "another")
     kept.speed()
     assert kept.reads == 2
 
@@ -319,3 +322,35 @@ def test_real_recordings_come_back_bit_for_bit(kept, real, name, raster):
         assert one.values.tobytes() == other.values.tobytes()
     assert (first.time is None) == (second.time is None)
     assert first.time is None or first.time.tobytes() == second.time.tobytes()
+
+
+def replace_unseen(path, content):
+    """Write other bytes of the same number, under the time of the old ones."""
+    stat = path.stat()
+    path.write_bytes(content)
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
+def test_files_of_values_beside_a_header_count(kept):
+    header = kept.file.with_suffix(".dat")
+    channel = explicit("Speed", "bench.r64", "REAL64", 3, unit="rpm")
+    header.write_text(f"{GLOBAL}#ENDGLOBALHEADER\n\n{channel}", encoding="latin-1")
+    header.with_name("bench.r64").write_bytes(np.array([1.0, 2.0, 3.0]).tobytes())
+    assert [kept.cache.read(header)["Speed"].values[0] for _ in range(2)] == [1.0, 1.0]
+    assert kept.reads == 1
+    replace_unseen(header.with_name("bench.r64"), np.array([7.0, 2.0, 3.0]).tobytes())
+    assert kept.cache.read(header)["Speed"].values[0] == 7.0
+    header.with_name("bench.r64").unlink()
+    with pytest.raises(InputError, match=r"bench\.r64"):
+        kept.cache.read(header)
+
+
+def test_a_relative_database_is_that_of_the_present_folder(kept, tmp_path, monkeypatch):
+    values = []
+    for folder, factor in (("first", "1"), ("second", "2")):
+        (tmp_path / folder).mkdir()
+        monkeypatch.chdir(tmp_path / folder)
+        Path("engine.dbc").write_text(DBC.replace("(1,-40)", f"({factor},-40)"), encoding="utf-8")
+        write_mf4(Path("drive.mf4"), drive())
+        values.append(kept.cache.read("drive.mf4", ["Temp"], databases=to_databases("engine.dbc"))["Temp"].values[0])
+    assert values == [80.0, 200.0]

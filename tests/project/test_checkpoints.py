@@ -1,6 +1,7 @@
 """States of a search in the results folder, and going on from them."""
 
 import json
+import tomllib
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from kennfeld import InputError, Stop, cli, read_parameters
 from kennfeld.calfiles import describe
 from kennfeld.project import Project
 from kennfeld.project.checkpoints import Saves
+from kennfeld.project.document import ProjectDocument
 from tests.draws import mostly_slow
 
 TEXT = "input x\nm = a * exp(b * x) + C(x)\n"
@@ -309,3 +311,47 @@ def test_breakpoints_that_move_are_saved_and_gone_on_from(make, tmp_path, monkey
     assert lines == []
     assert again.cost_after == pytest.approx(whole.cost_after, rel=1e-9)
     assert again.parameters["C"].axes[0].breakpoints.tolist() == whole.parameters["C"].axes[0].breakpoints.tolist()
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("[calibration]\nfree = ['a', 'b']\n[parameters.b]\ninitial = 0.0", "[calibration]\nfree = ['*']"),
+        ("[parameters.b]\nbounds = [-1, 1]", "[parameters.b]\nbounds = [-3, 3]"),
+        ("[[limit]]\nnode = 'm'\nmax = 1.0", ""),
+        ("[parameters.C]\nsmoothness = 1e3", "[parameters.C]\nsmoothness = 1.0"),
+        ("[optimizer]\ntolerance = 0.1", "[optimizer]\ntolerance = 1e-8"),
+    ],
+)
+def test_the_end_of_another_problem_is_no_end_of_this_one(make, before, after):
+    """A search under a limit ends where the cost without it is the same, but not least."""
+    solved = with_sections(make, after).calibrate()
+    with_sections(make, before).calibrate()
+    result = with_sections(make, after).calibrate(resume=True)
+    assert result.resumed == ("saves/1-end.json",)
+    assert result.status == "converged"
+    assert result.cost_after == pytest.approx(solved.cost_after, rel=1e-3)
+
+
+def with_sections(make, text):
+    """The project with keys of sections replaced by those of a text, and checkpoints."""
+    document = ProjectDocument(TOML)
+    for section, keys in tomllib.loads(text).items():
+        for key, value in keys.items() if isinstance(keys, dict) else [(None, keys)]:
+            if isinstance(value, dict):
+                for inner, number in value.items():
+                    document.set((section, key, inner), number)
+            else:
+                document.set((section,) if key is None else (section, key), value)
+    document.set(("optimizer", "save_every"), 2)
+    project = make()
+    project.path.write_text(document.text, encoding="utf-8")
+    return Project.read(project.path)
+
+
+def test_checkpoints_of_another_project_in_the_folder_are_not_resumed(make, tmp_path):
+    make(SAVING).calibrate()
+    other = tmp_path / "other.toml"
+    other.write_bytes((tmp_path / "kennfeld.toml").read_bytes())
+    with pytest.raises(InputError, match=r"Those in it are of kennfeld\.toml"):
+        Project.read(other).calibrate(resume=True)

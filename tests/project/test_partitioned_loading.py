@@ -1,11 +1,13 @@
 """Projects whose data are evaluated in partitions give what they give in one piece, however the partitions are cut."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from pyarrow import parquet
 
+from kennfeld import column_file, file_state
 from kennfeld.analysis.cross_validation import cross_validate
 from kennfeld.errors import InputError
 from kennfeld.optimize import compiled as compiled_form
@@ -170,6 +172,30 @@ def test_a_damaged_entry_is_prepared_again(tmp_path):
     for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
         entry.write_bytes(entry.read_bytes()[:-50])
     assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
+
+
+def test_a_flipped_bit_in_an_entry_is_noticed(tmp_path, monkeypatch):
+    path = write_few(tmp_path)
+    values = CompiledProblem(Project.read(path).problem()).start
+    cost = CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values)
+    for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
+        content = bytearray(entry.read_bytes())
+        content[len(content) // 3] ^= 0x40
+        entry.write_bytes(content)
+    monkeypatch.setattr(column_file, "_checked", {})  # as in another process
+    assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
+
+
+def test_a_recording_of_the_same_size_and_time_is_another_one(tmp_path):
+    path = write_few(tmp_path)
+    file = tmp_path / "bench_0.csv"
+    os.utime(file, ns=(10**18, 10**18))
+    before = in_partitions(path, 150).problem().datasets[0]["torque"].values[1]
+    text = file.read_text(encoding="utf-8")
+    row = text.splitlines()[2]
+    file.write_text(text.replace(row, row[:-1] + ("1" if row[-1] != "1" else "2")), encoding="utf-8")
+    os.utime(file, ns=(10**18, 10**18))
+    assert in_partitions(path, 150).problem().datasets[0]["torque"].values[1] != before
 
 
 def test_the_folder_is_ignored_by_git(tmp_path):
@@ -359,7 +385,8 @@ def test_the_folder_of_prepared_files_keeps_to_its_size(tmp_path):
     assert 0 < sum(sizes) <= max(10_000, max(sizes))
 
 
-def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path):
+def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(file_state, "SETTLED", -1)  # as if the files were two seconds old
     path = write_steady(tmp_path)
     first = in_partitions(path, 600)
     one = CompiledProblem(first.problem()).sums

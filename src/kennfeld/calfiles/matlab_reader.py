@@ -11,6 +11,7 @@ import numpy as np
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, UnreadableObject, Value, holds_samples, parameters_of
 from kennfeld.errors import InputError, Location
+from kennfeld.file_state import note_opened
 from kennfeld.matlab import values as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.mat_reader import read_nodes, to_value
@@ -116,10 +117,11 @@ def _neighbouring_files(source: CalibrationSource) -> Files:
     folder = None if source.path is None else source.path.parent
 
     def content(name: str) -> bytes | None:
-        if folder is None or "/" in name or "\\" in name or not (folder / name).is_file():
+        if folder is None or "/" in name or "\\" in name:
             return None
         file = folder / name
-        return file.read_bytes() if file.stat().st_size < _MAX_FILE_BYTES else None
+        note_opened(file)
+        return file.read_bytes() if file.is_file() and file.stat().st_size < _MAX_FILE_BYTES else None
 
     return content
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from hashlib import blake2b
 from importlib import import_module
 from pathlib import Path
+from secrets import token_hex
 from typing import NamedTuple, Protocol, cast
 
 import numpy as np
@@ -86,6 +87,8 @@ class ExternalFunction(NamedTuple):
         return f"external_{blake2b(content, digest_size=16).hexdigest()}"
 
 
+_PROCESS = token_hex(16)
+
 _gates: list[Callable[[ExternalFunction], None]] = []
 
 
@@ -94,6 +97,15 @@ class ExternalOutput(NamedTuple):
 
     function: ExternalFunction
     number: int
+
+
+def living_functions(nodes: Iterable[Node]) -> tuple[str, ...]:
+    """Return what tells the functions of this process that nodes call from those of every other process.
+
+    Their arguments are numbers that this process has given them; another one gives the same numbers to other functions.
+    """
+    functions = {node.payload.function for node in nodes if node.op == "external"}
+    return tuple(sorted(f"{f.symbol} {_PROCESS}" for f in functions if f.file is None))
 
 
 def is_sequential(node: Node) -> bool:

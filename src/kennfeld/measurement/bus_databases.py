@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.file_errors import convert_errors, nearest_file
+from kennfeld.file_state import while_unchanged
 from kennfeld.lazy_dataclass import dataclass
 
 if TYPE_CHECKING:
@@ -50,13 +51,12 @@ class DatabaseFile:
         if not self.path.is_file():
             remedy = nearest_file(self.path) or "Check the path of the CAN database."
             raise InputError.of(Location(str(self.path)), "there is no such file", remedy)
-        state = self.path.stat()
-        return _read_once(self.path, state.st_mtime_ns, state.st_size)
+        return _read_once(self.path)
 
 
-@lru_cache(maxsize=16)
-def _read_once(path: Path, modified: int, size: int) -> "BusDatabase":
-    """Read a file, which many recordings may need; `modified` and `size` tell whether it has changed."""
+@while_unchanged(16)
+def _read_once(path: Path) -> "BusDatabase":
+    """Read a file, which many recordings may need."""
     from kennfeld.measurement.dbc import read_database  # most runs read no bus log
 
     return read_database(path)

@@ -1,8 +1,8 @@
 """Cache of recordings that are slow to read.
 
-Its folder holds two kinds of files. `<file>.json` is a note on a measurement file: size, modification times and hash of
-the content. `<content>-<selection>-<check>.parquet` is a recording that was read from a content, stored without loss:
-`check` is the hash of the entry itself, so that a damaged one is ignored. If anything fails, the file itself is read.
+Its folder holds two kinds of files. `<file>.json` is a note on a recording: the sizes, the times and the hashes of its
+files. `<content>-<selection>-<check>.parquet` is a recording that was read from a content, stored without loss: `check`
+is the hash of the entry itself, so that a damaged one is ignored. If anything fails, the file itself is read.
 """
 
 import contextlib
@@ -13,8 +13,6 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field, fields, replace
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +20,14 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
+from kennfeld.code_digest import code_digest
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.file_state import FileState, digest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.arrow_numbers import array_of, view_of
 from kennfeld.measurement.bus_databases import DatabaseFile
+from kennfeld.measurement.companions import files_of
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
 
@@ -41,9 +42,8 @@ _WORTH = {
 }  # s of reading that make an entry worthwhile
 _WORTH_ELSE = 0.2
 _MAX_SIZE = 2_000_000_000  # bytes of a folder
-_SETTLED = 2_000_000_000  # ns; a file that was changed shorter before it was hashed may change unnoticed
 _STALE = 3600.0  # s; older temporary files belong to a process that has ended
-_ERRORS = (OSError, ValueError, KeyError, TypeError, RecursionError)
+_ERRORS = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError)
 
 
 def to_parquet(dataset: Dataset) -> bytes | None:
@@ -111,40 +111,33 @@ def _numbers(column: Any) -> Float:
 
 
 @dataclass(frozen=True)
-class _FileState:
-    """State of a measurement file when its content was hashed; `failed` are selections with missing channels."""
+class _Note:
+    """States of the files of a recording by path; `failed` are selections with missing channels."""
 
-    size: int
-    changed: tuple[int, int]  # ns: when the content was, and when anything of the file was
-    at: int  # ns
-    content: str
+    files: dict[str, FileState]
     failed: dict[str, list[str]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, path: Path) -> "_FileState":
-        """Return the current state of a file. Raises `OSError`."""
-        import hashlib
-
-        at, stat = time.time_ns(), path.stat()
-        with path.open("rb") as file:
-            content = hashlib.file_digest(file, _digest).hexdigest()
-        return cls(stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns), at, content)
+    def of(cls, source: MeasurementFile) -> "_Note":
+        """Return the present states. Raises `OSError`."""
+        return cls({str(path.absolute()): FileState.of(path) for path in files_of(source)})
 
     @classmethod
-    def from_json(cls, text: bytes) -> "_FileState":
-        """Parse the note on a file. Raises `ValueError`, `KeyError` or `TypeError` if it is damaged."""
+    def from_json(cls, text: bytes) -> "_Note":
+        """Parse a note. Raises `ValueError`, `KeyError`, `TypeError` or `AttributeError` if it is damaged."""
         note: dict[str, Any] = json.loads(text)
-        first, second = note["changed"]
         failed = {str(key): [str(name) for name in names] for key, names in dict(note["failed"]).items()}
-        content = note["content"]
-        if not (isinstance(content, str) and content.isalnum()):  # it is part of names and patterns of files
-            raise ValueError(f"{content!r} is not a hash")
-        return cls(int(note["size"]), (int(first), int(second)), int(note["at"]), content, failed)
+        return cls({path: FileState.from_json(state) for path, state in note["files"].items()}, failed)
 
-    def holds(self, stat: os.stat_result) -> bool:
-        """Return whether the file is certainly unchanged, without reading its content."""
-        same = (self.size, *self.changed) == (stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
-        return same and self.at - max(self.changed) > _SETTLED
+    @property
+    def content(self) -> str:
+        """The hash of all contents."""
+        contents = [state.content for state in self.files.values()]
+        return contents[0] if len(contents) == 1 else digest("".join(contents).encode())
+
+    def holds(self) -> bool:
+        """Return whether the files are certainly unchanged, without reading their contents. Raises `OSError`."""
+        return all(state.holds(Path(path).stat()) for path, state in self.files.items())
 
 
 @dataclass(frozen=True)
@@ -172,7 +165,7 @@ class Cache:
         stored = self._find(source, key)
         if stored is not None:
             return stored
-        before, began = source.path.stat(), time.perf_counter()
+        before, began = _stats(source), time.perf_counter()
         dataset = read_leniently(path, channels, raster, units or {}, databases)
         if time.perf_counter() - began >= _worth(source.kind):
             with contextlib.suppress(*_ERRORS):
@@ -189,8 +182,8 @@ class Cache:
         """Return the channel names of a file that is known to lack some of these channels; None if unknown."""
         source = replace(locate(path), databases=databases)
         with contextlib.suppress(*_ERRORS):
-            state = self._known_state(source)
-            return None if state is None else state.failed.get(_key(source, channels, raster))
+            known = self._known(source)
+            return None if known is None else known.failed.get(_key(source, channels, raster))
         return None
 
     def keep_failed(
@@ -206,45 +199,45 @@ class Cache:
         if source.kind is not FileKind.MDF and not databases:  # other kinds are listed quickly
             return
         with contextlib.suppress(*_ERRORS):
-            state = self._known_state(source) or _FileState.of(source.path)
-            self._write_note(source, state, {**state.failed, _key(source, channels, raster): list(names)})
+            known = self._known(source) or _Note.of(source)
+            self._write_note(source, replace(known, failed={**known.failed, _key(source, channels, raster): [*names]}))
 
     def _find(self, source: MeasurementFile, key: str) -> Dataset | None:
         with contextlib.suppress(*_ERRORS):
-            state = self._known_state(source)
-            entries = () if state is None else self.folder.glob(f"{state.content}-{key}-*.parquet")
+            known = self._known(source)
+            entries = () if known is None else self.folder.glob(f"{known.content}-{key}-*.parquet")
             recordings = (_read_entry(entry, source.stem) for entry in entries)
             return next((recording for recording in recordings if recording is not None), None)
         return None
 
-    def _known_state(self, source: MeasurementFile) -> _FileState | None:
-        """Return the note on a file if its content has not changed; else remove its entries."""
-        note = self._note_path(source)
-        if not note.is_file():
+    def _known(self, source: MeasurementFile) -> _Note | None:
+        """Return the note on a recording if its content has not changed; else remove its entries."""
+        path = self._note_path(source)
+        if not path.is_file():
             return None
-        known = _FileState.from_json(note.read_bytes())
-        if known.holds(source.path.stat()):
-            return known
-        now = _FileState.of(source.path)
-        if now.content == known.content:
-            self._write_note(source, now, known.failed)
-            return known
+        known = _Note.from_json(path.read_bytes())
+        with contextlib.suppress(OSError):
+            if known.holds():
+                return known
+            now = _Note.of(source)
+            if now.content == known.content:
+                self._write_note(source, replace(now, failed=known.failed))
+                return known
         for entry in self.folder.glob(f"{known.content}-*.parquet"):
             _remove(entry)
-        _remove(note)
+        _remove(path)
         return None
 
-    def _store(self, source: MeasurementFile, before: os.stat_result, key: str, dataset: Dataset) -> None:
+    def _store(self, source: MeasurementFile, before: Mapping[str, os.stat_result], key: str, dataset: Dataset) -> None:
         content = to_parquet(dataset)
         if content is None or len(content) > self.most:
             return
-        state = self._known_state(source) or _FileState.of(source.path)
-        after = source.path.stat()
-        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+        note = self._known(source) or _Note.of(source)
+        if not all(path in before and state.describes(before[path]) for path, state in note.files.items()):
             return  # it may have changed while it was read
         self._create_folder()
-        write_whole(self.folder / f"{state.content}-{key}-{_hash(content)}.parquet", content)
-        self._write_note(source, state, state.failed)
+        write_whole(self.folder / f"{note.content}-{key}-{digest(content)}.parquet", content)
+        self._write_note(source, note)
         self._limit_size()
 
     def _create_folder(self) -> None:
@@ -254,11 +247,11 @@ class Cache:
             write_whole(ignored, "*\n")
 
     def _note_path(self, source: MeasurementFile) -> Path:
-        return self.folder / f"{_hash(str(source.path.resolve()).encode('utf-8', 'surrogateescape'))}.json"
+        return self.folder / f"{digest(str(source.path.resolve()).encode('utf-8', 'surrogateescape'))}.json"
 
-    def _write_note(self, source: MeasurementFile, state: _FileState, failed: dict[str, list[str]]) -> None:
+    def _write_note(self, source: MeasurementFile, note: _Note) -> None:
         self._create_folder()
-        write_whole(self._note_path(source), json.dumps({"file": str(source.path), **asdict(state), "failed": failed}))
+        write_whole(self._note_path(source), json.dumps(asdict(note)))
 
     def _limit_size(self) -> None:
         """Remove the least recently used entries until the folder is within its size limit."""
@@ -279,6 +272,13 @@ class Cache:
                 yield stat.st_mtime_ns, stat.st_size, entry
 
 
+def _stats(source: MeasurementFile) -> dict[str, os.stat_result]:
+    """Return size and times of the files of a recording."""
+    with contextlib.suppress(OSError):
+        return {str(path.absolute()): path.stat() for path in files_of(source)}
+    return {}
+
+
 def _worth(kind: FileKind) -> float:
     """Return the time of reading in s that makes an entry worthwhile."""
     if kind is FileKind.MDF and "asammdf" in sys.modules:
@@ -289,7 +289,7 @@ def _worth(kind: FileKind) -> float:
 def _read_entry(entry: Path, name: str) -> Dataset | None:
     """Return the recording of an entry; remove it and return None if it is damaged."""
     content = entry.read_bytes()
-    recording = from_parquet(content, name) if entry.stem.rpartition("-")[2] == _hash(content) else None
+    recording = from_parquet(content, name) if entry.stem.rpartition("-")[2] == digest(content) else None
     with contextlib.suppress(OSError):
         if recording is None:
             entry.unlink(missing_ok=True)
@@ -304,45 +304,20 @@ def _key(
     raster: float | None,
     units: Mapping[str, str] | None = None,
 ) -> str:
-    """Return a hash of the selection, the settings and the version of the readers."""
+    """Return a hash of the selection, the settings and the version of the code."""
     names = None if channels is None else list(dict.fromkeys(channels))
     step = None if raster is None else float(raster).hex()
     databases = [[_content_of(file), file.path.name, file.bus, file.network] for file in source.databases]
-    key = [_readers(), source.kind.value, source.sheet, names, step, sorted((units or {}).items()), databases]
-    return _hash(json.dumps(key).encode())
+    key = [code_digest(), source.kind.value, source.sheet, names, step, sorted((units or {}).items()), databases]
+    return digest(json.dumps(key).encode())
 
 
 def _content_of(database: DatabaseFile) -> str:
     """Return the hash of a database; an empty one if it cannot be read, so that reading it reports the problem."""
     try:
-        return _hash(database.loaded().content or b"")
+        return digest(database.loaded().content or b"")
     except InputError:
         return ""
-
-
-@cache
-def _readers() -> list[Any]:
-    """Return the hash of the readers' source and the versions of their libraries; a change makes entries invalid."""
-    texts = [file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))]
-    libraries = []
-    for library in ("asammdf", "can", "python_calamine", "pyarrow", "h5py", "nptdms"):
-        with contextlib.suppress(ImportError, ValueError, OSError):
-            spec = find_spec(library)
-            stat = Path(spec.origin).stat() if spec and spec.origin else None
-            libraries.append([library, stat and stat.st_size, stat and stat.st_mtime_ns])
-    return [_hash(b"\0".join(texts)), libraries]
-
-
-def _digest() -> Any:
-    import hashlib  # not needed where there is nothing to look up
-
-    return hashlib.blake2b(digest_size=20)
-
-
-def _hash(content: bytes) -> str:
-    digest = _digest()
-    digest.update(content)
-    return str(digest.hexdigest())
 
 
 def _remove(path: Path) -> None:

@@ -10,7 +10,7 @@ the order of bytes. German versions write IMPLIZIT. Without 221, the channels of
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from functools import partial
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from kennfeld.measurement.recorded_groups import (
     RecordedGroup,
     UnreadableChannel,
     ValuesFileError,
+    file_beside,
     tables_of,
 )
 from kennfeld.measurement.table import Selection, Table
@@ -60,6 +61,12 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each length of channels."""
     return [describe_table(table) for table in read_tables(source, Selection())]
+
+
+def companions(source: MeasurementFile) -> list[Path]:
+    """Return the files that hold the values."""
+    names = {entries[211]: None for entries in _header(source).channels if entries.get(211)}
+    return [file_beside(source.path, name) for name in names]
 
 
 def _header(source: MeasurementFile) -> _Header:
@@ -231,14 +238,13 @@ def _location(path: Path, line: int = 0) -> Location:
 
 
 def _beside(source: MeasurementFile, name: str) -> Path:
-    """Return the file of values, which lies beside the header; its folder of the time of writing is ignored."""
+    """Return the file of values, which lies beside the header."""
     if not name:
         raise ValueError("the header names no file of values")
-    folder, own = source.path.parent, PureWindowsPath(name).name
-    for path in (folder / own, *(other for other in folder.iterdir() if other.name.casefold() == own.casefold())):
-        if path.is_file():
-            return path
-    raise ValuesFileError(f"file {own} is not beside the header. {nearest_file(folder / own)}".strip())
+    path = file_beside(source.path, name)
+    if path.is_file():
+        return path
+    raise ValuesFileError(f"file {path.name} is not beside the header. {nearest_file(path)}".strip())
 
 
 def _method(entries: Mapping[int, str]) -> str:

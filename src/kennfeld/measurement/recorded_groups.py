@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path, PureWindowsPath
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,14 @@ class RecordedChannel:
 
 class ValuesFileError(ValueError):
     """A file of values beside a header is missing or too short: a problem of all channels in it."""
+
+
+def file_beside(header: Path, name: str) -> Path:
+    """Return the path of a file beside a header, whatever the folder and the case of its name when it was written."""
+    own = header.with_name(PureWindowsPath(name).name)
+    if own.is_file():
+        return own
+    return next((other for other in header.parent.iterdir() if other.name.casefold() == own.name.casefold()), own)
 
 
 class UnreadableChannel(NamedTuple):

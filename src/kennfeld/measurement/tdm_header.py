@@ -12,7 +12,7 @@ import zlib
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cached_property, partial
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
@@ -29,6 +29,7 @@ from kennfeld.measurement.recorded_groups import (
     RecordedGroup,
     UnreadableChannel,
     ValuesFileError,
+    file_beside,
     tables_of,
 )
 from kennfeld.measurement.table import Selection, Table
@@ -62,6 +63,11 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each raster."""
     return [describe_table(table) for table in read_tables(source, Selection())]
+
+
+def companions(source: MeasurementFile) -> list[Path]:
+    """Return the file that holds the values. Raises `InputError` if the description cannot be read."""
+    return [_Document(source, _parse(source)).binary_path]
 
 
 def _parse(source: MeasurementFile) -> Element:
@@ -286,14 +292,16 @@ class _Document:
             raise ValueError(f"it claims {length} values")
         return length
 
+    @cached_property
+    def binary_path(self) -> Path:
+        """The path of the file of values, which lies beside the description, if it is there."""
+        return file_beside(self.source.path, self.file.get("url", "") or f"{self.source.path.stem}.tdx")
+
     def _binary_file(self) -> Path:
-        """Return the file of values, which lies beside the description."""
-        own = PureWindowsPath(self.file.get("url", "")).name or f"{self.source.path.stem}.tdx"
-        folder = self.source.path.parent
-        for path in (folder / own, *(other for other in folder.iterdir() if other.name.casefold() == own.casefold())):
-            if path.is_file():
-                return path
-        raise ValuesFileError(f"file {own} is not beside the description. {nearest_file(folder / own)}".strip())
+        path = self.binary_path
+        if path.is_file():
+            return path
+        raise ValuesFileError(f"file {path.name} is not beside the description. {nearest_file(path)}".strip())
 
 
 def _tag(element: Element) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import replace
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
-from kennfeld.content_digest import digest_of, digest_of_sources
+from kennfeld.code_digest import code_digest
+from kennfeld.content_digest import digest_of
 from kennfeld.free_axes import AxisKey
 from kennfeld.graph import Graph
 from kennfeld.graph.call_columns import CalledColumns, read_calls, unlocked_values
-from kennfeld.graph.external_function import is_sequential
+from kennfeld.graph.external_function import is_sequential, living_functions
 from kennfeld.graph.lookup_lowering import LoweredGraph, lower_lookups
 from kennfeld.graph.partition import partition_graph
 from kennfeld.native.accumulator import Accumulator
@@ -46,6 +47,7 @@ from kennfeld.optimize.sums import Sums, SumsFactory
 from kennfeld.optimize.table_penalties import Penalty, penalty_of
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.prepared_files import touch
+from kennfeld.preprocessing.recording_sources import version_of
 from kennfeld.preprocessing.samples import TrainingSource, assemble_samples
 from kennfeld.preprocessing.settling import group_points, restart_states, sample_ages
 from kennfeld.preprocessing.stored_samples import StoredSamples, in_visiting_order, read_samples, sample_columns
@@ -203,8 +205,8 @@ class CompiledProblem:
         fixed = {n: problem.parameters[n].values for n in sorted(tables) if n not in problem.free_names}
         graphs = self._split.prepared, self._split.graph, self._lowered.axes, dict(self._lowered.shapes)
         layout = tuple(self.kernel.layout.inputs), self.weighting.inputs, self.form.restarts, self.form.step
-        texts = problem.criteria, dict(problem.channels), problem.model.step
-        return digest_of(graphs, layout, fixed, texts, problem.target_sources, _code())
+        texts = problem.criteria, dict(problem.channels), problem.model.step, living_functions(problem.graph.nodes)
+        return digest_of(graphs, layout, fixed, texts, problem.target_sources, code_digest())
 
     def over_partition(self, recordings: Recordings, partition: Partition) -> "CompiledProblem":
         """Return the same over one partition, whose samples are kept on disk and mapped into memory."""
@@ -238,8 +240,8 @@ class CompiledProblem:
         return recordings.files.path(digest_of(*self._part_key(recordings, part)))
 
     def _part_key(self, recordings: Recordings, part: Part) -> tuple[Any, ...]:
-        own = part.source, part.first, part.last, part.shift, part.margin, recordings.recipes[part.dataset].key
-        return self.data_key, own
+        own = part.first, part.last, part.shift, part.margin, recordings.recipes[part.dataset].key
+        return self.data_key, part.source.address, version_of(part.source), own
 
     def discard_part(self, recordings: Recordings, part: Part) -> None:
         """Remove the samples of one part from the disk, if they are there."""
@@ -499,13 +501,6 @@ def _compiled_once(shared: bytes) -> CompiledProblem:
     _, (skeleton, form, smoothed) = shared_content(shared)
     exact = CompiledProblem(skeleton, form=form)
     return CompiledProblem(skeleton, smooth_like=exact, form=form) if smoothed else exact
-
-
-@cache
-def _code() -> str:
-    """Return the digest of the source that lays out samples; a change makes those on disk invalid."""
-    package = Path(__file__).parent.parent
-    return digest_of_sources(package / "preprocessing", package / "native", package / "graph")
 
 
 def _run_on_selection(

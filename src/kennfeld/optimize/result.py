@@ -261,6 +261,7 @@ class Checkpoint:
         cost: of the exact model of this step, so that sets of one step can be compared.
         values: the parameters that the search may change, on their full grids.
         ended: the result of the start once it has ended.
+        problem: the digest of the problem, see `problem_digest`; empty if it is unknown.
     """
 
     start: int
@@ -271,6 +272,7 @@ class Checkpoint:
     values: Mapping[str, Float] = field(repr=False)
     ended: StartResult | None = None
     name: str = ""
+    problem: str = ""
 
 
 CheckpointSink = Callable[[Checkpoint], None]

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from kennfeld.arrays import Float, Int
 from kennfeld.atomic_files import write_whole
+from kennfeld.code_digest import code_digest
 from kennfeld.column_file import ColumnFile, read_columns, write_columns
-from kennfeld.content_digest import digest_of, digest_of_sources
+from kennfeld.content_digest import digest_of
 from kennfeld.dataset import Channel, Clock, Dataset, Settling
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
@@ -28,7 +29,7 @@ from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import prepare_dataset
 from kennfeld.preprocessing.recipe import DatasetEntry, DataSettings
-from kennfeld.preprocessing.recording_sources import RecordingSource, local_file
+from kennfeld.preprocessing.recording_sources import RecordingSource, local_file, version_of
 from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader
 from kennfeld.preprocessing.units import Units
 
@@ -86,7 +87,7 @@ class DatasetRecipe:
         texts = settings.channels, settings.calculated, settings.units
         channels = sorted(request.required), sorted(request.optional), request.inputs, request.units, request.step
         entry = replace(self.entry, location=Location(), files=(), name="", use="training", weight=1.0)
-        return digest_of(texts, channels, entry, self.units, self.databases, _code())
+        return digest_of(texts, channels, entry, self.units, self.databases, code_digest())
 
     def prepare(self, source: RecordingSource) -> "PreparedFile":
         """Read a file and prepare its samples; problems are findings of the result."""
@@ -196,12 +197,14 @@ class PreparedFiles:
 
     def file(self, recipe: DatasetRecipe, source: RecordingSource) -> PreparedFile:
         """Return a prepared recording; it is read if it is not here yet."""
-        path = self.path(digest_of(recipe.key, source.address, source.state))
+        version = version_of(source)
+        path = self.path(digest_of(recipe.key, source.address, version))
         stored = read_columns(path)
         prepared = None if stored is None else _from_columns(stored)
         if prepared is None:
             prepared = recipe.prepare(source)
-            if not prepared.failed and self.keep(path, _columns(prepared), _notes(prepared)):
+            same = version_of(source) == version  # nobody replaced it while it was read
+            if same and not prepared.failed and self.keep(path, _columns(prepared), _notes(prepared)):
                 stored = read_columns(path)
                 prepared = (None if stored is None else _from_columns(stored)) or prepared
                 _release_memory()
@@ -252,13 +255,6 @@ def touch(path: Path) -> None:
     """Mark an entry as used now."""
     with suppress(OSError):
         os.utime(path)
-
-
-@cache
-def _code() -> str:
-    """Return the digest of the source that prepares recordings; a change makes entries invalid."""
-    package = Path(__file__).parent.parent
-    return digest_of_sources(package / "measurement", package / "preprocessing", package / "models" / "formula")
 
 
 def _columns(prepared: PreparedFile) -> Iterator[NDArray[Any]]:

@@ -1,7 +1,7 @@
 """Sources of recordings: files on a disk that all machines see, or in an object store, by fsspec.
 
 A file is known by its address and its state: size and time of its last change, or what the store says instead. A file
-that has changed is another one.
+that has changed is another one. What is kept of it on a machine depends on its version there.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,8 +11,12 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from kennfeld import file_state
 from kennfeld.errors import InputError, Location
+from kennfeld.file_state import note_opened, while_unchanged
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.companions import files_of
+from kennfeld.measurement.file_kind import locate
 from kennfeld.preprocessing.recordings import find_recordings
 
 _MARK = "://"
@@ -131,6 +135,28 @@ def state_of(address: str) -> str:
             status = file.stat()
             return f"{status.st_size}-{status.st_mtime_ns}"
     return ""
+
+
+def version_of(source: RecordingSource) -> str:
+    """Return what tells the content of a recording from others under its address, on this machine.
+
+    The state tells machines that they see the same file, and is only what all of them know of it; this one takes all
+    times of the file into account, the files beside it that hold its values, and the content of one that is recent.
+    """
+    if is_remote(source.address):
+        return source.state
+    return f"{source.state} {file_state.version_of(recording_files(source.address))}"
+
+
+@while_unchanged(1024)
+def recording_files(path: str) -> tuple[Path, ...]:
+    """Return the files of a recording, the named one first; a sheet may follow its path."""
+    try:
+        files = tuple(files_of(locate(path)))
+    except (InputError, OSError):  # reported when it is read
+        files = (Path(_without_sheet(path)),)
+    note_opened(files[0])
+    return files
 
 
 def _without_sheet(address: str) -> str:

@@ -20,6 +20,7 @@ from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.result import Checkpoint, StartResult
 from kennfeld.optimize.search.start_runner import with_values
@@ -52,20 +53,25 @@ class Saves:
 
         Raises `InputError` if there is none. Unreadable files, as a power failure may leave, are reported and skipped.
         """
-        saved, findings, marks = [], [], set()
+        saved, findings, marks, others = [], [], set(), set()
         for path in sorted(self.folder.glob("*.json")) if self.folder.is_dir() else ():
             if not _NAME.fullmatch(path.name):
                 continue
             try:
-                state, mark = _read(path)
+                state, mark, file = _read(path)
             except (InputError, KeyError, TypeError, ValueError, StopIteration):
                 message = "incomplete checkpoint, skipped"
                 findings.append(Finding(Location(f"{FOLDER}/{path.name}"), message, severity="warning"))
+                continue
+            if file not in ("", self.project.name):
+                others.add(file)
                 continue
             saved.append(state)
             marks.add(mark)
         if not saved:
             remedy = "Set save_every in [optimizer] and run without --resume first."
+            if others:
+                remedy = f"Those in it are of {join_names(sorted(others))}: {remedy[0].lower()}{remedy[1:]}"
             raise InputError([*findings, Finding(Location(str(self.folder)), "no checkpoint to resume from", remedy)])
         if marks != {self.mark}:
             message = "changed since the checkpoints were written; the search resumes from their values"
@@ -100,7 +106,7 @@ class Saves:
         """
         current = with_values(parameters, saved.values)
         values = [current[name] for name in saved.values if name in current]
-        note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark}))
+        note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark, "file": self.project.name}))
         content = ParameterSet(values, texts=[note])
         last = "end" if saved.ended else f"{saved.iteration:06d}"
         target = self.folder / f"{saved.start}-{last}.json"
@@ -124,7 +130,7 @@ class Saves:
 
 
 def _note(saved: Checkpoint) -> dict[str, Any]:
-    plain = {name: getattr(saved, name) for name in ("start", "step", "iteration", "stage")}
+    plain = {name: getattr(saved, name) for name in ("start", "step", "iteration", "stage", "problem")}
     ended = None if saved.ended is None else {name: _number(value) for name, value in asdict(saved.ended).items()}
     tables = [name for name in saved.values if not name.startswith("axis ")]
     axes = {name: points.tolist() for name, points in saved.values.items() if name not in tables}
@@ -135,8 +141,8 @@ def _number(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def _read(path: Path) -> tuple[Checkpoint, str]:
-    """Return a checkpoint and the SHA-256 of its project file."""
+def _read(path: Path) -> tuple[Checkpoint, str, str]:
+    """Return a checkpoint, and the SHA-256 and the name of its project file."""
     content = read(path)
     note = json.loads(next(text.text for text in content.texts if text.name == NOTE))
     row: dict[str, Any] | None = note["ended"] if path.stem.endswith("end") else None
@@ -151,8 +157,9 @@ def _read(path: Path) -> tuple[Checkpoint, str]:
         | {name: np.array(points, dtype=np.float64) for name, points in note.get("axes", {}).items()},
         ended=None if row is None else StartResult(**ended),
         name=f"{FOLDER}/{path.name}",
+        problem=note.get("problem", ""),
     )
-    return state, note["project"]
+    return state, note["project"], note.get("file", "")
 
 
 def _latest(saved: list[Checkpoint]) -> dict[int, Checkpoint]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,11 @@ from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.session.proposal import Range, propose
 from kennfeld.app.session.session import Session
 from kennfeld.errors import ArgumentError, InputError
+from kennfeld.file_state import note_opened, while_unchanged
 from kennfeld.formatting import count_noun
 from kennfeld.measurement.bus_databases import DatabaseFile, to_databases
 from kennfeld.measurement.reader import describe
-from kennfeld.preprocessing.recording_sources import find_addresses, is_remote
+from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, recording_files
 from kennfeld.preprocessing.recordings import find_recordings
 
 MAX_CHANNELS = 2000  # of a file that the files of a project are listed with
@@ -151,15 +151,16 @@ def proposals(session: Session, given: Given) -> Answer:
 def _file(folder: Path, path: str, databases: tuple[DatabaseFile, ...]) -> dict[str, Any]:
     plain = Path(path.partition("#")[0])
     try:
-        state = plain.stat()
-        return _described(str(folder), path, databases, state.st_mtime_ns, state.st_size)
+        return _described(str(folder), path, databases, plain.stat().st_size)
     except OSError as error:
         return {"name": plain.name, "error": error.strerror or str(error), "channels": []}
 
 
-@lru_cache(maxsize=512)
-def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], modified: int, size: int) -> dict[str, Any]:
-    """Describe a file; `modified` and `size` tell whether it has changed."""
+@while_unchanged(512)
+def _described(folder: str, path: str, databases: tuple[DatabaseFile, ...], size: int) -> dict[str, Any]:
+    """Describe a recording; `size` is that of its file."""
+    for file in (*recording_files(path), *(database.path for database in databases)):
+        note_opened(file)
     shown = str(Path(path).relative_to(folder)) if Path(path).is_relative_to(folder) else path
     try:
         tables = describe(path, databases).tables

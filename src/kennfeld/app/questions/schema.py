@@ -1,7 +1,7 @@
 """The keys of the project file as a page shows them, and the names that their values choose from."""
 
 from collections.abc import Collection, Iterable, Iterator
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.calfiles import describe, endings
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import InputError
+from kennfeld.file_state import while_unchanged
 from kennfeld.models.function_files import KINDS
 from kennfeld.project.key_descriptions import describe_sections
 from kennfeld.project.schema import ESDL, SIMULINK
@@ -95,12 +96,12 @@ def _variants_of_file(folder: Path, item: Any) -> Iterator[str]:
     name, a2l = (item.get("hex"), item.get("a2l")) if isinstance(item, dict) else (item, None)
     try:
         path = folder / str(name)
-        yield from _described_variants(path, folder / str(a2l) if a2l else None, path.stat().st_mtime_ns)
+        yield from _described_variants(path, folder / str(a2l) if a2l else None)
     except (InputError, OSError):
         return  # reported as a problem of the project
 
 
-@lru_cache(maxsize=64)
-def _described_variants(path: Path, a2l: Path | None, modified: int) -> tuple[str, ...]:
-    """Return the variants of the labels of a file; `modified` tells if it has changed."""
+@while_unchanged(64)
+def _described_variants(path: Path, a2l: Path | None) -> tuple[str, ...]:
+    """Return the variants of the labels of a file."""
     return tuple(_unique(variant for each in describe(path, a2l).parameters for variant in each.variants))

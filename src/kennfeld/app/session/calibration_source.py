@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.calfiles import endings, read, read_several, recognise
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError
+from kennfeld.file_state import while_unchanged
 from kennfeld.graph.interpolation import regrid
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
@@ -61,14 +61,12 @@ def source_of(session: Session, given: Mapping[str, Any]) -> ValueSource:
 def _file_source(session: Session, name: str, a2l: str) -> ValueSource:
     folder = session.path.parent
     path, description = confined(folder, name), confined(folder, a2l) if a2l else None
-    stamps = (path.stat().st_mtime_ns, description.stat().st_mtime_ns if description else 0)
-    parameters, findings = _read(path, description, stamps)
+    parameters, findings = _read(path, description)
     return ValueSource(name, parameters, findings, path, description)
 
 
-@lru_cache(maxsize=8)
-def _read(path: Path, a2l: Path | None, stamps: tuple[int, int]) -> tuple[ParameterSet, tuple[Finding, ...]]:
-    """Read a file; `stamps` tell whether it or its description has changed."""
+@while_unchanged(8)
+def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
     [parameters], findings = read_several([path], a2l)
     return parameters if parameters.origin is not None else parameters.from_origin(path), findings
 
@@ -102,15 +100,13 @@ def _format(path: Path) -> str:
     if ending not in AMBIGUOUS:
         return ending[1:].upper()
     try:
-        state = path.stat()
+        return _recognised(path) if path.stat().st_size <= MAX_AMBIGUOUS else ""
     except OSError:
         return ""
-    return _recognised(path, state.st_mtime_ns) if state.st_size <= MAX_AMBIGUOUS else ""
 
 
-@lru_cache(maxsize=1024)
-def _recognised(path: Path, modified: int) -> str:
-    """Return the format of a file; `modified` tells whether it has changed."""
+@while_unchanged(1024)
+def _recognised(path: Path) -> str:
     known = recognise(path)
     if known == "JSON":
         with suppress(InputError):

@@ -1,14 +1,12 @@
 """Functions in files of other tools as a project names them, also if the project cannot be read otherwise."""
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from kennfeld.app.session.simulink_source import stamps
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.file_state import note_opened, while_unchanged
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.function_files import FunctionKind, kind_of, list_functions, read_function_file, split_reference
 from kennfeld.models.model_function import ModelFunction, as_model
@@ -98,7 +96,7 @@ class FunctionSource:
         Raises:
             InputError: it cannot be read.
         """
-        return _read(self, _stamps(self.path))
+        return _read(self)
 
 
 def read_called(settings: Mapping[str, Any], folder: Path) -> tuple[ModelFunction, ...]:
@@ -128,31 +126,19 @@ def has_no_functions(path: Path) -> bool:
 def function_names(path: Path) -> tuple[str, ...]:
     """Return the names of the functions of a source file in their order; empty if it cannot be read."""
     try:
-        return _function_names(path, _stamps(path))
+        return _function_names(path)
     except (OSError, InputError):
         return ()
 
 
-@lru_cache(maxsize=64)
-def _function_names(path: Path, stamp: tuple[object, ...]) -> tuple[str, ...]:
-    """List functions; `stamp` tells whether the file has changed."""
+@while_unchanged(64)
+def _function_names(path: Path) -> tuple[str, ...]:
     return tuple(function.name for function in list_functions(path))
 
 
-def _stamps(path: Path) -> tuple[object, ...]:
-    """Return what tells whether a file has changed, for C also those that it may include."""
-    if path.suffix.casefold() != ".c":
-        return stamps(path.parent, (path.name,))
-    try:
-        names = sorted(entry.name for entry in os.scandir(path.parent) if entry.name.casefold().endswith((".h", ".c")))
-    except OSError:
-        names = []
-    return (*names, *stamps(path.parent, names))
-
-
-@lru_cache(maxsize=32)
-def _read(source: FunctionSource, stamp: tuple[object, ...]) -> ModelFunction:
-    """Read a function; `stamp` tells whether its file has changed."""
+@while_unchanged(32)
+def _read(source: FunctionSource) -> ModelFunction:
+    note_opened(source.path)
     return read_function_file(source.reference, source.folder, source.name, source.step)
 
 

@@ -4,15 +4,16 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 from kennfeld.app.session.memory import return_unused
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, InputError, KennfeldError
+from kennfeld.file_state import note_opened, version_of
 from kennfeld.formatting import join_names
 from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.pipeline import LoadedData, load_datasets, prepare_dataset
 from kennfeld.preprocessing.recipe import DataSettings
+from kennfeld.preprocessing.recording_sources import recording_files
 from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, find_recordings
 from kennfeld.preprocessing.units import Units
 
@@ -31,7 +32,7 @@ class RecordedData:
     def __call__(self, settings: DataSettings, request: ChannelRequest, calculated: Calculated) -> LoadedData:
         """Return the datasets of a project, see `load_datasets`."""
         texts = (settings.datasets, dict(settings.channels), dict(settings.calculated), dict(settings.units), request)
-        key = (repr(texts), *_files(settings))
+        key = (repr(texts), *_versions(settings))
         if key != self._key:
             self._loaded = load_datasets(settings, request, calculated)
             self._key, self._recipe = key, (settings, request, calculated)
@@ -84,11 +85,11 @@ class RecordedData:
         return {name: read[name] for name in names if name in read}
 
 
-def _files(settings: DataSettings) -> Iterator[tuple[str, int, int]]:
-    """Yield each recording and each database of bus logs with its time of change and its size."""
+def _versions(settings: DataSettings) -> Iterator[tuple[str, str]]:
+    """Yield each recording and each database of bus logs with what tells it from others under its path."""
     for pattern in (pattern for entry in settings.datasets for pattern in (*entry.files, *entry.database_files)):
         for path in find_recordings(settings.folder, pattern):
-            file = Path(path.partition("#")[0])
-            if file.is_file():
-                state = file.stat()
-                yield path, state.st_mtime_ns, state.st_size
+            files = recording_files(path)
+            for file in files:
+                note_opened(file)
+            yield path, version_of(files)

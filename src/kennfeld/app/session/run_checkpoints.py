@@ -13,7 +13,6 @@ from kennfeld.errors import InputError
 from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.result import Checkpoint
-from kennfeld.project.checkpoints import FOLDER as SAVES
 from kennfeld.project.checkpoints import ResumePoints, Saves
 
 INTERVAL = 2.0  # s between checkpoints without `save_every`
@@ -34,7 +33,7 @@ class RunCheckpoints:
     @property
     def folder(self) -> Path:
         """The folder whose subfolder holds the checkpoints."""
-        return self.project.parent / ("results" if self.every else FOLDER)
+        return self.project.parent / "results" if self.every else self.project.parent / FOLDER / self.project.stem
 
     def saves(self) -> Saves:
         """Return the checkpoints of the folder."""
@@ -61,7 +60,7 @@ class RunCheckpoints:
         """Forget the checkpoints, unless they are those of the results folder."""
         if not self.every:
             with suppress(OSError):
-                shutil.rmtree(self.folder / SAVES)
+                shutil.rmtree(self.folder)
 
 
 def _has_converged(state: Checkpoint) -> bool:

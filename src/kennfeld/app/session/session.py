@@ -33,6 +33,7 @@ from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.dask_runner import DaskRunner
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.file_state import FileVersion, opened_files
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.code_consent import allow
@@ -167,6 +168,7 @@ class Session:
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
         self.undecided: tuple[ForeignCode, ...] = ()  # code that may not run yet, so that nothing is evaluated
+        self._files: list[FileVersion] = []  # that the project was read from
         self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last edit
         self.revision = next(_REVISIONS)  # changes with the values and the texts
@@ -243,6 +245,8 @@ class Session:
         """
         if self._running is not None:
             raise ArgumentError("a run is in progress; stop it first")
+        if self.changed_files:
+            self.refresh()
         if self.stale:
             raise InputError(self.findings)
         view = self.require_view()
@@ -384,6 +388,7 @@ class Session:
                     write_whole(folder / name, text.encode())
             if values is not None:
                 write_parameters(values, folder / VALUES)
+                self._files = [file.now() if file.path == folder / VALUES else file for file in self._files]
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
             raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
@@ -393,16 +398,26 @@ class Session:
 
     @property
     def changed_on_disk(self) -> bool:
-        """True if another program has changed a text since it was read or saved."""
+        """True if another program has changed a text since it was read or saved, or another file of the project."""
         folder = self.path.parent
-        return any(_text_or_none(folder / name) != text for name, text in self.saved.texts.items())
+        texts_changed = any(_text_or_none(folder / name) != text for name, text in self.saved.texts.items())
+        return texts_changed or bool(self.changed_files)
+
+    @property
+    def changed_files(self) -> list[Path]:
+        """The files, but for texts that are edited here, that have changed since the project was read from them."""
+        own = {self.path.parent / name for name in self.saved.texts}
+        return [file.path for file in self._files if file.path not in own and not file.is_present]
 
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
         texts = {name: _text_or_none(folder / name) for name in self.saved.texts}
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
-        self.do(Restore("Read from disk", texts=texts))
+        if texts != self.state.texts:
+            self.do(Restore("Read from disk", texts=texts))
+        else:
+            self.refresh()
 
     @property
     def recovery(self) -> Recovery:
@@ -457,7 +472,12 @@ class Session:
         self.refresh()
 
     def _assemble(self) -> None:
-        """Read the project again and build its model."""
+        """Read the project again and build its model; files that change meanwhile are found changed."""
+        with opened_files() as opened:
+            self._read_project()
+        self._files = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
+
+    def _read_project(self) -> None:
         self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
         self.undecided = ()

@@ -1,10 +1,10 @@
 """The Simulink model of a project as its file describes it, also if the project cannot be read otherwise."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kennfeld.file_state import note_opened, while_unchanged
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.project.schema import is_simulink_file
 
@@ -58,15 +58,16 @@ class SimulinkSource:
 
     def diagram(self) -> "Diagram":
         """Import the model. Raises `InputError` if it cannot be read; files that have not changed are read once."""
-        return _diagram(self, self._stamps)
+        return _diagram(self)
 
     def parts(self) -> "Sequence[ImportableSubsystem]":
         """Return the subsystems that can be imported by themselves. Raises `InputError` if it cannot be read."""
-        return _parts(self, self._stamps)
+        return _parts(self)
 
-    @property
-    def _stamps(self) -> tuple[object, ...]:
-        return stamps(self.folder, (".", self.file, *self.parameters, *self.folders))
+    def note_opened(self) -> None:
+        """Let what is imported depend on all files of the folders in which libraries and variables are searched."""
+        for folder in (self.folder, *(self.folder / name for name in self.folders)):
+            note_opened(folder)
 
 
 def texts(value: Any) -> tuple[str, ...]:
@@ -77,19 +78,6 @@ def texts(value: Any) -> tuple[str, ...]:
     """
     values = value if isinstance(value, list) else [value]
     return tuple(each for each in values if isinstance(each, str))
-
-
-def stamps(folder: Path, names: Iterable[str]) -> tuple[object, ...]:
-    """Return the time of change and the size of files of a folder; None for those that do not exist."""
-    return tuple(_stamp(folder / name) for name in names)
-
-
-def _stamp(path: Path) -> tuple[int, int] | None:
-    try:
-        state = path.stat()
-    except (OSError, ValueError):
-        return None
-    return state.st_mtime_ns, state.st_size
 
 
 def _table(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -105,11 +93,11 @@ def _scalars(sections: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
             yield name, number
 
 
-@lru_cache(maxsize=4)
-def _diagram(source: SimulinkSource, stamp: tuple[object, ...]) -> "Diagram":
-    """Import a model; `stamp` tells whether its files have changed."""
+@while_unchanged(4)
+def _diagram(source: SimulinkSource) -> "Diagram":
     from kennfeld.models.simulink.diagram import read_diagram
 
+    source.note_opened()
     scalars = {name: value for name, value in source.scalars if value is not None}
     return read_diagram(
         source.folder / source.file,
@@ -122,10 +110,10 @@ def _diagram(source: SimulinkSource, stamp: tuple[object, ...]) -> "Diagram":
     )
 
 
-@lru_cache(maxsize=4)
-def _parts(source: SimulinkSource, stamp: tuple[object, ...]) -> "Sequence[ImportableSubsystem]":
-    """Search a model; `stamp` tells whether its files have changed."""
+@while_unchanged(4)
+def _parts(source: SimulinkSource) -> "Sequence[ImportableSubsystem]":
     from kennfeld.models.simulink.importable_subsystems import find_subsystems
 
+    source.note_opened()
     files = [source.folder / name for name in source.parameters]
     return find_subsystems(source.folder / source.file, files, [source.folder / name for name in source.folders])

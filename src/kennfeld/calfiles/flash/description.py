@@ -9,6 +9,7 @@ from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS, fragment_of_a2l
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult, WriteResult
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import nearest_file
+from kennfeld.file_state import note_opened
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
@@ -96,6 +97,7 @@ def _find_included(main: Path, name: str, including: Path | None) -> tuple[Path,
 
 
 def _file_content(path: Path) -> bytes | None:
+    note_opened(path)
     try:
         if not path.is_file() or path.stat().st_size > _MAX_INCLUDED_BYTES:
             return None

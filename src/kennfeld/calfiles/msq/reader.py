@@ -21,6 +21,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import has_root, parse_xml
+from kennfeld.file_state import note_opened
 from kennfeld.formatting import count_noun, size_text
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, Text, TextKind, parameter
@@ -102,6 +103,8 @@ def _definitions(path: Path) -> Iterator[tuple[Path, str]]:
         folders = [path.parent, path.parent / "projectCfg"]
         files = sorted(file for folder in folders if folder.is_dir() for file in folder.iterdir())
         definitions = [file for file in files if file.suffix.casefold() == ".ini" and file.is_file()]
+        for file in (*folders, *definitions[:_MAX_FILES]):
+            note_opened(file)
         for file in definitions[:_MAX_FILES]:
             if file.stat().st_size <= _MAX_FILE_BYTES:
                 yield file, CalibrationSource(file.name, file.read_bytes()).text

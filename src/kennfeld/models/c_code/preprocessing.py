@@ -7,6 +7,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Final, NamedTuple
 
 from kennfeld.errors import Findings, Location
+from kennfeld.file_state import note_opened
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.c_code.conditions import ConditionError, condition_value
 from kennfeld.models.c_code.macros import Macro, MacroError, MacroExpansion, read_macro, tokens_of
@@ -189,6 +190,7 @@ class _Preprocessor:
         file = self.folder / PureWindowsPath(name).name  # its folders may be separated by / or \
         if file.name in self.once:
             return
+        note_opened(file)
         try:
             text = file.read_bytes() if file.is_file() else None
         except (OSError, ValueError):

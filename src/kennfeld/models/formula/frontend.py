@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.file_state import note_opened
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.call_columns import called_in_loops
@@ -263,6 +264,7 @@ def surrogates_beside(path: str | Path) -> tuple["Surrogate", ...]:
 
 def _names_called(path: Path) -> Collection[str]:
     """Return the names that the text calls but does not define."""
+    note_opened(path)
     try:
         source = Source.of_text(path.name, path.read_text("utf-8-sig", errors="replace"))
     except OSError:
@@ -280,6 +282,7 @@ def _names_called(path: Path) -> Collection[str]:
 def _file(path: Path, name: str) -> Path | None:
     """Return the surrogate file of that name; None if there is none, or if it is a calibration file."""
     file = path.with_name(f"{name}.json") if Path(name).name == name else path
+    note_opened(file)
     if file == path or not file.is_file():
         return None
     from kennfeld.surrogate.surrogate_file import recognises_surrogate

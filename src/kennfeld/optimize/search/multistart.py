@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem, bound_time_constants
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.result import Checkpoint, CheckpointSink, Progress, Result, Seconds, TraceLine, single_start
+from kennfeld.optimize.search.problem_digest import problem_digest
 from kennfeld.optimize.search.start_runner import StartOutcome, StartPoint, StartRunner, with_values
 from kennfeld.optimize.search.starts import distance, draw_start
 from kennfeld.optimize.search.step_problem import check_steps, sequence_problem
@@ -87,6 +89,11 @@ class _Multistart:
         self.without_workers = False  # although several processes were requested
         self.began = time.perf_counter()
 
+    @cached_property
+    def digest(self) -> str:
+        """The digest of the problem: an end that converged under other bounds, locks or limits is none of this one."""
+        return problem_digest(self.whole, self.options)
+
     def result(self, seconds: Seconds) -> Result:
         # workers and steps compile their own smoothed problems
         separate = self.workers > 1 or self._cluster is not None or bool(self.options.steps)
@@ -156,7 +163,7 @@ class _Multistart:
             self.resumed_names.append(saved.name or f"start {number}, iteration {saved.iteration}")
             row, last = saved.ended, len(runner.steps)
             done = False
-            if row is not None and row.status == "converged":
+            if row is not None and row.status == "converged" and saved.problem == self.digest:
                 done = abs(runner.cost(values) - row.cost_after) <= COST_TOLERANCE * abs(row.cost_after)
             if row is not None and done and saved.step >= last:
                 self.outcomes[number] = StartOutcome(row, values)
@@ -188,7 +195,7 @@ class _Multistart:
 
     def _save(self, saved: Checkpoint) -> None:
         if self.keep is not None and self.options.save_every:
-            self.keep(saved)
+            self.keep(replace(saved, problem=self.digest))
 
     def _best(self) -> StartOutcome:
         """Return the outcome with the lowest cost; of equal ones the first."""

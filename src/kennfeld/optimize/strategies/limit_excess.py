@@ -9,14 +9,13 @@ process has to own them. They are kept where they are not 0, and computed again 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
-from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.content_digest import digest_of, digest_of_sources
+from kennfeld.code_digest import code_digest
+from kennfeld.content_digest import digest_of
 from kennfeld.dataset import SAMPLES_PER_BLOCK
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.samples import Samples
@@ -293,10 +292,4 @@ def _dense(multipliers: Sequence[_Sparse], first: int, count: int) -> Float:
 
 
 def _key(rounds: Sequence[LimitRound], values: Float) -> str:
-    return digest_of("multipliers", tuple(rounds), values, _code())
-
-
-@cache
-def _code() -> str:
-    """Return the digest of the source that computes multipliers; a change makes those on disk invalid."""
-    return digest_of_sources(Path(__file__).parent)
+    return digest_of("multipliers", tuple(rounds), values, code_digest())

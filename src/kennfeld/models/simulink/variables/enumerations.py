@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.errors import InputError
+from kennfeld.file_state import note_opened
 from kennfeld.matlab.evaluator import evaluate
 from kennfeld.models.simulink.reader.section_tree import SectionNode
 from kennfeld.models.simulink.variables.mask_scope import Variable
@@ -108,6 +109,7 @@ def enumeration_files(folders: Iterable[Path], files: Iterable[Path] = ()) -> di
 
 
 def _scripts(folder: Path) -> Iterator[Path]:
+    note_opened(folder)
     try:
         yield from sorted(path for path in folder.iterdir() if path.suffix == ".m")
     except OSError:
@@ -116,6 +118,7 @@ def _scripts(folder: Path) -> Iterator[Path]:
 
 def _class_text(path: Path) -> str:
     """Return the text of a class file, "" for any other or an unreadable one."""
+    note_opened(path)
     try:
         with path.open("rb") as stream:
             head = stream.read(_MAX_HEAD_BYTES)

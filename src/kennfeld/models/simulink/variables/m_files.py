@@ -14,6 +14,7 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError, Location, Severity
 from kennfeld.file_errors import convert_errors
+from kennfeld.file_state import note_opened
 from kennfeld.matlab import syntax as m
 from kennfeld.matlab.errors import MatlabError
 from kennfeld.matlab.evaluator import evaluate
@@ -63,6 +64,7 @@ class FunctionFiles:
 
 
 def _functions(path: Path) -> Mapping[str, m.FunctionDefinition]:
+    note_opened(path)
     try:
         if path.stat().st_size > _MAX_FILE_BYTES:
             raise ProgramError(f"the file {path.name} is too large for a function")
