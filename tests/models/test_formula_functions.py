@@ -10,11 +10,13 @@ from kennfeld.models.formula import formula
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
+from tests.clocks import even_clock
 
 DT = np.array([0.1, 0.1, 0.1, 0.2, 0.2, 0.1, 0.05, 0.1, 0.1, 0.3])
 U = np.array([1.5, -2.0, 0.25, 4.0, 4.0, -1.0, 0.0, 7.5, 3.0, -3.5])
 V = np.array([0.5, 2.0, -1.25, 3.0, 4.0, 1.0, 0.0, -2.5, 6.0, 0.5])
-COLUMNS = {"u": U, "v": V, "dt": DT, "t": np.cumsum(DT) - DT[0]}
+NEXT_DT = np.append(DT[1:], DT[-1])
+COLUMNS = {"u": U, "v": V, "dt": DT, "dt_next": NEXT_DT, "t": np.cumsum(DT) - DT[0]}
 
 
 def run(text: str, starts: tuple[int, ...] = (0,), **scalars: float) -> np.ndarray:
@@ -97,7 +99,7 @@ def lagged(x, steps, init):
 
 
 def limited(low, high):
-    return recursion(lambda k: 0.5, lambda s, k: s, lambda s, y, k: min(max(y + DT[k] * U[k], low(k)), high(k)))
+    return recursion(lambda k: 0.5, lambda s, k: s, lambda s, y, k: min(max(y + NEXT_DT[k] * U[k], low(k)), high(k)))
 
 
 def rate(up, down):
@@ -121,13 +123,13 @@ def relay(on, off):
         ("delay(u, 1)", lagged(U, 1, 0.0)),
         ("delay(u, 4)", lagged(U, 4, 0.0)),
         ("delay(u, 8 / 2, v)", lagged(U, 4, V[0])),
-        ("integrator(u)", np.concatenate([[0.0], np.cumsum(DT * U)[:-1]])),
-        ("integrator(u, 2)", 2 + np.concatenate([[0.0], np.cumsum(DT * U)[:-1]])),
+        ("integrator(u)", np.concatenate([[0.0], np.cumsum(NEXT_DT * U)[:-1]])),
+        ("integrator(u, 2)", 2 + np.concatenate([[0.0], np.cumsum(NEXT_DT * U)[:-1]])),
         ("integrator(u, 0.5, 0.4)", limited(lambda k: 0.4, lambda k: np.inf)),
         ("integrator(u, 0.5, 0.4, 1)", limited(lambda k: 0.4, lambda k: 1.0)),
         ("integrator(u, 0.5, -inf, 1)", limited(lambda k: -np.inf, lambda k: 1.0)),
         ("integrator(u, 0.5, v - 3, v)", limited(lambda k: V[k] - 3, lambda k: V[k])),
-        ("integrator(u, 0, -inf, inf, v)", np.concatenate([[0.0], (V + DT * U)[:-1]])),
+        ("integrator(u, 0, -inf, inf, v)", np.concatenate([[0.0], (V + NEXT_DT * U)[:-1]])),
         ("derivative(u)", np.diff(U, prepend=U[0]) / DT),
         ("PT1(u, 0.7)", pt1(lambda k: 0.7)),
         ("PT1(u, 0)", U),
@@ -189,7 +191,7 @@ def test_a_controller_closes_its_loop_through_memory():
         scalar Ki
     """
     steps = 200
-    columns = {"dt": np.full(steps, 0.01)}
+    columns = even_clock(0.01, steps)
     parameters = ParameterSet([Scalar("Kp", 5.0), Scalar("Ki", 2.0)])
     n = evaluate(formula(text).graph, columns, parameters)["n"]
     speed = integral = n_hand = None

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from kennfeld.graph.dense_layer import DenseLayer, DenseOutput
 from kennfeld.graph.external_function import ExternalFunction, ExternalOutput
-from kennfeld.graph.node import Graph, Node, State, extract
+from kennfeld.graph.node import NEXT_STEP, STEP, TIME, Graph, Node, State, extract
 from kennfeld.graph.operations import OPERATIONS
 
 # operation -> (constant on the right that leaves the left operand, constant on the left that leaves the right one)
@@ -68,6 +68,18 @@ class GraphBuilder:
     def input(self, name: str) -> int:
         """Return the node of an input channel."""
         return self.node("input", (), name)
+
+    def step(self) -> int:
+        """Return the node of the step in s that ends at the sample, for values computed from those before it."""
+        return self.input(STEP)
+
+    def next_step(self) -> int:
+        """Return the node of the step in s that begins at the sample, for values of the next one."""
+        return self.input(NEXT_STEP)
+
+    def time(self) -> int:
+        """Return the node of the time in s since the piece began."""
+        return self.input(TIME)
 
     def lookup(self, parameter: str, *coordinates: int) -> int:
         """Return the node of a scalar parameter, or of a table lookup at these coordinates."""

@@ -128,7 +128,7 @@ def without_idle_holds(graph: Graph) -> Graph:
 
 
 def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
-    """Close continuous states with their values after one step of length dt."""
+    """Close continuous states with their values at the next sample."""
     states = {
         which: Advance(*builder.nodes[state.next].args)
         for which, state in enumerate(builder.states)
@@ -136,7 +136,7 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
     }
     if not states:
         return
-    parts, dt = list(states.values()), builder.input("dt")
+    parts, dt = list(states.values()), builder.next_step()
     stages: list[list[int]] = []
     for node, row in zip(tableau.nodes, tableau.rows, strict=True):
         starts = [part.start for part in parts]
@@ -145,7 +145,7 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
             begun = zip(parts, *stages, strict=True)
             starts = [_advanced(builder, part.start, row, before, dt) for part, *before in begun]
             replaced = {part.start: x for part, x in zip(parts, starts, strict=True)}
-            t = builder.input("t")
+            t = builder.time()
             replaced[t] = builder.call("add", t, builder.call("mul", builder.const(node), dt))
             slopes = _replace_nodes(builder, slopes, replaced)
         stages.append([_limited_slope(builder, *each) for each in zip(parts, slopes, starts, strict=True)])

@@ -20,6 +20,7 @@ from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import CodeNotRunError, function_remarks
 from kennfeld.graph.factors import factors
+from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
@@ -164,9 +165,9 @@ def check_step(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     original step, so that differences are those of the solver.
     """
     bound = next(iter(problem.training), None) if problem.model.stepped else None
-    if bound is None or "dt" not in bound.clock or bound.hold is not None or bound.count < 2:
+    if bound is None or NEXT_STEP not in bound.clock or bound.hold is not None or bound.count < 2:
         return
-    step = problem.model.step or float(np.median(bound.clock["dt"]))
+    step = problem.model.step or float(np.median(bound.clock[NEXT_STEP]))
     trial = _StepTrial(file, problem, bound, step)
     first = trial.gap(1)
     if first is None or first.share <= STEP_TOLERANCE:
@@ -224,9 +225,12 @@ class _StepTrial:
         """Return the nodes of the criteria at the original samples, Float[nodes, samples]."""
         count = self._count
         columns = {name: np.repeat(values[:count], parts) for name, values in self.bound.columns.items()}
-        columns["dt"] = columns["dt"] / parts
-        if "t" in columns:
-            columns["t"] = columns["t"] + columns["dt"] * np.tile(np.arange(parts), count)
+        number, fine = np.tile(np.arange(parts), count), columns[NEXT_STEP] / parts
+        columns[NEXT_STEP] = fine
+        if STEP in columns:
+            columns[STEP] = np.where(number > 0, fine, columns[STEP] / parts)
+        if TIME in columns:
+            columns[TIME] = columns[TIME] + fine * number
         starts = [parts * int(start) for start in self.bound.starts if start < count]
         compiled = NodeSimulator(model.graph, self.problem.parameters, self.nodes)
         with np.errstate(all="ignore"):

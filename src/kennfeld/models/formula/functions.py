@@ -118,7 +118,7 @@ def _integrator(
 ) -> int:
     def then(read: int) -> int:
         begun = read if start is None else start()
-        moved = builder.call("add", begun, builder.call("mul", builder.input("dt"), x()))
+        moved = builder.call("add", begun, builder.call("mul", builder.next_step(), x()))
         low, high = lower(), upper()
         if builder.value(low) != -math.inf:
             moved = builder.call("max", moved, low)
@@ -142,7 +142,7 @@ def _held(builder: GraphBuilder, x: int) -> int:
 
 def _derivative(builder: GraphBuilder, x: int) -> int:
     change = builder.call("sub", x, builder.remember(x, lambda read: x))
-    return builder.call("div", change, builder.input("dt"))
+    return builder.call("div", change, builder.step())
 
 
 def _pt1(builder: GraphBuilder, x: int, T: int, init: int) -> int:
@@ -155,7 +155,7 @@ def _pt1(builder: GraphBuilder, x: int, T: int, init: int) -> int:
 
 def _pt1_share(builder: GraphBuilder, T: int) -> int:
     """Return dt/(T + dt), the gain of one implicit Euler step of a PT1; NaN for T < 0."""
-    dt, invalid = builder.input("dt"), builder.const(math.nan)
+    dt, invalid = builder.step(), builder.const(math.nan)
     share = builder.call("div", dt, builder.call("add", T, dt))
     constant = builder.value(T)
     if constant is None:
@@ -169,7 +169,7 @@ def _lowpass(builder: GraphBuilder, x: int, f: int) -> int:
 
 
 def _ratelimit(builder: GraphBuilder, x: int, up: int, down: int) -> int:
-    before, dt = builder.state(), builder.input("dt")
+    before, dt = builder.state(), builder.step()
     lowest, highest = builder.call("mul", down, dt), builder.call("mul", up, dt)
     y = builder.call("add", before, _clip(builder, builder.call("sub", x, before), lowest, highest))
     builder.close(before, x, y)
