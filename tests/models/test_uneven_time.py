@@ -173,6 +173,7 @@ DERIVED = {
     "sum": "y = integrator(a * u - b * y, x0, -2, 2)",
     "solver": "solver ode4\ny = integrator(a * u - b * y * abs(y) + v, x0)\nv = integrator(u - a * v - y)",
     "with PT1": "y = PT1(integrator(a * u - y, x0), b)",
+    "exact lag": "y = PT1exact(a * u, b, x0)",
 }
 
 

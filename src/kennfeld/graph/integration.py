@@ -151,7 +151,7 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
         stages.append([_limited_slope(builder, *each) for each in zip(parts, slopes, starts, strict=True)])
     for which, part, *slopes in zip(states, parts, *stages, strict=True):
         new = _advanced(builder, part.start, tableau.weights, slopes, dt)
-        builder.states[which] = builder.states[which]._replace(next=_within(builder, part, new))
+        builder.states[which] = builder.states[which]._replace(next=builder.within(new, part.lower, part.upper))
 
 
 def _advanced(builder: GraphBuilder, x: int, row: Sequence[float], slopes: Sequence[int], dt: int) -> int:
@@ -174,12 +174,6 @@ def _limited_slope(builder: GraphBuilder, part: Advance, slope: int, x: int) -> 
             rests = builder.call("and", builder.call(beyond, x, limit), builder.call(outwards, slope, zero))
             slope = builder.call("select", rests, zero, slope)
     return slope
-
-
-def _within(builder: GraphBuilder, part: Advance, new: int) -> int:
-    if builder.value(part.lower) != -math.inf:
-        new = builder.call("max", new, part.lower)
-    return new if builder.value(part.upper) == math.inf else builder.call("min", new, part.upper)
 
 
 def _replace_nodes(builder: GraphBuilder, roots: Sequence[int], place: Mapping[int, int]) -> list[int]:

@@ -25,6 +25,7 @@ from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.doubtful_arguments import find_crossed
 from kennfeld.optimize.equal_neurons import REMEDY, describe, equal_neurons
 from kennfeld.optimize.jumps import MAX_NAMES, find_jumps
 from kennfeld.optimize.linear_limits import linear_limits
@@ -286,6 +287,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
     warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
     beyond = (Finding(*entry, severity="warning") for entry in _beyond(file, problem))
     evaluating = {
+        "limits in the wrong order": find_crossed(problem, problem.parameters),
         "samples outside of axes": beyond,
         "how derivatives are computed": check_slopes(file, problem),
         "jumps": check_events(file, problem),
