@@ -284,7 +284,8 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_unread_class(file),
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
-    warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
+    warnings += [*_clocks(file, problem, locations), *_restarts(problem, locations)]
+    warnings += seen_test_data(file, problem, locations)
     beyond = (Finding(*entry, severity="warning") for entry in _beyond(file, problem))
     evaluating = {
         "limits in the wrong order": find_crossed(problem, problem.parameters),
@@ -315,6 +316,18 @@ def _clocks(file: ProjectFile, problem: Problem, locations: Mapping[str, Locatio
     if timed or problem.model.graph.is_timed:
         for data in problem.datasets:
             yield from clock_findings(data, locations[data.name])
+
+
+def _restarts(problem: Problem, locations: Mapping[str, Location]) -> Iterator[Finding]:
+    """Yield a remark for each dataset within whose recordings states start anew, after gaps or pauses."""
+    for data in problem.datasets if problem.graph.states and problem.partitions is None else ():
+        bound = problem.bind(data)
+        count = bound.starts.size - data.starts.size
+        if count > 0 and data.time is not None and bound.hold is None:
+            times = "once" if count == 1 else f"{count} times"
+            message = f"the states of the function start anew {times} within recordings, after gaps in inputs or pauses"
+            remedy = "If they should not, write max_gap = ... in s, above the length of the gaps."
+            yield Finding(locations[data.name], message, remedy, severity="remark")
 
 
 def _units(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:
