@@ -134,8 +134,9 @@ def _over_training(problem: Problem, at: int, parameters: ParameterSet) -> tuple
     for bound in () if any(node.op == "external" for node in part.nodes) else problem.training:
         last = min(bound.count, _STEPS if part.states else bound.count)
         stride = 1 if part.states else -(-last // _SAMPLES) or 1
-        columns = bound.part(0, last)
-        columns = {name: columns[name][::stride] for name in {*part.inputs, *CLOCK} & columns.keys()}
+        here = slice(0, last, stride) if bound.picked is None else bound.kept[:last:stride]
+        columns = {name: bound.inputs[name][here] for name in part.inputs}
+        columns |= {name: bound.clock[name][:last:stride] for name in CLOCK if name in bound.clock}
         if last:
             starts = [int(start) for start in bound.starts if start < last] if part.states else [0]
             values.append(np.broadcast_to(evaluate(part, columns, parameters, starts)["T"], columns[STEP].shape))
