@@ -31,7 +31,9 @@ def test_a_time_constant_below_five_steps_is_told_with_that_of_the_lag(dt, T):
         assert f"depends on T is below 5 steps ({result.parameters['T'].value:.3g} s at a step of {dt:g} s)" in sentence
         assert "decays like a lag of 1 s" in sentence
         assert "PT1exact" in sentence
-    assert [row["sentence"] for row in result.as_json()["warnings"]] == [text.split(" Keep")[0] for text in found]
+    rows = result.as_json()["warnings"]
+    assert len(rows) == len(found)
+    assert all(row["sentence"] in sentence for row, sentence in zip(rows, found, strict=True))
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.3, 1.0])

@@ -32,13 +32,13 @@ def columns(*gaps):
     ("gaps", "sentence"),
     [
         ([slice(7, 10)], r"3 of 20 samples are not simulated: x has no value at samples 8 to 10 \(0.7 to 0.9 s\)"),
-        ([15], r"1 of 20 samples are not simulated: x has no value at sample 16 \(1.5 s\)"),
+        ([15], r"1 of 20 samples is not simulated: x has no value at sample 16 \(1.5 s\)"),
         ([slice(7, 10), 15], r"4 of 20 .* in 2 gaps, the first one at samples 8 to 10 \(0.7 to 0.9 s\)"),
         ([0, 19], r"2 of 20 .* in 2 gaps, the first one at sample 1 \(0 s\)"),
     ],
 )
 def test_a_simulation_tells_the_samples_that_it_leaves_out(gaps, sentence):
-    with pytest.warns(UserWarning, match=sentence):
+    with pytest.warns(kf.InputWarning, match=sentence):
         nodes = kf.simulate("y = PT1(x, 1)", columns(*gaps), {})
     assert nodes.samples == np.isfinite(columns(*gaps)["x"]).sum()
     assert len(nodes.findings) == 1
@@ -52,7 +52,7 @@ def test_a_simulation_of_all_samples_tells_nothing():
 
 
 def test_points_without_a_value_are_told_without_time():
-    with pytest.warns(UserWarning, match="2 of 3 samples are not simulated: x, u have no value at samples 1 to 2"):
+    with pytest.warns(kf.InputWarning, match="2 of 3 samples are not simulated: x, u have no value at samples 1 to 2"):
         kf.simulate("y = x + u", {"x": [np.nan, 1.0, 2.0], "u": [1.0, np.nan, 3.0]}, {})
 
 

@@ -19,6 +19,10 @@ SHORTEST_LAG: Final = 5.0  # steps; below, T of an implicit Euler step differs f
 _SAMPLES, _STEPS = 5_000, 1_000  # of each dataset, without and with memory
 _ROUNDING = 1e-9
 _NAMED = 4
+_OF_SHORT_LAGS = (
+    "Keep it if the control unit computes PT1 so, at the same step. For the time constant of a physical lag, write "
+    "PT1exact, or use a finer raster."
+)
 
 
 class _Pair(NamedTuple):
@@ -47,24 +51,26 @@ def find_short_lags(problem: Problem, parameters: ParameterSet) -> Iterator[Find
         T, dt = _over_training(problem, at, parameters)
         short = (T > 0) & (SHORTEST_LAG * (1 - _ROUNDING) * dt > T)
         if short.any():
-            yield _short_lag(names, T, dt, float(short.mean()))
+            message = _describe_short_lag(names, T, dt, float(short.mean()))
+            yield Finding(_first_use(problem, names), message, _OF_SHORT_LAGS, severity="warning")
 
 
-def _short_lag(names: Sequence[str], T: Float, dt: Float, share: float) -> Finding:
-    """Return the warning about a time constant that is below five steps at a share of the samples."""
+def _describe_short_lag(names: Sequence[str], T: Float, dt: Float, share: float) -> str:
+    """Describe a time constant that is below five steps at a share of the samples."""
     worst = int(np.argmin(np.where(T > 0, T / dt, np.inf)))
     lag, step = float(T[worst]), float(dt[worst])
     where = f" at {share:.0%} of the samples, down to {lag:.3g} s at a step of {step:.3g} s"
     place = f" ({lag:.3g} s at a step of {step:.3g} s)" if share == 1 else where
-    message = (
+    return (
         f"a time constant of PT1 that depends on {join_names(names, _NAMED)} is below {SHORTEST_LAG:g} steps{place}; "
         f"PT1 is an implicit Euler step, which then decays like a lag of {step / np.log1p(step / lag):.3g} s"
     )
-    remedy = (
-        "Keep it if the control unit computes PT1 so, at the same step. For the time constant of a physical lag, write "
-        "PT1exact, or use a finer raster."
-    )
-    return Finding(Location(), message, remedy, severity="warning")
+
+
+def _first_use(problem: Problem, names: Sequence[str]) -> Location:
+    """Return where the function first uses one of these parameters, as far as it is known."""
+    locations = problem.model.locations
+    return next((locations[name] for name in names if name in locations), Location())
 
 
 def find_crossed(problem: Problem, parameters: ParameterSet) -> Iterator[Finding]:
@@ -82,7 +88,8 @@ def find_crossed(problem: Problem, parameters: ParameterSet) -> Iterator[Finding
         low, high = (float(np.ravel(values[name])[0]) for name in ("low", "high"))
         if low > high:
             message = f"{pair.kind} that depend on {join_names(names, _NAMED)} are crossed: {low:.4g} > {high:.4g}"
-            yield Finding(Location(), message, "Exchange them, or set bounds that keep them apart.", severity="warning")
+            remedy = "Exchange them, or set bounds that keep them apart."
+            yield Finding(_first_use(problem, names), message, remedy, severity="warning")
 
 
 def _pairs(graph: Graph) -> Iterator[_Pair]:

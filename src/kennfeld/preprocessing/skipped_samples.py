@@ -87,7 +87,8 @@ class SkippedSamples:
         place = (
             f" in {self.gap_count} gaps{first}" if self.gap_count > 1 else f" at {self.gaps[0]}" if self.gaps else ""
         )
-        message = f"{self.skipped} of {self.recorded} samples are not simulated: {names} {has} no value{place}"
+        are = "is" if self.skipped == 1 else "are"
+        message = f"{self.skipped} of {self.recorded} samples {are} not simulated: {names} {has} no value{place}"
         is_timed = bool(self.gaps) and self.gaps[0].begin is not None
         again = "The states start anew after each gap; m" if self.restarts else "M"
         remedy = f"{again}ax_gap, in s, interpolates short ones." if is_timed else ""
