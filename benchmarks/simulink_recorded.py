@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from benchmarks.table import Table
 from kennfeld.graph.interpreter import evaluate
+from kennfeld.graph.node import CLOCK, STEPS, TIME
 from kennfeld.models.model import Model
 from kennfeld.models.simulink.importing import simulink
 
@@ -38,14 +39,14 @@ def read(path: Path) -> Columns:
 
 def compute_nodes(model: Model, run: Columns, step: float | None) -> Mapping[str, npt.NDArray[np.float64]]:
     """All nodes of the model, driven by the inputs of a run."""
-    missing = [name for name in model.graph.inputs if name not in (*run, "t", "dt")]
+    missing = [name for name in model.graph.inputs if name not in (*run, *CLOCK)]
     if missing:
         raise SystemExit(f"the run has no column for the inputs {', '.join(missing)}")
     dt = model.step or step
     if dt is None:
         raise SystemExit("the model has no step of its own: say --step SECONDS")
     count = next(iter(run.values())).size
-    clock = {"t": dt * np.arange(count), "dt": np.full(count, dt)}
+    clock = {**dict.fromkeys(STEPS, np.full(count, dt)), TIME: dt * np.arange(count)}
     return evaluate(model.graph, {name: run[name] for name in model.graph.inputs if name in run} | clock, model.values)
 
 

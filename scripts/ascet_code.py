@@ -24,6 +24,7 @@ import numpy.typing as npt
 from kennfeld.ascet.schedule import Task, parse_schedule
 from kennfeld.errors import InputError
 from kennfeld.graph.interpreter import evaluate
+from kennfeld.graph.node import STEPS, TIME
 from kennfeld.models.ascet.importing import esdl
 from kennfeld.models.ascet.task_choice import ALL_TASKS
 from kennfeld.models.model import Model
@@ -91,7 +92,7 @@ def _compare_tasks(
     columns = _random_inputs({name: variables[variable] for name, variable in inputs.items()}, steps, seed)
     known = {name: variable for name, variable in outputs.items() if variable}
     recorded = _run(folder, sources, _main(inputs, known, variables, calls), columns, list(known), list(inputs))
-    clock = {"dt": np.full(steps, step), "t": np.arange(steps) * step}
+    clock = {**dict.fromkeys(STEPS, np.full(steps, step)), TIME: np.arange(steps) * step}
     simulated = evaluate(model.graph, {**columns, **clock}, model.values)
     return replace(empty, differences={key: _difference(simulated[key], recorded[key]) for key in known})
 

@@ -17,7 +17,9 @@ from kennfeld.numeric import array, number, truths
 
 Use = Literal["training", "test"]
 
-PAUSE = 20.0  # median steps; a longer one is a pause of the recording
+PAUSE = 20.0  # usual steps; a longer one is a pause of the recording
+_USUAL = 0.75  # quantile of the steps
+_ROUNDING = 1e-6  # relative, of differences of time stamps
 SAMPLES_PER_BLOCK = 65536  # processed at once, so that memory does not grow with the data
 
 
@@ -111,7 +113,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         scored: samples that are scored, Bool[samples]; the others are only simulated. None for all.
         findings: warnings and remarks of the reader, such as the number of infinite values.
         max_gap: longest gap of NaN in an input that is interpolated, in s; longer ones end a piece, as does a pause, a
-            time step longer than that and than `PAUSE` median ones.
+            time step longer than that and than `PAUSE` usual ones, which are the upper quartile of the steps.
         weight_channel: channel that multiplies the loss of each sample; empty for none.
         settling: simulation of steady-state points by a model with memory.
         warmup: time from the start of each piece that is simulated but not scored, in s.
@@ -311,6 +313,23 @@ def time_steps(time: Float, starts: Int, between: float = np.nan) -> Iterator[tu
         begin, end = np.searchsorted(starts, [first, last])
         steps[starts[begin:end] - first] = between
         yield first, steps
+
+
+def longest_usual_step(steps: Float) -> float:
+    """Return the step in s beyond which a time step is a pause of the recording.
+
+    The usual step is the upper quartile, not the median: where two rasters share a recording, neither of their steps is
+    a pause, even if each second step is many times longer than the one before.
+
+    Args:
+        steps: time steps in s within pieces, at least one; Float[steps].
+
+    >>> longest_usual_step(np.array([0.1, 0.1, 0.1, 60.0])) < 60.0
+    True
+    >>> longest_usual_step(np.array([0.02, 0.5, 0.02, 0.5])) < 0.5
+    False
+    """
+    return PAUSE * (1.0 + _ROUNDING) * float(np.quantile(steps, _USUAL, method="lower"))
 
 
 def replace_infinite(values: Float) -> tuple[Float, str]:

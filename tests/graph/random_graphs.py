@@ -97,7 +97,7 @@ def cases(
     count = draw(st.integers(1, max_states)) if states or (states is None and draw(st.booleans())) else 0
     latencies = draw(st.lists(st.integers(1, max_latency), min_size=count, max_size=count))
     b = GraphBuilder()
-    pool = [b.input(name) for name in (*INPUTS, "dt", "t")] + [b.const(value) for value in (2.0, -1.5)]
+    pool = [b.input(name) for name in (*INPUTS, "dt", "dt_next", "t")] + [b.const(value) for value in (2.0, -1.5)]
     memory = [b.state(latency) for latency in latencies]
     pool += memory
     grow = _Growth(b, draw, parameters, pool, memory, kinks=kinks)
@@ -124,6 +124,7 @@ def cases(
 def _columns(random, samples):
     columns = {name: random.uniform(-3, 3, samples) for name in INPUTS}
     columns["dt"] = random.uniform(0.01, 0.2, samples)
+    columns["dt_next"] = random.uniform(0.01, 0.2, samples)
     columns["t"] = np.cumsum(columns["dt"])
     return columns
 

@@ -9,6 +9,7 @@ from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.integration import SOLVERS, apply_solver, is_continuous, without_idle_holds
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.parameter_set import ParameterSet
+from tests.clocks import even_clock
 
 NO_LIMITS = (-math.inf, math.inf)
 
@@ -22,8 +23,7 @@ def integral(builder, slope, init=0.0, limits=NO_LIMITS):
 
 
 def run(graph: Graph, step: float, samples: int, **columns):
-    clock = {"dt": np.full(samples, step), "t": step * np.arange(samples)}
-    return evaluate(graph, {**columns, **clock}, ParameterSet())
+    return evaluate(graph, {**columns, **even_clock(step, samples)}, ParameterSet())
 
 
 @pytest.mark.parametrize(("solver", "order"), list(zip(SOLVERS, (1, 2, 3, 4, 5, 8), strict=True)))

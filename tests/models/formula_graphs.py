@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from kennfeld.graph import OPERATIONS, Graph, GraphBuilder, Node
+from kennfeld.graph import CLOCK, OPERATIONS, Graph, GraphBuilder, Node
 
 NAMES = ["y", "n.eng", "Ü", "two words", "rad[3].x", "50%", "pi", "t", "not", "abs", "map", "_1", "_2", "%", "#", " "]
 OPS = sorted(set(OPERATIONS) - {"guard"})
@@ -31,7 +31,7 @@ def graphs(draw: st.DrawFn) -> Graph:
     inputs, scalars, tables, named = spare[:3], spare[3:5], spare[5:8], spare[8:]
     axes = [draw(st.integers(1, 4)) for _ in tables]
     nodes = [b.input(name) for name in inputs] + [b.lookup(name) for name in scalars]
-    nodes += [b.input("dt"), b.input("t")]
+    nodes += [b.input(name) for name in CLOCK]
     nodes += [b.const(draw(numbers)) for _ in range(draw(st.integers(0, 3)))]
     open_states = [b.state(draw(st.sampled_from([1, 1, 1, 2, 7]))) for _ in range(draw(st.integers(0, 3)))]
     nodes += open_states

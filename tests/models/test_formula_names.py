@@ -41,6 +41,13 @@ def test_a_quoted_reserved_word_is_an_ordinary_name():
     assert graph.parameters == {"and": 0}
 
 
+@pytest.mark.parametrize("name", ["t", "dt", "dt_next"])
+def test_no_channel_has_the_name_of_a_clock(name):
+    with pytest.raises(InputError, match=f"an input cannot have the name {name}, which is that of the"):
+        formula(f"y = 2 * %{name}%")
+    assert formula(f"y = %{name}%\n%{name}% = 2 * u").graph.inputs == ("u",)
+
+
 def test_dt_and_t_are_the_clock():
     graph = formula("y = dt + t").graph
     assert graph.inputs == ()

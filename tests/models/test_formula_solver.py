@@ -13,6 +13,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import formula, to_text
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
+from tests.clocks import even_clock
 from tests.models.formula_graphs import one_nan
 
 T = 0.1
@@ -21,7 +22,7 @@ TIME = T * np.arange(U.size)
 
 
 def run(model, **scalars):
-    columns = {"u": U, "dt": np.full(U.size, T), "t": TIME}
+    columns = {"u": U, **even_clock(T, U.size)}
     return evaluate(model.graph, columns, ParameterSet([Scalar(name, value) for name, value in scalars.items()]))
 
 
@@ -81,7 +82,7 @@ def test_sampled_changes_nothing_without_a_solver():
 def test_derivatives_pass_through_a_solver(solver):
     model = formula(f"solver {solver}\nx = integrator(u - k * x * x, 1, -1, 2)\nscalar k")
     values = ParameterSet([Scalar("k", 0.7)])
-    columns = {"u": U, "dt": np.full(U.size, T), "t": TIME}
+    columns = {"u": U, **even_clock(T, U.size)}
     lowered = lower_lookups(model.graph, values)
     line = differentiate(lowered.graph, [lowered.graph.names["x"]], ("k",))
     exact = Interpreter(lowered, values).rows(line, {"k": 0}, columns).jacobian[:, 0, 0]

@@ -6,6 +6,7 @@ from kennfeld.graph import GraphBuilder
 from kennfeld.graph.dense_layer import DenseLayer
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Block, Curve, Map, Scalar
+from tests.clocks import even_clock
 from tests.graph.random_graphs import Case, Criterion
 from tests.native.external_functions import PRODUCT_AND_SQUARE
 
@@ -31,8 +32,7 @@ def case(graph, samples=500, starts=(0,), *, free=FREE, seed=0, loss="square", v
     """The graph on random data, a criterion an output, NaN among the targets."""
     random = np.random.default_rng(seed)
     columns = {name: random.uniform(-2.5, 2.5, samples) for name in ("u", "v", "w")}
-    columns["dt"] = np.full(samples, 0.1)
-    columns["t"] = np.cumsum(columns["dt"])
+    columns |= even_clock(0.1, samples)
     criteria = []
     for number, name in enumerate(graph.names):
         target = random.standard_normal(samples)

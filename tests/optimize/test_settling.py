@@ -161,7 +161,8 @@ def test_points_without_an_input_or_a_target_or_a_score_fall_out():
     rest = kf.Dataset.of("points", {"u": U[[0, 2, 5]], "z": np.ones(3)}, settling=Settling(1.0, 0.2, 0.1))
     expected = LeastSquaresObjective(CompiledProblem(problem(MODELS["PT1"], rest)))
     assert objective.cost(objective.start) == pytest.approx(expected.cost(expected.start), rel=1e-12)
-    assert kf.simulate(made.model, data, values())["y"].values.size == 5
+    with pytest.warns(kf.InputWarning, match="1 of 6 samples is not simulated: u has no value at sample 2"):
+        assert kf.simulate(made.model, data, values())["y"].values.size == 5
 
 
 def test_weights_are_those_of_the_points():
@@ -190,7 +191,8 @@ def test_the_step_may_be_that_of_the_model():
 
 def test_no_points_are_no_samples():
     empty = kf.Dataset.of("points", {"u": [np.nan], "z": [1.0]}, settling=Settling(1.0, 0.2, 0.1))
-    assert kf.simulate(MODELS["PT1"], empty, values())["y"].values.size == 0
+    with pytest.warns(kf.InputWarning, match="1 of 1 samples is not simulated: u has no value at sample 1"):
+        assert kf.simulate(MODELS["PT1"], empty, values())["y"].values.size == 0
 
 
 @pytest.mark.parametrize(

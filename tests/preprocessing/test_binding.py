@@ -84,6 +84,26 @@ def test_time_starts_again_in_every_piece():
     assert bound.columns["t"].tolist() == [0.0, 1.0, 3.0, 0.0, 0.25, 0.75]
 
 
+def test_the_next_step_leads_to_the_next_sample_of_the_piece():
+    time = [0.0, 1.0, 3.0, 0.0, 0.25, 0.75, 5.0]
+    data = Dataset.of("d", columns(np.zeros(7)), time=time, starts=[0, 3, 6])
+    bound = bind_inputs(data, formula("y = u + v + dt + dt_next").graph, {})
+    assert bound.columns["dt_next"].tolist() == [1.0, 2.0, 2.0, 0.25, 0.5, 0.5, 0.75]
+    assert bound.columns["dt"].tolist() == [1.0, 1.0, 2.0, 0.25, 0.25, 0.5, 0.75]
+
+
+def test_steps_of_a_second_raster_are_no_pauses():
+    times = np.concatenate([[0.0], np.cumsum(np.resize([0.01, 0.01, 0.5], 60))])
+    assert bind_inputs(Dataset.of("d", columns(np.zeros(61)), time=times), LAG, {}).starts.tolist() == [0]
+    times[40:] += 60.0
+    assert bind_inputs(Dataset.of("d", columns(np.zeros(61)), time=times), LAG, {}).starts.tolist() == [0, 40]
+
+
+def test_the_ratio_that_makes_a_pause_does_not_depend_on_rounding():
+    times = 0.1 * np.arange(50) + np.where(np.arange(50) > 20, 1.9, 0.0)  # a step of 20 others
+    assert bind_inputs(Dataset.of("d", columns(np.zeros(50)), time=times), LAG, {}).starts.tolist() == [0]
+
+
 def test_time_starts_again_after_a_gap():
     data = Dataset.of("d", columns([0, 1, NAN, 3, 4]), time=np.arange(5.0))
     assert bind_inputs(data, TIMED, {}).columns["t"].tolist() == [0, 1, 0, 1]

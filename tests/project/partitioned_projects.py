@@ -135,6 +135,19 @@ def write_timed(folder: Path, files: int = 3, samples: int = 400, text: str = TI
     return folder / "kennfeld.toml"
 
 
+def write_uneven(folder: Path, samples: int = 300) -> Path:
+    """Write recordings with steps of 0.4 and 0.02 s, of an integrator in a loop."""
+    path = write_timed(folder, samples=samples)
+    (folder / "lag.kf").write_text("input u\nLagged = integrator((K(u) - Lagged) / T, 0)\n")
+    for number in range(3):
+        name = folder / f"drive_{number}.csv"
+        head, *rows = name.read_text().split("\n")
+        times = np.concatenate([[0.0], np.cumsum(np.resize([0.4, 0.02], len(rows) - 1))])
+        rows = [f"{time:.2f},{row.partition(',')[2]}" for time, row in zip(times, rows, strict=True)]
+        name.write_text("\n".join([head, *rows]))
+    return path
+
+
 def write_shifted(
     folder: Path,
     model: str = "memory",

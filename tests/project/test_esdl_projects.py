@@ -12,6 +12,7 @@ from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.ascet.importing import esdl
 from kennfeld.models.formula import read as read_formula
 from kennfeld.project import Project
+from tests.clocks import even_clock
 from tests.models.ascet.amd_files import Component, Drawing, Method, message, parameter, write_archive
 from tests.models.ascet.esdl_projects import BATTERY, TASKS, run, write_project
 
@@ -181,8 +182,7 @@ def test_convert_writes_formula_text_with_the_same_results(folder):
     columns = {
         "current": np.linspace(-5, 5, 20),
         "ambient": np.full(20, 25.0),
-        "dt": np.full(20, 0.01),
-        "t": np.arange(20) * 0.01,
+        **even_clock(0.01, 20),
     }
     first = evaluate(model.graph, columns, model.values)
     second = evaluate(again.graph, columns, read(target.with_suffix(".json")))

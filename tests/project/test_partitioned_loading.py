@@ -22,9 +22,18 @@ from kennfeld.project import Project, partitioned_loading
 from kennfeld.project.results import write_simulation
 from kennfeld.task_runner import SerialRunner
 from tests.draws import mostly_slow
-from tests.project.partitioned_projects import FEW, OFF, STEADY, TIMED, in_partitions, write_steady, write_timed
+from tests.project.partitioned_projects import (
+    FEW,
+    OFF,
+    STEADY,
+    TIMED,
+    in_partitions,
+    write_steady,
+    write_timed,
+    write_uneven,
+)
 
-WRITERS = [write_steady, write_timed]
+WRITERS = [write_steady, write_timed, write_uneven]
 
 
 def write_few(folder, text=FEW + OFF):

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from kennfeld.graph.dense_layer import DenseLayer, DenseOutput
 from kennfeld.graph.external_function import ExternalFunction, ExternalOutput
-from kennfeld.graph.node import Graph, Node, State, extract
+from kennfeld.graph.node import NEXT_STEP, STEP, TIME, Graph, Node, State, extract
 from kennfeld.graph.operations import OPERATIONS
 
 # operation -> (constant on the right that leaves the left operand, constant on the left that leaves the right one)
@@ -38,6 +38,7 @@ class GraphBuilder:
         self.states: list[State] = []
         self._index: dict[tuple[Any, ...], int] = {}
         self._open: list[tuple[int, Callable[[int], tuple[int, int]]]] = []
+        self._limited: list[tuple[int, Callable[[], tuple[int, int]]]] = []
 
     @classmethod
     def of(cls, graph: Graph) -> Self:
@@ -69,6 +70,18 @@ class GraphBuilder:
         """Return the node of an input channel."""
         return self.node("input", (), name)
 
+    def step(self) -> int:
+        """Return the node of the step in s that ends at the sample, for values computed from those before it."""
+        return self.input(STEP)
+
+    def next_step(self) -> int:
+        """Return the node of the step in s that begins at the sample, for values of the next one."""
+        return self.input(NEXT_STEP)
+
+    def time(self) -> int:
+        """Return the node of the time in s since the piece began."""
+        return self.input(TIME)
+
     def lookup(self, parameter: str, *coordinates: int) -> int:
         """Return the node of a scalar parameter, or of a table lookup at these coordinates."""
         return self.node("lookup", coordinates, parameter)
@@ -99,6 +112,22 @@ class GraphBuilder:
 
     def _is(self, node: int, value: float | None) -> bool:
         return value is not None and self.nodes[node].op == "const" and bool(self.nodes[node].payload == value)
+
+    def within(self, x: int, lower: int, upper: int) -> int:
+        """Return x within limits; a limit that is infinite, or by which x is limited already, is not written again."""
+        inner = x
+        missing: list[tuple[str, int]] = []
+        for op, limit, none in (("min", upper, math.inf), ("max", lower, -math.inf)):
+            if self._is(limit, none):
+                continue
+            node = self.nodes[inner]
+            if not missing and node.op == op and node.args[1] == limit:
+                inner = node.args[0]
+            else:
+                missing.append((op, limit))
+        for op, limit in reversed(missing):
+            x = self.call(op, x, limit)
+        return x
 
     def state(self, latency: int = 1) -> int:
         """Return the node that reads a new state; `close` must then define its contents."""
@@ -132,6 +161,12 @@ class GraphBuilder:
         """Return the node that reads a new state; `settle` calls `then` with it to get the node of the next value."""
         return self._open_state(lambda read: (init, then(read)), latency)
 
+    def remember_within(self, init: int, then: Callable[[int], int], limits: Callable[[], tuple[int, int]]) -> int:
+        """Return the same as `remember` with an initial value within limits, unless these depend on the state then."""
+        read = self.remember(init, then)
+        self._limited.append((read, limits))
+        return read
+
     def remember_input(self, x: Callable[[], int], otherwise: float, latency: int) -> int:
         """Return a state holding x; it starts with the first x, or with `otherwise` if the first x depends on
         the state.
@@ -161,10 +196,16 @@ class GraphBuilder:
         return other in seen
 
     def settle(self) -> None:
-        """Close all open states; closing one may open others."""
+        """Close all open states; closing one may open others. Then limit initial values."""
         while self._open:
             read, contents = self._open.pop()
             self.close(read, *contents(read))
+        while self._limited:
+            read, limits = self._limited.pop(0)
+            which = self.nodes[read].payload
+            init = self.within(self.states[which].init, *limits())
+            if not self._needs(init, read):
+                self.states[which] = self.states[which]._replace(init=init)
 
     def value(self, node: int) -> float | None:
         """Return the value of a constant node, or None."""

@@ -128,7 +128,7 @@ def without_idle_holds(graph: Graph) -> Graph:
 
 
 def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
-    """Close continuous states with their values after one step of length dt."""
+    """Close continuous states with their values at the next sample."""
     states = {
         which: Advance(*builder.nodes[state.next].args)
         for which, state in enumerate(builder.states)
@@ -136,7 +136,7 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
     }
     if not states:
         return
-    parts, dt = list(states.values()), builder.input("dt")
+    parts, dt = list(states.values()), builder.next_step()
     stages: list[list[int]] = []
     for node, row in zip(tableau.nodes, tableau.rows, strict=True):
         starts = [part.start for part in parts]
@@ -145,13 +145,13 @@ def _close_states(builder: GraphBuilder, tableau: ButcherTableau) -> None:
             begun = zip(parts, *stages, strict=True)
             starts = [_advanced(builder, part.start, row, before, dt) for part, *before in begun]
             replaced = {part.start: x for part, x in zip(parts, starts, strict=True)}
-            t = builder.input("t")
+            t = builder.time()
             replaced[t] = builder.call("add", t, builder.call("mul", builder.const(node), dt))
             slopes = _replace_nodes(builder, slopes, replaced)
         stages.append([_limited_slope(builder, *each) for each in zip(parts, slopes, starts, strict=True)])
     for which, part, *slopes in zip(states, parts, *stages, strict=True):
         new = _advanced(builder, part.start, tableau.weights, slopes, dt)
-        builder.states[which] = builder.states[which]._replace(next=_within(builder, part, new))
+        builder.states[which] = builder.states[which]._replace(next=builder.within(new, part.lower, part.upper))
 
 
 def _advanced(builder: GraphBuilder, x: int, row: Sequence[float], slopes: Sequence[int], dt: int) -> int:
@@ -174,12 +174,6 @@ def _limited_slope(builder: GraphBuilder, part: Advance, slope: int, x: int) -> 
             rests = builder.call("and", builder.call(beyond, x, limit), builder.call(outwards, slope, zero))
             slope = builder.call("select", rests, zero, slope)
     return slope
-
-
-def _within(builder: GraphBuilder, part: Advance, new: int) -> int:
-    if builder.value(part.lower) != -math.inf:
-        new = builder.call("max", new, part.lower)
-    return new if builder.value(part.upper) == math.inf else builder.call("min", new, part.upper)
 
 
 def _replace_nodes(builder: GraphBuilder, roots: Sequence[int], place: Mapping[int, int]) -> list[int]:

@@ -2,6 +2,15 @@
 
 A graph computes outputs and next states from inputs, parameters and states. Memory has one form, `State`:
 a value that is read `latency` steps after it was written. `prev` is latency 1, a delay of n steps latency n.
+
+On uneven time, a sample k lies between two steps of different length. Which one an update takes follows from the sample
+whose value it computes:
+
+- the value at k, from inputs at k and states at k - 1, takes `STEP`, t[k] - t[k-1]: implicit Euler (PT1), rates;
+- the value at k + 1, from inputs and states at k, takes `NEXT_STEP`, t[k+1] - t[k]: explicit methods, which are forward
+  Euler and all solvers of continuous states.
+
+On even time both are the same number.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -11,7 +20,11 @@ from typing import Any, NamedTuple
 
 from kennfeld.lazy_dataclass import dataclass
 
-CLOCK = ("dt", "t")
+STEP = "dt"
+NEXT_STEP = "dt_next"
+TIME = "t"
+STEPS = (STEP, NEXT_STEP)
+CLOCK = (*STEPS, TIME)
 
 
 class Node(NamedTuple):
@@ -22,7 +35,7 @@ class Node(NamedTuple):
     | op | args | payload |
     |---|---|---|
     | const | | its value, a float |
-    | input | | channel name; `dt` and `t` are the step and the time since the piece began, in s |
+    | input | | channel name; `dt`, `dt_next`, `t` are the steps before and after, and the time in the piece, in s |
     | state | | index into `Graph.states` |
     | lookup | coordinates, none for a scalar | parameter name |
     | external | as the function has them | `ExternalOutput`; an output of a function outside of the graph |
@@ -102,7 +115,7 @@ class Graph:
 
     @property
     def clocks(self) -> set[str]:
-        """Names of the clock inputs, time and step, that the graph reads."""
+        """Names of the clock inputs, time and steps, that the graph reads."""
         return {n.payload for n in self.nodes if n.op == "input" and n.payload in CLOCK}
 
     @property

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import PAUSE, SAMPLES_PER_BLOCK
+from kennfeld.dataset import PAUSE, SAMPLES_PER_BLOCK, longest_usual_step
 
 _SAME_INSTANT = 1e-9  # s; a grid point this close to a time stamp is that sample
 _MAX_LEVELS = 16  # of a gear, a mode or a switch
@@ -57,7 +57,7 @@ def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequenc
 def resample(time: Float, values: Float, at: Float, held: bool = False) -> Float:
     """Return a channel at other times: linear between valid samples, held if it is stepped, NaN outside them.
 
-    The channel is stepped if `held` is true or `is_stepped(values)`. In pauses, which are longer than `PAUSE` median
+    The channel is stepped if `held` is true or `is_stepped(values)`. In pauses, which are longer than `PAUSE` usual
     steps, a channel that is not stepped is NaN.
 
     >>> resample(np.array([0.0, 1.0]), np.array([0.0, 5.0]), np.array([0.5, 2.0]))
@@ -83,10 +83,10 @@ def _interpolate(stamps: Float, known: Float, exact: Float, held: bool) -> Float
 def _in_pause(stamps: Float, at: Float) -> Bool:
     """Return whether the points lie between two stamps that are a pause apart."""
     steps = np.diff(stamps)
-    if not steps.size or steps.max() <= PAUSE * np.median(steps):
+    if not steps.size or steps.max() <= PAUSE * steps.min() or steps.max() <= (longest := longest_usual_step(steps)):
         return np.zeros(at.shape, dtype=bool)
     after = np.clip(np.searchsorted(stamps, at), 1, stamps.size - 1)
-    inside: Bool = (steps[after - 1] > PAUSE * np.median(steps)) & (at > stamps[after - 1]) & (at < stamps[after])
+    inside: Bool = (steps[after - 1] > longest) & (at > stamps[after - 1]) & (at < stamps[after])
     return inside
 
 

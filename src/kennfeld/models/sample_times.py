@@ -36,7 +36,7 @@ def sample_hit(builder: GraphBuilder, rate: SampleTime, step: float | None) -> i
     if step is not None and rate.offset == 0 and rate.period <= step * (1 + _TIME_TOLERANCE):
         return None
     near = builder.const(_TIME_TOLERANCE - rate.offset / rate.period)
-    now, before = builder.input("t"), builder.call("sub", builder.input("t"), builder.input("dt"))
+    now, before = builder.time(), builder.call("sub", builder.time(), builder.step())
     period = builder.const(rate.period)
     count = [
         builder.call("floor", builder.call("add", builder.call("div", time, period), near)) for time in (now, before)

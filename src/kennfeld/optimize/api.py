@@ -34,6 +34,7 @@ from kennfeld.parameters import Parameter, Scalar
 from kennfeld.preprocessing.binding import bind_inputs
 from kennfeld.preprocessing.coercion import Data, to_dataset
 from kennfeld.preprocessing.model_step import clock_findings, recorded_samples, refine_step
+from kennfeld.preprocessing.skipped_samples import SkippedSamples
 from kennfeld.preprocessing.time_shift import shift_channels
 
 Start = ParameterSet | Mapping[str, float | Parameter]
@@ -175,7 +176,8 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
         channels: the channel of a model input, if the names differ.
 
     Returns:
-        A channel for each named node, Float[samples].
+        A channel for each named node, Float[samples]. Samples at which an input has no value are left out; a warning,
+        which is among the `findings` of the dataset as well, says which.
 
     Raises:
         InputError: an input or a parameter of the model is missing, or the data do not fit its step.
@@ -194,6 +196,10 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     finer = _on_step(function, [replace(dataset, scored=None, warmup=0.0)], inputs)[0]
     bound = bind_inputs(finer, graph, channels, function.step)
     nodes = NodeSimulator(graph, values).dataset(bound, values)
+    skipped = SkippedSamples.of(bound, channels, restarts=bool(graph.states))
+    if skipped is not None:
+        nodes = replace(nodes, findings=(skipped.finding(dataset_location(dataset)),))
+        warn(nodes.findings)
     return nodes if finer.scored is None else recorded_samples(nodes, bound.scored)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from kennfeld.graph import Graph, GraphBuilder
 from kennfeld.graph.external_function import is_sequential
+from kennfeld.graph.node import STEPS
 from kennfeld.graph.traversal import rewrite
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.problem import Problem
@@ -42,18 +43,18 @@ class DataForm:
 
 def even_step(bounds: Sequence[BoundDataset]) -> float | None:
     """Return the time step if it is the same everywhere, else None."""
-    clocks = [bound.clock["dt"] for bound in bounds if "dt" in bound.clock and bound.clock["dt"].size]
-    steps = {float(step) for dt in clocks for step in (dt.min(), dt.max())}
+    clocks = [bound.clock[name] for bound in bounds for name in STEPS if name in bound.clock]
+    steps = {float(step) for dt in clocks if dt.size for step in (dt.min(), dt.max())}
     return steps.pop() if len(steps) == 1 else None
 
 
 def with_step(graph: Graph, step: float | None) -> Graph:
-    """Replace `dt` by a constant if it is known."""
+    """Replace the steps before and after a sample by a constant if it is known."""
     if step is None:
         return graph
 
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
         node = graph.nodes[at]
-        return b.const(step) if node.op == "input" and node.payload == "dt" else b.rebuild(node, args)
+        return b.const(step) if node.op == "input" and node.payload in STEPS else b.rebuild(node, args)
 
     return rewrite(graph, resolve)

@@ -12,6 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
+from kennfeld.optimize.doubtful_arguments import find_crossed, find_short_lags
 from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.jumps import find_jumps
@@ -495,7 +496,8 @@ class FitRun:
         outweighed = after > before
         smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
         share = admissible_share(self.exact, limits, end.values, before) if smooth else None
-        equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, self.parameters(end.values))
+        fitted = self.parameters(end.values)
+        equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, fitted)
         moved = not np.array_equal(end.values, self.objective.start)
         certified = certificate if end.status == "converged" else None
         steep = steepness(self.exact.residuals, int(limits.movable.sum()))
@@ -505,6 +507,8 @@ class FitRun:
             *find_slopes(certified, steep, moved=moved, in_steps=bool(self.options.steps)),
             *self._slope_findings(end, limits),
             *equal,
+            *find_short_lags(self.problem, fitted),
+            *find_crossed(self.problem, fitted),
         )
 
     def _slope_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:

@@ -101,7 +101,8 @@ class Result(NotebookDisplay):
         smoothness: factors of each table with an automatic one, by axis x, y, z or w.
         shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
         warnings: criteria whose errors are larger than at the start, signs that the end is not the optimum, slopes that
-            do not describe how the cost changes, and sample weights that are missing.
+            do not describe how the cost changes, sample weights that are missing, fitted time constants close to the
+            step, and limits that are crossed.
         recordings: errors by criterion, dataset and file, with the worst stretch of each file.
         certificate: how far the values are from a minimum within the limits, in numbers without units; None if that
             cannot be computed.

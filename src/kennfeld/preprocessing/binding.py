@@ -6,9 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import PAUSE, Dataset, time_steps
+from kennfeld.dataset import PAUSE, Dataset, longest_usual_step, time_steps
 from kennfeld.errors import InputError, Location
 from kennfeld.graph import Graph
+from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
 
@@ -21,8 +22,8 @@ class BoundDataset:
     """The samples of a dataset that a model can be run on.
 
     `inputs` holds the model's inputs at all samples of the dataset. `picked` marks the kept samples, None if all are
-    kept; `starts` are the first samples of pieces among them; `scored` marks those that are scored; `clock` holds `dt`
-    and `t` of the kept samples if the model reads them, and other inputs that are not channels. If steady-state points
+    kept; `starts` are the first samples of pieces among them; `scored` marks those that are scored; `clock` holds steps
+    and time of the kept samples if the model reads them, and other inputs that are not channels. If steady-state points
     are held until the model has settled (`hold`), `picked` repeats the number of each point, each point is a piece, and
     the last sample of each is scored.
     """
@@ -131,7 +132,7 @@ def bind_inputs(dataset: Dataset, graph: Graph, channels: Mapping[str, str], ste
     clock = {}
     if dataset.time is not None:
         time = dataset.time[kept]
-        functions = {"dt": _steps, "t": _time_in_piece}
+        functions = {STEP: _steps, NEXT_STEP: _next_steps, TIME: _time_in_piece}
         clock = {name: functions[name](time, starts) for name in graph.clocks}
         if dataset.warmup > 0:
             scored = scored & _is_warm(time, starts, dataset.warmup)
@@ -184,10 +185,10 @@ def _longest_step(time: Float, starts: Int, max_gap: float) -> float:
     """Return the longest step in s that is not a pause of the recording; infinite if there is no pause."""
     ends = [(np.fmin.reduce(steps), np.fmax.reduce(steps)) for _, steps in time_steps(time, starts)]
     low, high = (np.nan, np.nan) if not ends else (np.fmin.reduce(ends)[0], np.fmax.reduce(ends)[1])
-    if not high > PAUSE * low:  # checked first: a median is slow
+    if not high > PAUSE * low:  # checked first: a quantile is slow
         return np.inf
     steps = np.concatenate([steps[~np.isnan(steps)] for _, steps in time_steps(time, starts)])
-    return max(PAUSE * float(np.median(steps)), max_gap)
+    return max(longest_usual_step(steps), max_gap)
 
 
 def _steps(time: Float, starts: Int) -> Float:
@@ -207,6 +208,17 @@ def _steps(time: Float, starts: Int) -> Float:
     if max(high - even, even - low) <= EVEN * even:
         return np.broadcast_to(even, time.size)
     return dt
+
+
+def _next_steps(time: Float, starts: Int) -> Float:
+    """Return the step after each sample in s; the last one of a piece equals the one before."""
+    dt = _steps(time, starts)
+    if not time.size or dt.strides == (0,):  # even
+        return dt
+    following = np.append(dt[1:], dt[-1])
+    lasts = np.append(starts[1:], time.size) - 1
+    following[lasts] = dt[lasts]
+    return following
 
 
 def _is_warm(time: Float, starts: Int, warmup: float) -> Bool:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from kennfeld.arrays import Bool, Float, Int
-from kennfeld.dataset import PAUSE, Dataset
+from kennfeld.dataset import Dataset, longest_usual_step
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun
 from kennfeld.preprocessing.recipe import DatasetEntry
@@ -67,7 +67,7 @@ def segment_starts(time: Float, starts: Int, counts: Bool, max_gap: float) -> In
         return np.zeros(kept.size, dtype=np.int64)
     steps, piece = np.diff(time[kept]), np.searchsorted(starts, kept, side="right")
     within = np.diff(time)[np.diff(np.searchsorted(starts, np.arange(time.size), side="right")) == 0]
-    pause = max(PAUSE * float(np.median(within)), max_gap) if within.size else np.inf
+    pause = max(longest_usual_step(within), max_gap) if within.size else np.inf
     gap = np.where(np.diff(kept) > 1, steps > max_gap + _TIME_TOLERANCE, steps > pause)
     return np.concatenate([[0], np.flatnonzero(gap | (np.diff(piece) > 0)) + 1])
 

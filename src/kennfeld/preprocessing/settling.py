@@ -21,7 +21,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Dataset, Settling
 from kennfeld.errors import InputError, Location
 from kennfeld.graph import Graph, GraphBuilder, State
-from kennfeld.graph.node import extract
+from kennfeld.graph.node import STEPS, TIME, extract
 from kennfeld.lazy_dataclass import dataclass
 
 SHARE, KEEP = AVERAGING = ("\0share", "\0keep")  # inputs that no formula text can name
@@ -42,8 +42,8 @@ class HoldPlan:
         number = np.arange(self.samples)
         inside = number >= self.samples - self.window
         point = {
-            "dt": np.full(self.samples, self.step),
-            "t": self.step * number,
+            **dict.fromkeys(STEPS, np.full(self.samples, self.step)),
+            TIME: self.step * number,
             SHARE: inside / self.window,
             KEEP: (inside & (number > self.samples - self.window)).astype(np.float64),
         }

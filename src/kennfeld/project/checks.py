@@ -20,10 +20,12 @@ from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import CodeNotRunError, function_remarks
 from kennfeld.graph.factors import factors
+from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.graph.traversal import dependents
 from kennfeld.models import Model
 from kennfeld.models.formula import expression
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.doubtful_arguments import find_crossed
 from kennfeld.optimize.equal_neurons import REMEDY, describe, equal_neurons
 from kennfeld.optimize.jumps import MAX_NAMES, find_jumps
 from kennfeld.optimize.linear_limits import linear_limits
@@ -164,9 +166,9 @@ def check_step(file: ProjectFile, problem: Problem) -> Iterator[Finding]:
     original step, so that differences are those of the solver.
     """
     bound = next(iter(problem.training), None) if problem.model.stepped else None
-    if bound is None or "dt" not in bound.clock or bound.hold is not None or bound.count < 2:
+    if bound is None or NEXT_STEP not in bound.clock or bound.hold is not None or bound.count < 2:
         return
-    step = problem.model.step or float(np.median(bound.clock["dt"]))
+    step = problem.model.step or float(np.median(bound.clock[NEXT_STEP]))
     trial = _StepTrial(file, problem, bound, step)
     first = trial.gap(1)
     if first is None or first.share <= STEP_TOLERANCE:
@@ -224,9 +226,12 @@ class _StepTrial:
         """Return the nodes of the criteria at the original samples, Float[nodes, samples]."""
         count = self._count
         columns = {name: np.repeat(values[:count], parts) for name, values in self.bound.columns.items()}
-        columns["dt"] = columns["dt"] / parts
-        if "t" in columns:
-            columns["t"] = columns["t"] + columns["dt"] * np.tile(np.arange(parts), count)
+        number, fine = np.tile(np.arange(parts), count), columns[NEXT_STEP] / parts
+        columns[NEXT_STEP] = fine
+        if STEP in columns:
+            columns[STEP] = np.where(number > 0, fine, columns[STEP] / parts)
+        if TIME in columns:
+            columns[TIME] = columns[TIME] + fine * number
         starts = [parts * int(start) for start in self.bound.starts if start < count]
         compiled = NodeSimulator(model.graph, self.problem.parameters, self.nodes)
         with np.errstate(all="ignore"):
@@ -279,9 +284,11 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_unread_class(file),
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
-    warnings += [*_clocks(file, problem, locations), *seen_test_data(file, problem, locations)]
+    warnings += [*_clocks(file, problem, locations), *_restarts(problem, locations)]
+    warnings += seen_test_data(file, problem, locations)
     beyond = (Finding(*entry, severity="warning") for entry in _beyond(file, problem))
     evaluating = {
+        "limits in the wrong order": find_crossed(problem, problem.parameters),
         "samples outside of axes": beyond,
         "how derivatives are computed": check_slopes(file, problem),
         "jumps": check_events(file, problem),
@@ -309,6 +316,18 @@ def _clocks(file: ProjectFile, problem: Problem, locations: Mapping[str, Locatio
     if timed or problem.model.graph.is_timed:
         for data in problem.datasets:
             yield from clock_findings(data, locations[data.name])
+
+
+def _restarts(problem: Problem, locations: Mapping[str, Location]) -> Iterator[Finding]:
+    """Yield a remark for each dataset within whose recordings states start anew, after gaps or pauses."""
+    for data in problem.datasets if problem.graph.states and problem.partitions is None else ():
+        bound = problem.bind(data)
+        count = bound.starts.size - data.starts.size
+        if count > 0 and data.time is not None and bound.hold is None:
+            times = "once" if count == 1 else f"{count} times"
+            message = f"the states of the function start anew {times} within recordings, after gaps in inputs or pauses"
+            remedy = "If they should not, write max_gap = ... in s, above the length of the gaps."
+            yield Finding(locations[data.name], message, remedy, severity="remark")
 
 
 def _units(problem: Problem, locations: Mapping[str, Location]) -> Iterator[_Warning]:

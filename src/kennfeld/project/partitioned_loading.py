@@ -12,6 +12,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
+from kennfeld.graph.node import STEPS
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.optimize.data_form import even_step
@@ -190,7 +191,7 @@ class PartitionedLoading:
         whole = keeps_pieces(problem.model, problem.limits)
         training, test = (self._partitions(fitted=fitted, whole_pieces=whole) for fitted in (True, False))
         result = Partitions(self._recordings, training, test, self._runner)
-        if "dt" not in problem.graph.clocks:
+        if problem.graph.clocks.isdisjoint(STEPS):
             return result
         steps = [*replace(problem, partitions=result).each(step_of)]
         same = steps[0] is not None and all(step is not None and np.isclose(step, steps[0], 1e-6) for step in steps)

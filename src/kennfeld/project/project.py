@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from kennfeld.dataset import Dataset
-from kennfeld.errors import Finding, FindingList, InputError
+from kennfeld.errors import Finding, FindingList, InputError, warn
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import ProjectFile, is_esdl_file, read_project
@@ -296,7 +296,8 @@ class Project:
             shifts: estimated shifts by dataset and channel, as in `Result.shifts`.
 
         Returns:
-            All named nodes and the target channels, a dataset each.
+            All named nodes and the target channels, a dataset each. Samples at which an input has no value are left
+            out; a warning, which is among the `findings` of the dataset as well, says which.
 
         Raises:
             InputError: the project has errors, a table does not fit the function, or its data are in partitions.
@@ -307,7 +308,9 @@ class Project:
             message = "data in partitions are not simulated as a whole"
             remedy = "Use Project.simulation, part by part, or write partition = 0, with fewer files."
             raise InputError.of(self.file.location("cluster"), message, remedy)
-        return simulate_problem(self._simulated(shifts), parameters)
+        datasets = simulate_problem(self._simulated(shifts), parameters)
+        warn(finding for data in datasets for finding in data.findings)
+        return datasets
 
     def simulation(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None

@@ -17,6 +17,7 @@ from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
+from kennfeld.preprocessing.skipped_samples import SkippedSamples
 from kennfeld.project.initial_calibration import describe_parameter
 from kennfeld.threads import map_in_order
 
@@ -43,6 +44,7 @@ class Simulation:
         units: of all channels, by name.
         samples: number of samples of each dataset, by its name; with data in partitions, of those simulated so far.
         files: the short name of each file, by its path or address.
+        skipped: the samples of each dataset that are not simulated, by its name, as far as they are known.
     """
 
     def __init__(self, problem: Problem, parameters: ParameterSet | None) -> None:
@@ -50,6 +52,8 @@ class Simulation:
         self._compiled = NodeSimulator(problem.model.graph, self._values)
         whole = problem.partitions is None
         self.samples = {data.name: problem.bind(data).shown.count if whole else 0 for data in problem.datasets}
+        skipped = (_skipped(problem, problem.bind(data)) for data in problem.datasets if whole)
+        self.skipped = {each.dataset: each for each in skipped if each is not None}
         self.files = short_names(list(_paths(problem)))
         units = problem.model.graph.units
         self.units = {name: units.get(name, "") for name in problem.model.graph.names}
@@ -77,9 +81,11 @@ class Simulation:
         for partition, parts in zip(ordered, partitions.map(simulate_partition, shared, ordered), strict=True):
             number = _dataset_of(partition)
             name = self._problem.datasets[number].name
-            for data, continues in parts:
+            for data, continues, skipped in parts:
                 before = max(pieces[number] - continues, 0)
                 self.samples[name] += data.samples
+                if skipped is not None:
+                    self.skipped[name] = replace(skipped, dataset=name).joined(self.skipped.get(name))
                 pieces[number] = before + data.starts.size
                 yield SimulatedPart(replace(data, name=name), before)
 
@@ -97,8 +103,8 @@ def _dataset_of(partition: Partition) -> int:
     return partition.parts[0].dataset
 
 
-def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Dataset, bool]]:
-    """Simulate each part of a partition; the second value tells whether it continues the piece before it."""
+def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Dataset, bool, SkippedSamples | None]]:
+    """Simulate each part of a partition; return also if it continues the piece before it, and what it skips."""
     recordings, (skeleton, values) = shared_content(shared)
     parts = pickle.loads(item).parts
     problem = skeleton.over(StoredDatasets(recordings, parts))
@@ -108,7 +114,8 @@ def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Datas
         nodes = _simulate_bound(problem, problem.bind(data), values, compiled)
         starts = _starts_in_file(problem.bind(recordings.file(part)).shown, part)
         continues = 0 not in starts or (data.time is None and not problem.model.graph.states)
-        simulated.append((replace(nodes, starts=np.union1d([0], starts).astype(np.int64)), continues))
+        nodes = replace(nodes, starts=np.union1d([0], starts).astype(np.int64))
+        simulated.append((nodes, continues, _skipped(problem, problem.bind(data))))
     return simulated
 
 
@@ -123,7 +130,13 @@ def _simulate_bound(problem: Problem, bound: BoundDataset, values: ParameterSet,
     shown, data = bound.shown, bound.dataset
     targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, nodes)]
     files = None if data.files is None else data.files.picked(shown.kept)
-    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored, files=files)
+    found = replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored, files=files)
+    skipped = _skipped(problem, bound)
+    return found if skipped is None else replace(found, findings=(skipped.finding(Location(f"dataset {data.name}")),))
+
+
+def _skipped(problem: Problem, bound: BoundDataset) -> SkippedSamples | None:
+    return SkippedSamples.of(bound, problem.channels, restarts=bool(problem.graph.states))
 
 
 def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Channel]:

@@ -3,6 +3,7 @@
 What a command needs is imported inside it, so that `kennfeld --help` starts at once.
 """
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -20,6 +21,7 @@ from kennfeld.terminal.command_line import (
     PATH,
     WRONG_INPUT,
     argument,
+    as_json,
     only_problems,
     option,
     project_file,
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from kennfeld.optimize.result import Result
     from kennfeld.parameter_set import ParameterSet
     from kennfeld.project import Project
+    from kennfeld.project.simulation import Simulation
 
 FOLDS = ("auto", "files", "blocks", "random")
 by_file = option("--by-file", "Print the errors and the worst stretch of each file, the worst first.")
@@ -302,8 +305,9 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
 )
 @by_file
+@as_json
 @only_problems
-def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool) -> int:
+def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool, as_json: bool) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
     from kennfeld.project.results import write_simulation
@@ -313,10 +317,26 @@ def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: 
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts)
         written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+        locations = {entry.name: entry.location for entry in project.file.datasets}
+        for name, skipped in simulation.skipped.items():
+            print_findings(skipped.finding(locations.get(name, Location(f"dataset {name}"))))
+        if as_json:
+            print_values(json.dumps(_as_dict(simulation, written), indent=2))
+            return DONE
         print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
         _print_fit(project, values, shifts, by_file)
     print_lines(f"Written to {written}")
     return DONE
+
+
+def _as_dict(simulation: "Simulation", written: Path) -> dict[str, Any]:
+    """Return the numbers of samples of a simulation, and those that are skipped, for JSON."""
+    datasets = [
+        {"name": name, "samples": samples, "skipped": skipped.as_dict() if skipped else None}
+        for name, samples in simulation.samples.items()
+        for skipped in [simulation.skipped.get(name)]
+    ]
+    return {"file": str(written), "datasets": datasets}
 
 
 def _print_fit(

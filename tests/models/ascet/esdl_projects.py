@@ -4,6 +4,7 @@ import numpy as np
 
 from kennfeld.graph.interpreter import evaluate
 from kennfeld.models.ascet.importing import esdl
+from tests.clocks import even_clock
 
 LIBRARY = {
     "Lib/Lib/Time/DeltaTime.esdl": """package Lib.Time;
@@ -312,5 +313,4 @@ def run(model, columns=None, dt=0.1, parameters=None, samples=None):
     arrays = {name: np.asarray(column, dtype=float) for name, column in (columns or {}).items()}
     count = samples or next(iter(arrays.values())).size
     step = model.step or dt
-    clock = {"dt": np.full(count, step), "t": step * np.arange(count)}
-    return evaluate(model.graph, {**arrays, **clock}, parameters or model.values)
+    return evaluate(model.graph, {**arrays, **even_clock(step, count)}, parameters or model.values)

@@ -9,6 +9,7 @@ from kennfeld.graph.interpreter import Interpreter
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.ascet.declarations import SourceTree
 from kennfeld.models.ascet.importing import esdl, import_esdl
+from tests.clocks import even_clock
 from tests.models.ascet.esdl_projects import BATTERY, VEHICLE, class_model, run, write_project
 
 SAMPLES = 400
@@ -212,7 +213,7 @@ def test_the_torque_model_is_that_of_the_formula_and_calibrates_to_the_same_bits
 def test_derivatives_of_the_plant_are_those_of_differences(battery):
     model = esdl(battery / "Cell/Plant.esdl")
     columns = {name: column[:20] for name, column in load_cycle().items()}
-    full = {**columns, "dt": np.full(20, 0.01), "t": np.arange(20) * 0.01}
+    full = {**columns, **even_clock(0.01, 20)}
     lowered = lower_lookups(model.graph, model.values)
     for name, step in (("C_heat", 1e-6), ("leak", 1e-6), ("capacity", 1e-5), ("R_inner", 1e-7)):
         line = differentiate(lowered.graph, [lowered.graph.names["voltage"]], (name,))
@@ -226,3 +227,19 @@ def test_derivatives_of_the_plant_are_those_of_differences(battery):
                 ends.append(run(model, columns, parameters=model.values.with_parameters(own.with_values(values))))
             slope = (ends[0]["voltage"] - ends[1]["voltage"]) / (2 * step)
             np.testing.assert_allclose(exact[:, at], slope, rtol=2e-5, atol=1e-8)
+
+
+def test_delta_time_is_the_step_since_the_last_run_on_uneven_time(tmp_path):
+    write_project(tmp_path, BATTERY)
+    model = class_model(tmp_path, """import Lib.Time.DeltaTime;
+class Own {
+    real before = 0.0; real after = 0.0;
+    public real compute(real in u) { after = before; before = before + u * DeltaTime.deltaT; return before + after; }
+}
+""")  # fmt: skip
+    time, u = np.cumsum(np.resize([0.4, 0.02], 30)), np.sin(np.arange(30.0))
+    steps = np.concatenate([[time[1] - time[0]], np.diff(time)])
+    summed = np.cumsum(u * steps)
+    (output,) = model.graph.outputs
+    found = kf.simulate(model, {"time": time, "u": u}, {})[output].values
+    np.testing.assert_allclose(found, summed + np.concatenate([[0.0], summed[:-1]]), rtol=1e-12, atol=1e-13)

@@ -11,6 +11,7 @@ from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.formula import formula, to_text
 from kennfeld.native.simulator import Simulator
+from tests.clocks import even_clock
 from tests.draws import few_or_many
 from tests.graph.noise import assert_close, spread, steady
 from tests.models.ascet.esdl_projects import class_model, run
@@ -22,7 +23,7 @@ COLUMNS = {
     "y": np.array([1.0, 0.0, -1.5, 2.0, 0.5, 0.5, -3.0, 1.0, 0.0, 2.5, -0.5, 1.25]),
     "on": np.array([1, 0, 0, 1, 1, 0, 1, 0, 0, 1, 0, 1], dtype=float),
 }
-CLOCK = {"dt": np.full(SAMPLES, 0.1), "t": np.arange(SAMPLES) * 0.1}
+CLOCK = even_clock(0.1, SAMPLES)
 
 
 def lowered(text):

@@ -1,5 +1,6 @@
 import threading
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from kennfeld.native.accumulator import Accumulator
 from kennfeld.native.kernel import Kernel
 from kennfeld.native.sample_loop import Output
 from kennfeld.native.samples import Piece, Samples
+from tests.clocks import even_clock
 from tests.draws import mostly_slow
 from tests.models.fmu.lag_fmu import TABLE, build, equations_of
 
@@ -49,12 +51,23 @@ def test_classic_runge_kutta_follows_the_exact_solution(lag):
     np.testing.assert_allclose(y - np.arange(6.0) @ WEIGHTS, 3.0 - 2.0 * np.exp(-t / 0.7), rtol=2e-6)
 
 
+def test_uneven_steps_lead_to_the_next_sample(lag):
+    steps = np.resize([0.4, 0.02], COUNT - 1)
+    data = {"time": np.concatenate([[0.0], np.cumsum(steps)]), "u": np.full(COUNT, 3.0)}
+    decay = np.concatenate([[1.0], np.cumprod(1 - steps / 0.7)])
+    expected = 1.3 * (3.0 + (1.3 - 3.0) * decay) + np.arange(6.0) @ WEIGHTS
+    y = kf.simulate(replace(fmu(lag, solver="ode1"), step=None), data, {"tau": 0.7, "k": 1.3})["y"].values
+    np.testing.assert_allclose(y, expected, rtol=1e-12)
+    y = kf.simulate(replace(fmu(lag, solver="ode8"), step=None), data, {"tau": 0.7})["y"].values
+    np.testing.assert_allclose(y - np.arange(6.0) @ WEIGHTS, 3.0 - 2.0 * np.exp(-data["time"] / 0.7), rtol=1e-8)
+
+
 def test_sensitivities_are_those_of_the_closed_form(lag):
     model = fmu(lag, solver="ode1")
     parameters = model.carried
     lowered = lower_lookups(model.graph, parameters, ())
     kernel = Kernel(lowered, [Output(lowered.graph.names["y"])], parameters, tuple(parameters))
-    columns = {"u": np.full(COUNT, 3.0), "t": np.arange(COUNT) * STEP, "dt": np.full(COUNT, STEP)}
+    columns = {"u": np.full(COUNT, 3.0), **even_clock(STEP, COUNT)}
     samples = Samples(
         [columns[name] for name in kernel.layout.inputs], np.zeros((1, COUNT)), [Piece(0, COUNT, np.ones(1))]
     )

@@ -8,6 +8,7 @@ from kennfeld.graph.lookup_lowering import lower_lookups
 from kennfeld.models.simulink.importing import simulink
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
+from tests.clocks import even_clock
 from tests.models.simulink.simulink_files import Model
 
 
@@ -52,8 +53,7 @@ def run(model, columns=None, dt=0.1, parameters=None, samples=None):
     given = {name: np.asarray(column, dtype=float) for name, column in (columns or {}).items()}
     count = samples or next(iter(given.values())).size
     step = model.step or dt
-    clock = {"dt": np.full(count, step), "t": step * np.arange(count)}
-    return evaluate(model.graph, {**given, **clock}, parameters or model.values)
+    return evaluate(model.graph, {**given, **even_clock(step, count)}, parameters or model.values)
 
 
 def run_natively(model, columns, dt=0.1):
@@ -61,10 +61,9 @@ def run_natively(model, columns, dt=0.1):
     columns = {name: np.asarray(column, dtype=float) for name, column in columns.items()}
     count = next(iter(columns.values())).size
     step = model.step or dt
-    clock = {"dt": np.full(count, step), "t": step * np.arange(count)}
     lowered = lower_lookups(model.graph, model.values)
     simulator = Simulator(lowered, list(lowered.graph.names.values()), model.values)
-    values = simulator.over({**columns, **clock}, count, model.values, (0,))
+    values = simulator.over({**columns, **even_clock(step, count)}, count, model.values, (0,))
     return dict(zip(lowered.graph.names, values, strict=True))
 
 
@@ -76,7 +75,7 @@ def slopes(model, columns, name, output, dt=0.1):
     given = {key: np.asarray(column, dtype=float) for key, column in columns.items()}
     count = next(iter(given.values())).size
     step = model.step or dt
-    full = {**given, "dt": np.full(count, step), "t": step * np.arange(count)}
+    full = {**given, **even_clock(step, count)}
     lowered = lower_lookups(model.graph, model.values)
     line = differentiate(lowered.graph, [lowered.graph.names[output]], (name,))
     exact = Interpreter(lowered, model.values).rows(line, {name: 0}, full)

@@ -187,7 +187,7 @@ class EsdlModelImport:
     def _stored(self, label: str) -> Nodes:
         variable = self.program.variables[label]
         if variable.storage == "step":
-            return np.array([[self.builder.input("dt")]], dtype=np.int64)
+            return np.array([[self.builder.step()]], dtype=np.int64)
         if variable.storage == "characteristic":
             return self.parameters.nodes(self.builder, label)
         if label in self.input_names:

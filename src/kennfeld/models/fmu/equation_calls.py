@@ -46,7 +46,7 @@ class EquationCalls:
 
     def write(self, builder: GraphBuilder, arguments: Sequence[int]) -> Sequence[int]:
         """Add the nodes of one step, and return those of the outputs."""
-        time = builder.input("t") if self.timed else builder.const(0.0)
+        time = builder.time() if self.timed else builder.const(0.0)
         inputs = [arguments[number] for number in self.order]
         parameters, starts = (_look_up(builder, values) for values in (self.values, self.start_values))
         states = [builder.state() for _ in range(self.states)]

@@ -45,7 +45,7 @@ class TrajectoryCalls:
         Raises:
             InputError: the FMU allows one instance only, and the graph already has a call.
         """
-        time, place = builder.input("t"), self._place(builder)
+        time, place = builder.time(), self._place(builder)
         inputs = [_before(builder, arguments[at], start) for at, start in zip(self.inputs, self.starts, strict=True)]
         parameters = [builder.lookup(v.parameter, *map(builder.const, v.coordinates)) for v in self.values]
         (first,) = builder.external(self.start, builder.const(float(place)), time, *inputs, *parameters)

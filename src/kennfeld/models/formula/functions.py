@@ -51,13 +51,17 @@ class Argument(NamedTuple):
 
 
 class BuiltinFunction(NamedTuple):
-    """A built-in function; `rule(builder, *arguments)` writes its graph."""
+    """A built-in function; `rule(builder, *arguments)` writes its graph.
+
+    `ordered` names two arguments of which the first must not exceed the second.
+    """
 
     name: str
     signature: str
     arguments: tuple[Argument, ...]
     rule: Callable[..., int]
     memory: bool
+    ordered: tuple[str, ...] = ()
 
     @property
     def fewest(self) -> int:
@@ -69,18 +73,24 @@ class BuiltinFunction(NamedTuple):
         """Maximum number of arguments."""
         return math.inf if "..." in self.signature else len(self.arguments)
 
+    def position(self, name: str) -> int:
+        """Return the position of an argument."""
+        return [argument.name for argument in self.arguments].index(name)
+
     def argument(self, index: int) -> Argument:
         """Return the argument at a position of a call."""
         return self.arguments[min(index, len(self.arguments) - 1)]
 
 
-def _function(signature: str, rule: Callable[..., int], memory: bool = False, later: str = "") -> BuiltinFunction:
+def _function(
+    signature: str, rule: Callable[..., int], memory: bool = False, later: str = "", ordered: str = ""
+) -> BuiltinFunction:
     name, _, inside = signature.removesuffix(")").partition("(")
     arguments = []
     for part in inside.removesuffix(", ...").split(", "):
         argument, _, default = part.partition("=")
         arguments.append(Argument(argument, default, argument in later.split()))
-    return BuiltinFunction(name, signature, tuple(arguments), rule, memory)
+    return BuiltinFunction(name, signature, tuple(arguments), rule, memory, tuple(ordered.split()))
 
 
 def _operation(builder: GraphBuilder, *args: int, op: str) -> int:
@@ -118,13 +128,10 @@ def _integrator(
 ) -> int:
     def then(read: int) -> int:
         begun = read if start is None else start()
-        moved = builder.call("add", begun, builder.call("mul", builder.input("dt"), x()))
-        low, high = lower(), upper()
-        if builder.value(low) != -math.inf:
-            moved = builder.call("max", moved, low)
-        return moved if builder.value(high) == math.inf else builder.call("min", moved, high)
+        moved = builder.call("add", begun, builder.call("mul", builder.next_step(), x()))
+        return builder.within(moved, lower(), upper())
 
-    return builder.remember(init, then)
+    return builder.remember_within(init, then, lambda: (lower(), upper()))
 
 
 def _continuous_integrator(
@@ -133,7 +140,7 @@ def _continuous_integrator(
     def then(read: int) -> int:
         return builder.node("advance", (read if start is None else start(), x(), lower(), upper()))
 
-    return builder.remember(init, then)
+    return builder.remember_within(init, then, lambda: (lower(), upper()))
 
 
 def _held(builder: GraphBuilder, x: int) -> int:
@@ -142,22 +149,43 @@ def _held(builder: GraphBuilder, x: int) -> int:
 
 def _derivative(builder: GraphBuilder, x: int) -> int:
     change = builder.call("sub", x, builder.remember(x, lambda read: x))
-    return builder.call("div", change, builder.input("dt"))
+    return builder.call("div", change, builder.step())
 
 
-def _pt1(builder: GraphBuilder, x: int, T: int, init: int) -> int:
+def _pt1(
+    builder: GraphBuilder, x: int, T: int, init: int, share: Callable[[GraphBuilder, int], int] | None = None
+) -> int:
     before = builder.state()
-    moved = builder.call("mul", _pt1_share(builder, T), builder.call("sub", x, before))
+    gain = _valid_share(builder, T, (share or _implicit_share)(builder, T))
+    moved = builder.call("mul", gain, builder.call("sub", x, before))
     y = builder.call("add", before, moved)
     builder.close(before, init, y)
     return y
 
 
-def _pt1_share(builder: GraphBuilder, T: int) -> int:
-    """Return dt/(T + dt), the gain of one implicit Euler step of a PT1; NaN for T < 0."""
-    dt, invalid = builder.input("dt"), builder.const(math.nan)
-    share = builder.call("div", dt, builder.call("add", T, dt))
-    constant = builder.value(T)
+def _implicit_share(builder: GraphBuilder, T: int) -> int:
+    """Return dt/(T + dt), the gain of one implicit Euler step of a PT1."""
+    dt = builder.step()
+    return builder.call("div", dt, builder.call("add", T, dt))
+
+
+def _exact_share(builder: GraphBuilder, T: int) -> int:
+    """Return 1 - exp(-dt/T), the gain of a PT1 whose input is constant within the step.
+
+    It is 2 h / (1 + h) with h = tanh(z/2) and z = dt/T, in which nothing cancels for short steps. Below T = dt/1000 it
+    is 1 in double precision, so that T may be 0 and its derivative there is 0.
+    """
+    dt = builder.step()
+    least = builder.call("mul", builder.const(1e-3), dt)
+    halves = builder.call("div", builder.call("mul", builder.const(0.5), dt), builder.call("max", T, least))
+    h = builder.call("tanh", halves)
+    double = builder.call("mul", builder.const(2.0), h)
+    return builder.call("div", double, builder.call("add", builder.const(1.0), h))
+
+
+def _valid_share(builder: GraphBuilder, T: int, share: int) -> int:
+    """Return the gain of a PT1; NaN for T < 0."""
+    invalid, constant = builder.const(math.nan), builder.value(T)
     if constant is None:
         return builder.call("select", builder.call("lt", T, builder.const(0.0)), invalid, share)
     return invalid if constant < 0 else share
@@ -169,7 +197,7 @@ def _lowpass(builder: GraphBuilder, x: int, f: int) -> int:
 
 
 def _ratelimit(builder: GraphBuilder, x: int, up: int, down: int) -> int:
-    before, dt = builder.state(), builder.input("dt")
+    before, dt = builder.state(), builder.step()
     lowest, highest = builder.call("mul", down, dt), builder.call("mul", up, dt)
     y = builder.call("add", before, _clip(builder, builder.call("sub", x, before), lowest, highest))
     builder.close(before, x, y)
@@ -192,7 +220,7 @@ _TABLE = (
     _function("max(a, b, ...)", partial(_fold, op="max")),
     _function("if(condition, a, b)", partial(_operation, op="select")),
     _function("bswitch(x, a, b)", _bswitch),
-    _function("clip(x, lower, upper)", _clip),
+    _function("clip(x, lower, upper)", _clip, ordered="lower upper"),
     _function("prev(x, init=0)", _prev, memory=True, later="x"),
     _function("delay(x, n, init=0)", _delay, memory=True, later="x"),
     _function(
@@ -200,13 +228,15 @@ _TABLE = (
         _integrator,
         memory=True,
         later="x lower upper start",
+        ordered="lower upper",
     ),
     _function("sampled(x)", lambda builder, x: x),
     _function("derivative(x)", _derivative, memory=True),
     _function("PT1(x, T, init=x)", _pt1, memory=True),
+    _function("PT1exact(x, T, init=x)", partial(_pt1, share=_exact_share), memory=True),
     _function("lowpass(x, f)", _lowpass, memory=True),
-    _function("ratelimit(x, up, down)", _ratelimit, memory=True),
-    _function("hysteresis(x, on, off)", _hysteresis, memory=True),
+    _function("ratelimit(x, up, down)", _ratelimit, memory=True, ordered="down up"),
+    _function("hysteresis(x, on, off)", _hysteresis, memory=True, ordered="off on"),
 )
 
 FUNCTIONS: Final = {function.name: function for function in _TABLE}

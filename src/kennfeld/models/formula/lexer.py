@@ -8,10 +8,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.graph import CLOCK
 from kennfeld.models.formula.syntax import Token
 
 DECLARATIONS = frozenset({"input", "output", "scalar", "curve", "map", "cube", "rbf", "step", "solver", "def"})
-RESERVED = frozenset({"and", "or", "not", "if", "pi", "dt", "t", "inf", "nan"})
+RESERVED = frozenset({"and", "or", "not", "if", "pi", *CLOCK, "inf", "nan"})
 
 # what other languages write, and what to write here
 FOREIGN = {

@@ -174,6 +174,7 @@ def build(names: NameTable, builder: GraphBuilder, nodes: Mapping[str, int]) -> 
             assert value is not None
             compiler.nodes[name] = compiler.value(value, _TEXT)
     builder.settle()
+    compiler.check_orders()
     return {name: compiler.nodes[name] for name in names.definitions if name in compiler.nodes}
 
 
@@ -196,6 +197,20 @@ class GraphLowering:
         self._built: dict[tuple[int, int], int] = {}
         self._memories: dict[tuple[Any, ...], int] = {}
         self._scopes: dict[tuple[Any, ...], _Scope] = {}
+        self._ordered: list[tuple[BuiltIn, Call, list[Any]]] = []
+
+    def check_orders(self) -> None:
+        """Report calls with constants in the wrong order, such as crossed limits; all nodes must exist."""
+        for function, expr, args in self._ordered:
+            places = [function.position(name) for name in function.ordered]
+            nodes = [args[at]() if function.arguments[at].later else args[at] for at in places]
+            low, high = (self.builder.value(node) for node in nodes)
+            if low is not None and high is not None and low > high:
+                (first, _), (second, _) = named = list(zip(function.ordered, (low, high), strict=True))
+                values = " and ".join(f"{name} = {value:g}" for name, value in named)
+                at = max(place for place in places if place < len(expr.args))
+                message = f"{function.name} requires {first} <= {second}, got {values}"
+                self.names.source.report(expr.args[at].at, message, "Exchange them.")
 
     def value(self, expr: Expr, scope: _Scope) -> int:
         """Return the node of an expression."""
@@ -299,6 +314,8 @@ class GraphLowering:
                 args.append((yield argument_value, scope))
                 key.append(args[-1])
         args += [self._default(argument, args, function) for argument in function.arguments[len(args) :]]
+        if function.ordered:
+            self._ordered.append((function, expr, args))
         if not function.memory:
             return function.rule(self.builder, *args)
         if tuple(key) not in self._memories:
@@ -323,7 +340,7 @@ class GraphLowering:
         try:
             return function.rule(self.builder, *args)
         except InvalidArgumentError as unusable:
-            index = [argument.name for argument in function.arguments].index(unusable.argument)
+            index = function.position(unusable.argument)
             if self.builder.value(args[index]) is not None or not self.names.broken:
                 self.names.source.report(expr.args[index].at, unusable.message)
             return self.builder.input(expr.name)

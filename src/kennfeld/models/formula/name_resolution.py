@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple, TypeVar
 from kennfeld.errors import Location
 from kennfeld.formatting import nearest
 from kennfeld.graph import CLOCK
+from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.models.formula.functions import CONSTANTS, FUNCTIONS
 from kennfeld.models.formula.functions import BuiltinFunction as BuiltIn
 from kennfeld.models.formula.lexer import RESERVED, Source
@@ -29,6 +30,7 @@ _S = TypeVar("_S", Definition, FunctionDefinition, Declaration)
 Kind = Literal["clock", "constant", "node", "parameter", "input"]
 
 _AXES: Mapping[str, tuple[int, ...]] = {"scalar": (0,), "curve": (1,), "map": (2,), "cube": (3, 4)}
+_CLOCKS = {STEP: "step", NEXT_STEP: "next step", TIME: "time"}
 _TABLES = {0: "a scalar", 1: "a curve", 2: "a map", 3: "a cube", 4: "a cube"}
 
 
@@ -211,6 +213,10 @@ class NameTable:
                 self._check_input(owner, name, use.at)
 
     def _check_input(self, owner: str, name: str, at: Token) -> None:
+        if name in CLOCK:  # quoted
+            message = f"an input cannot have the name {name}, which is that of the {_CLOCKS[name]}"
+            self._report(owner, at, message, "Give the input another name, and assign the channel in [channels].")
+            return
         self.uses.setdefault(name, at)
         self._bare.setdefault(name, at)
         if self.around.channels is not None:

@@ -170,9 +170,12 @@ def discrete_integrator(block: BlockContext) -> Outputs:
     """Accumulate K T u by forward Euler, backward Euler or the trapezoidal rule."""
     method, accumulates = _method(block)
     init = integrator_start(block)
-    gain = block.parameter("gainval") if accumulates else block.parameter("gainval") * _step(block)
+    gain, ahead = block.parameter("gainval"), block.parameter("gainval")
+    if not accumulates:
+        _check_not_triggered(block)
+        gain, ahead = gain * block.sample_step(), ahead * block.next_sample_step()
     reset = external_reset(block, sampled=True)
-    y = with_saturation(block, _accumulate(block, method, gain, init, reset))
+    y = with_saturation(block, _accumulate(block, method, (gain, ahead), init, reset))
     if method == "forward" or not block.is_on("ShowStatePort"):
         return y
     if reset is not None:
@@ -180,22 +183,25 @@ def discrete_integrator(block: BlockContext) -> Outputs:
     return (*y, y[0]) if isinstance(y, tuple) else (y, y)
 
 
-def _step(block: BlockContext) -> Signal:
-    """Return the sample time; a triggered subsystem would need the time since it last ran."""
+def _check_not_triggered(block: BlockContext) -> None:
+    """Raise `UnsupportedError` in a triggered subsystem, which would need the time since it last ran."""
     if is_triggered(block.flat):
         raise UnsupportedError("it integrates over time in a triggered subsystem, which is not supported")
-    return block.sample_step()
 
 
-def _accumulate(block: BlockContext, method: str, gain: Signal, init: Signal, reset: Signal | None) -> Signal:
-    def increment() -> Signal:
+def _accumulate(
+    block: BlockContext, method: str, gains: tuple[Signal, Signal], init: Signal, reset: Signal | None
+) -> Signal:
+    """Lower the sum; `gains` are K T of the steps before and after the sample."""
+
+    def increment(gain: Signal) -> Signal:
         step = gain * block.hold_in_minor_steps(block.input(0))
         return 0.5 * step if method == "trapezoidal" else step
 
     signals: list[Signal] = []
 
     def then(_: Signal) -> Signal:
-        return signals[0] if method == "backward" else limit_output(block, signals[0] + increment())
+        return signals[0] if method == "backward" else limit_output(block, signals[0] + increment(gains[1]))
 
     x = block.discrete_state(init, then, ported=True)
     # the output, not the state before the input is added, starts at the initial value
@@ -206,7 +212,7 @@ def _accumulate(block: BlockContext, method: str, gain: Signal, init: Signal, re
         anew = first if reset is None else first | reset
     if anew is None:
         x = x if reset is None else select(reset, limit_output(block, init), x)
-    y = x if method == "forward" else x + increment()
+    y = x if method == "forward" else x + increment(gains[0])
     signals.append(limit_output(block, y if anew is None else select(anew, init, y)))
     return signals[0]
 
@@ -222,8 +228,15 @@ def discrete_state_space(block: BlockContext) -> SignalOrBus:
 @block("Discrete Derivative", gainval="1.0", ICPrevScaledInput="0.0")
 def discrete_derivative(block: BlockContext) -> SignalOrBus:
     """Return the difference of K u / T to the previous sample."""
-    scaled = block.parameter("gainval") * block.hold_in_minor_steps(block.input()) / _step(block)
-    return scaled - block.discrete_state(block.parameter("ICPrevScaledInput"), lambda _: scaled)
+    _check_not_triggered(block)
+    scaled = block.parameter("gainval") * block.hold_in_minor_steps(block.input())
+    return scaled_difference(block, scaled, "ICPrevScaledInput")
+
+
+def scaled_difference(block: BlockContext, u: Signal, init: str) -> Signal:
+    """Return (u - u') / T, in which u' is the input of the previous sample; a field states the first u' / T."""
+    now, then = u / block.sample_step(), u / block.next_sample_step()
+    return now - block.discrete_state(block.parameter(init), lambda _: then)
 
 
 @block("Difference", ICPrevInput="0.0")

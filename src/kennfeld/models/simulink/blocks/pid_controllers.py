@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.blocks.continuous import external_reset, has_external_reset, limit_output
+from kennfeld.models.simulink.blocks.discrete import scaled_difference
 from kennfeld.models.simulink.flattening.flat_model import is_triggered
 from kennfeld.models.simulink.lowering import BlockContext, UnsupportedError, block
 from kennfeld.models.simulink.reader.model_tree import ModelBlock
@@ -146,24 +147,25 @@ class _PidController:
         share = block.constant(0.5 if method == "Trapezoidal" else 1.0)
         reset, signals = self._reset(), list[Signal]()
 
-        def step() -> Signal:
-            return share * (block.sample_step() * block.hold_in_minor_steps(self._integrand()))
+        def increment(step: Signal) -> Signal:
+            return share * (step * block.hold_in_minor_steps(self._integrand()))
 
         def then(_: Signal) -> Signal:
-            return signals[0] if method == "Backward Euler" else limited(signals[0] + step())
+            ahead = block.next_sample_step
+            return signals[0] if method == "Backward Euler" else limited(signals[0] + increment(ahead()))
 
         x = block.discrete_state(init, then)
         x = x if reset is None else select(reset, limited(init), x)
-        signals.append(limited(x if method == "Forward Euler" else x + self._at_once(step)))
+        signals.append(limited(x if method == "Forward Euler" else x + self._at_once(increment)))
         return signals[0]
 
-    def _at_once(self, step: Callable[[], Signal]) -> Signal:
+    def _at_once(self, increment: Callable[[Signal], Signal]) -> Signal:
         """Return the part of the integral added in this step, which must not depend on the output of this step."""
         block = self.block
         if block.is_on("TrackingMode") or (block.is_on("LimitOutput") and block.field_text("AntiWindupMode") != "none"):
             message = f"its integral ({block.field_text('IntegratorMethod')}) and its feedback form an algebraic loop"
             raise UnsupportedError(message, "Use Forward Euler for the integrator.")
-        return step()
+        return increment(block.sample_step())
 
     def _integrand(self) -> Signal:
         """Return the integrand: I e plus tracking and anti-windup terms."""
@@ -198,19 +200,28 @@ class _PidController:
         if method != "Forward Euler":
             return self._implicit(scaled, n, 1.0 if method == "Backward Euler" else 0.5)
         signals, reset = list[Signal](), self._reset()
-        x = block.discrete_state(init, lambda _: signals[0] + block.sample_step() * signals[1])
+        x = block.discrete_state(init, lambda _: signals[0] + block.next_sample_step() * signals[1])
         signals.append(x if reset is None else select(reset, init, x))
         signals.append(_slope(n, block.hold_in_minor_steps(scaled), signals[0]))
         return signals[1]
 
     def _implicit(self, u: Signal, n: Signal, share: float) -> Signal:
-        """Return the implicit form of the filter: y = N (u - x) / (1 + N T share)."""
+        """Return the implicit form of the filter: y = N (u - x) / (1 + N T share).
+
+        The state x already contains (1 - share) T y of the sample before; share T y of this sample is added with the
+        step to the next one.
+        """
         block = self.block
         if "D0" in self.ports or "reset" in self.ports or block.numeric_array("InitialConditionForFilter").any():
             raise UnsupportedError("its derivative has an initial value or a reset that is not supported")
         one_more = 1.0 + n * (share * block.sample_step())
         signals: list[Signal] = []
-        x = block.discrete_state(block.constant(0.0), lambda x: x + block.sample_step() * signals[0])
+
+        def then(x: Signal) -> Signal:
+            step = block.sample_step()
+            return x + (step if share == 1.0 else share * (step + block.next_sample_step())) * signals[0]
+
+        x = block.discrete_state(block.constant(0.0), then)
         signals.append(_slope(n, block.hold_in_minor_steps(u), x) / one_more)
         return signals[0]
 
@@ -220,8 +231,7 @@ class _PidController:
             raise UnsupportedError("it has an unfiltered derivative, which is not supported")
         if "reset" in self.ports:
             raise UnsupportedError("its unfiltered derivative is reset, which is not supported")
-        u = block.hold_in_minor_steps(scaled) / block.sample_step()
-        return u - block.discrete_state(block.parameter("DifferentiatorICPrevScaledInput"), lambda _: u)
+        return scaled_difference(block, block.hold_in_minor_steps(scaled), "DifferentiatorICPrevScaledInput")
 
 
 def _slope(n: Signal, u: Signal, x: Signal) -> Signal:

@@ -1,7 +1,7 @@
 """Interface of block handlers: fields, inputs, states, and the graph under construction."""
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -208,20 +208,27 @@ class BlockContext:
     @property
     def time(self) -> Signal:
         """Time since the start in s."""
-        return self.signal([self.builder.input("t")])
+        return self.signal([self.builder.time()])
 
     @property
     def base_step(self) -> Signal:
-        """Length of a model step in s."""
-        return self.signal([self.builder.input("dt")])
+        """Length in s of the model step that ends at the sample."""
+        return self.signal([self.builder.step()])
 
     def time_tolerance(self, share: float = 1e-6) -> float:
         """Return a share of the step in s, for rounded times; 0 if the data define the step."""
         return share * (self.compiler.clock.step or 0.0)
 
     def sample_step(self) -> Signal:
-        """Return the sample time of the block in s, specified or inherited."""
-        return self.base_step if self.period() in (CONTINUOUS, CONSTANT) else self.constant(self.period())
+        """Return the sample time of the block in s, specified or inherited; then the step that ends at the sample."""
+        return self._sample_time(self.builder.step)
+
+    def next_sample_step(self) -> Signal:
+        """Return the sample time of the block in s, specified or inherited; then the step that begins at the sample."""
+        return self._sample_time(self.builder.next_step)
+
+    def _sample_time(self, step: Callable[[], int]) -> Signal:
+        return self.signal([step()]) if self.period() in (CONTINUOUS, CONSTANT) else self.constant(self.period())
 
     def period(self) -> float:
         """Return the sample time of the block in s: as specified, or inherited as far as it is known in this pass."""
