@@ -10,7 +10,7 @@ from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Locati
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.resampling import even_grid, resample
-from kennfeld.rbf import Expansion
+from kennfeld.rbf import Expansion, Kernel
 from kennfeld.surrogate.recursion import Recording
 
 EVEN = 1e-3  # share of a step by which time stamps may be off
@@ -120,7 +120,15 @@ class Scaling:
         scaled: Float = (x - self.centre) / self.spread
         return scaled
 
-    def expansion(self, offset: float, slopes: Float, weights: Float, centres: Float, lengths: Float) -> Expansion:
+    def expansion(
+        self,
+        offset: float,
+        slopes: Float,
+        weights: Float,
+        centres: Float,
+        lengths: Float,
+        kernel: Kernel = "gaussian",
+    ) -> Expansion:
         """Return an expansion over scaled inputs in physical units; `lengths` as `centres`, or one row."""
         steep = self.height * slopes / self.spread
         return Expansion(
@@ -129,6 +137,7 @@ class Scaling:
             self.height * weights,
             self.centre + self.spread * centres,
             np.broadcast_to(self.spread * lengths, centres.shape),
+            kernel,
         )
 
 
