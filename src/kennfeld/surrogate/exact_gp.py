@@ -19,7 +19,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Kernel
-from kennfeld.surrogate.gp_kernel import Plane, kernel_matrix, scaled_second_moment
+from kennfeld.surrogate.gp_kernel import LEAST_VARIANCE, Plane, kernel_matrix, scaled_second_moment
 from kennfeld.surrogate.training_points import TrainingPoints
 
 
@@ -48,7 +48,7 @@ def _solve(kernel: Float, noise: float, points: TrainingPoints, plane: Plane) ->
     inverse -= half.T @ half
     weights = inverse @ points.y
     square = float(points.y @ weights) + float(points.scatter.sum()) / noise
-    variance = max(square / max(_free(points, plane), 1), 1e-300)
+    variance = max(square / max(_free(points, plane), 1), LEAST_VARIANCE)
     return _KernelSystem(root, inverse, plane_root, weights, variance)
 
 

@@ -4,7 +4,7 @@ For comparison with scikit-learn, whose regressor has a constant mean, no sparse
 residuals, see `docs/benchmarks.md`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -45,7 +45,8 @@ class GaussianProcess:
         uncertainty: the predictive deviation.
         left_out: residual at each row of the training data, Float[rows], without its point or block, in closed form.
             Length scales and noise, and the inducing inputs of a sparse process, are those of all points.
-        plane_left_out: the same of the plane.
+        plane: the plane of least squares through the same points.
+        plane_left_out: its residuals, each without its point or block.
         outliers: rows that were not used because of a gross error, Bool[rows].
         repeated: number of rows that repeat the inputs of another one.
         remarks: sentences on the training for the user.
@@ -55,6 +56,7 @@ class GaussianProcess:
     validity: Validity
     uncertainty: Uncertainty
     left_out: Float
+    plane: Expansion
     plane_left_out: Float
     outliers: Bool
     repeated: int
@@ -102,9 +104,6 @@ def gaussian_process(
     training = _Training(rows, values, ~outliers, method, centres, seed)
     if method == "exact" and len(training.points) > MOST_FORCED:
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
-    if training.exact and centres is not None and centres < len(training.points):
-        message = f"centres={centres} contradicts method='exact', which has {len(training.points)} centres, one a point"
-        raise ArgumentError(message)
     kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)  # type: ignore[assignment]
     found = training.search(kernels, starts, stopped)
     wrong = outliers & training.is_certain(found, blocks)
@@ -134,7 +133,7 @@ class _Training:
         self.points = TrainingPoints.of(self.scaling.inward(x[used]), target)
         most = MOST_EXACT if centres is None else min(centres, MOST_EXACT)
         self.exact = method == "exact" or (method == "auto" and len(self.points) <= most)
-        self.centres = centres or CENTRES
+        self.given, self.centres = centres, centres or CENTRES
 
     def search(self, kernels: Sequence[Kernel], starts: int, stopped: Stopped) -> list[Hyperparameters]:
         """Return the best length scales and noise of each kernel; those of one are a start of the next."""
@@ -179,17 +178,25 @@ class _Training:
         is_plane = not self._rmse(residuals[best]) <= WORTH * self._rmse(plane)
         process = processes[best]
         residual = self._by_row(plane if is_plane else residuals[best])
-        expansion = self._plane() if is_plane else self.scaling.expansion(*process.terms(), process.lengths, process.kernel)
+        flat = plane_through(self.points, self.scaling)
+        expansion = flat
+        if not is_plane:
+            expansion = self.scaling.expansion(*process.terms(), process.lengths, process.kernel)
         return GaussianProcess(
             expansion,
             Validity.around(self.x[self.used], self.scaling.spread * process.lengths, self.seed),
             self._uncertainty(process, expansion, residual[self.used]),
             residual,
+            flat,
             self._by_row(plane),
             outliers,
-            int(self.points.repeats.sum()),
-            tuple(_remarks(found[best], is_plane)),
+            int(self.used.sum()) - len(self.points),
+            (*self._remarks(), *_remarks(found[best], is_plane)),
         )
+
+    def _remarks(self) -> Iterator[str]:
+        if self.exact and self.given is not None and self.given < len(self.points):
+            yield f"centres = {self.given} is not used: an exact Gaussian process has one per point, {len(self.points)}"
 
     def _together(self, blocks: Int | None) -> list[Int] | None:
         """Return the points of each block; a point of several rows is in the block of the first of them."""
@@ -213,12 +220,6 @@ class _Training:
         by_row[self.used] = self.scaling.height * (target - self.points.y[point] + residual[point])
         return by_row
 
-    def _plane(self) -> Expansion:
-        points, plane = self.points, Plane.over(self.points.x, self.points.weights)
-        flat = plane.back @ (plane.basis.T @ (points.y * np.sqrt(points.weights)))
-        none = np.empty((0, points.x.shape[1]))
-        return self.scaling.expansion(float(flat[0]), flat[1:], np.empty(0), none, np.ones(points.x.shape[1]))
-
     def _uncertainty(self, process: Exact | Sparse, expansion: Expansion, residual: Float) -> Uncertainty:
         signal = self.scaling.height * np.sqrt(process.variance)
         nugget = np.full(expansion.size, JITTER)
@@ -233,6 +234,16 @@ class _Training:
         return calibrated(
             Uncertainty(float(signal), noise, nugget), expansion, self.x[self.used][some], residual[some]
         )
+
+
+def plane_through(points: TrainingPoints, scaling: Scaling | None = None) -> Expansion:
+    """Return the plane of least squares through points, which are in units of `scaling` if it is given."""
+    plane = Plane.over(points.x, points.weights)
+    flat = plane.back @ (plane.basis.T @ (points.y * np.sqrt(points.weights)))
+    none = np.empty((0, points.x.shape[1]))
+    if scaling is None:
+        return Expansion(float(flat[0]), flat[1:], np.empty(0), none, none)
+    return scaling.expansion(float(flat[0]), flat[1:], np.empty(0), none, np.ones(points.x.shape[1]))
 
 
 def _plane_left_out(points: TrainingPoints, blocks: Sequence[Int] | None) -> Float:

@@ -16,6 +16,7 @@ LEFT = 1e-7  # share of the variance below which no further centre is added
 CANDIDATES = 5000  # points that greedy centres are chosen from
 JITTER = 1e-8  # share of the kernel's variance
 MOST_JITTER = 1e-2
+LEAST_VARIANCE = 1e-24  # of f, in units of spread: the output is a plane but for rounding
 
 
 @dataclass(frozen=True, eq=False)

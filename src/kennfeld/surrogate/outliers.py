@@ -6,7 +6,9 @@ from kennfeld.arrays import Bool, Float
 
 NEIGHBOURS = 10
 GROSS = 12.0  # robust deviations
-FAR = 100.0  # robust deviations of an input
+FAR = 100.0  # ranges of an input over the middle of the rows
+MIDDLE = (0.025, 0.975)  # quantiles
+MOST_FAR = 2  # rows; more are a state of their own, such as a fuel cut-off
 MOST = 0.05  # share of the points; if there are more, the distribution has wide tails
 NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviations
 
@@ -14,13 +16,13 @@ NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviati
 def far_inputs(x: Float) -> Bool:
     """Return the rows of Float[rows, inputs] in which an input is far from all others, Bool[rows].
 
-    >>> far_inputs(np.array([[1.0], [2.0], [3.0], [4.0], [1e6]]))
-    array([False, False, False, False,  True])
+    >>> np.flatnonzero(far_inputs(np.append(np.arange(50.0), 1e6)[:, None]))
+    array([50])
     """
-    distance = np.abs(x - np.median(x, axis=0))
-    deviation = NORMAL * np.median(distance, axis=0)
-    far: Bool = np.any((deviation > 0) & (distance > FAR * deviation), axis=1)
-    return far if far.sum() <= max(MOST * len(x), 1) else np.zeros(len(x), dtype=bool)
+    lowest, highest = np.quantile(x, MIDDLE, axis=0, method="closest_observation")
+    far = np.abs(x - np.median(x, axis=0)) > FAR * (highest - lowest)
+    far &= (highest > lowest) & (far.sum(axis=0) <= MOST_FAR)
+    return np.asarray(far.any(axis=1), dtype=np.bool_)
 
 
 def gross_errors(x: Float, y: Float) -> Bool:

@@ -18,7 +18,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Kernel
-from kennfeld.surrogate.gp_kernel import Plane, factor, kernel_matrix, scaled_second_moment
+from kennfeld.surrogate.gp_kernel import LEAST_VARIANCE, Plane, factor, kernel_matrix, scaled_second_moment
 from kennfeld.surrogate.training_points import TrainingPoints
 
 BLOCK = 4096
@@ -52,7 +52,7 @@ def sparse_bound(
     inverse = half.T @ half  # M^-1
     weights = inverse @ (flat.T @ target)
     rest = target - flat @ weights
-    misfit = max((float(target @ rest) + float(points.scatter.sum())) / noise, 1e-300)
+    misfit = max((float(target @ rest) + float(points.scatter.sum())) / noise, count * LEAST_VARIANCE)
     variance = misfit / count
     inside = cho_solve((root, True), np.eye(len(z)))  # Kzz^-1
     left = float(points.weights.sum()) - float(np.sum(inside * across))
@@ -178,7 +178,7 @@ class Sparse:
         outer: Float = np.asarray(np.linalg.cholesky(sums.whitened + noise * np.eye(len(z))), dtype=np.float64)
         weights = cho_solve((outer, True), sums.aimed)
         level = sums.based - sums.crossed @ weights
-        variance = max((sums.square - float(sums.aimed @ weights)) / (noise * free), 1e-300)
+        variance = max((sums.square - float(sums.aimed @ weights)) / (noise * free), LEAST_VARIANCE)
         return cls(points, z, plane, lengths, noise, kernel, variance, sums.root, outer, weights, sums.crossed, level)
 
     def terms(self) -> tuple[float, Float, Float, Float]:

@@ -13,14 +13,14 @@ class TrainingPoints:
     Rows with the same inputs differ by noise alone. Their likelihood is that of their mean, whose noise has the variance
     s^2 eta / weight, times one of their scatter about it, which has `repeats` degrees of freedom: see R. B. Gramacy,
     M. Binois, J. Huang: Practical heteroscedastic Gaussian process modeling for large simulation experiments, 2018,
-    lemma 3.1. A row whose error is large has a weight below 1.
+    lemma 3.1. Rows whose values are equal as well are copies of one measurement, and count once.
 
     Attributes:
         x: Float[points, inputs].
         y: mean value of the rows of each point, Float[points].
         weights: sum of the weights of these rows, Float[points].
         scatter: weighted sum of squared deviations from the mean, Float[points].
-        repeats: number of rows beyond the first, Float[points].
+        repeats: number of measurements beyond the first, Float[points].
         point: number of the point of each row, Int[rows].
     """
 
@@ -32,25 +32,26 @@ class TrainingPoints:
     point: Int
 
     @classmethod
-    def of(cls, x: Float, y: Float, weights: Float | None = None) -> "TrainingPoints":
+    def of(cls, x: Float, y: Float) -> "TrainingPoints":
         """Merge the rows `x` Float[rows, inputs] that are equal; the points keep the order of their first rows.
 
         >>> points = TrainingPoints.of(np.array([[1.0], [2.0], [1.0]]), np.array([3.0, 5.0, 4.0]))
         >>> points.y, points.weights
         (array([3.5, 5. ]), array([2., 1.]))
         """
-        weights = np.ones(len(y)) if weights is None else weights
         _, firsts, inverse = np.unique(x, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(firsts)
         rank = np.empty(len(order), dtype=np.int64)
         rank[order] = np.arange(len(order))
         point = rank[inverse.reshape(-1)]
         if len(order) == len(y):
-            return cls(x, y, weights, np.zeros(len(y)), np.zeros(len(y)), point)
-        total = np.bincount(point, weights)
-        mean = np.bincount(point, weights * y) / total
-        scatter = np.bincount(point, weights * (y - mean[point]) ** 2)
-        return cls(x[np.sort(firsts)], mean, total, scatter, np.bincount(point) - 1.0, point)
+            return cls(x, y, np.ones(len(y)), np.zeros(len(y)), np.zeros(len(y)), point)
+        first = np.unique(np.column_stack([point, y]), axis=0, return_index=True)[1]
+        measured, values = point[first], y[first]
+        count = np.bincount(measured).astype(np.float64)
+        mean = np.bincount(measured, values) / count
+        scatter = np.bincount(measured, (values - mean[measured]) ** 2)
+        return cls(x[np.sort(firsts)], mean, count, scatter, count - 1, point)
 
     def part(self, chosen: Int) -> "TrainingPoints":
         """Return some of the points; their rows are not known by number."""

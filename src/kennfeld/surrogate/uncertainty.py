@@ -44,6 +44,13 @@ class Uncertainty:
         if self.nugget.ndim != 1 or not np.all(self.nugget > 0):
             raise ArgumentError("nugget of an uncertainty must be one number > 0 per centre")
 
+    def check(self, expansion: Expansion) -> None:
+        """Raise `ArgumentError` if this is not an uncertainty of that expansion."""
+        if self.nugget.size != expansion.size:
+            raise ArgumentError(f"nugget of an uncertainty must be one number per centre, {expansion.size}")
+        if expansion.size and not np.all(expansion.widths == expansion.widths[0]):
+            raise ArgumentError("the widths of a model with an uncertainty must be the same at all centres")
+
     def scaled(self, factor: float) -> "Uncertainty":
         """Return the uncertainty with all deviations multiplied by a factor."""
         return Uncertainty(self.signal * factor, self.noise * factor, self.nugget)
@@ -68,12 +75,9 @@ class Deviation:
         from scipy.linalg import solve_triangular
 
         e = self.expansion
-        if self.uncertainty.nugget.size != e.size:
-            raise ArgumentError(f"nugget of an uncertainty must be one number per centre, {e.size}")
+        self.uncertainty.check(e)
         if not e.size:
             return
-        if not np.all(e.widths == e.widths[0]):
-            raise ArgumentError("the widths of a model with an uncertainty must be the same at all centres")
         kernel = kernel_matrix(self._scale(e.centres), self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
         kernel.flat[:: e.size + 1] += np.maximum(self.uncertainty.nugget, JITTER)
         root: Float = np.asarray(np.linalg.cholesky(kernel), dtype=np.float64)
