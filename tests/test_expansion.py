@@ -3,11 +3,12 @@ import pytest
 from hypothesis import strategies as st
 
 from kennfeld.errors import ArgumentError
+from kennfeld.native.rbf_code import KERNELS
 from kennfeld.rbf import Expansion
 from tests.draws import few_or_many
 
 
-def random_expansion(seed, inputs=2, centres=5):
+def random_expansion(seed, inputs=2, centres=5, kernel="gaussian"):
     rng = np.random.default_rng(seed)
     return Expansion(
         rng.normal(),
@@ -15,7 +16,14 @@ def random_expansion(seed, inputs=2, centres=5):
         rng.normal(size=centres),
         rng.normal(size=(centres, inputs)),
         rng.uniform(0.5, 2.0, (centres, inputs)),
+        kernel,
     )
+
+
+def matern52(point, centre, width):
+    """The kernel as scikit-learn's documentation writes it, for nu = 5/2."""
+    r = np.sqrt(np.sum(((point - centre) / width) ** 2))
+    return (1 + np.sqrt(5) * r + 5 / 3 * r**2) * np.exp(-np.sqrt(5) * r)
 
 
 @few_or_many(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6), few=20, many=100)
@@ -27,9 +35,23 @@ def test_the_value_is_the_sum_that_the_docstring_writes(seed, inputs, centres):
         assert model(x) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
-@few_or_many(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6), few=20, many=100)
-def test_the_gradient_agrees_with_differences(seed, inputs, centres):
-    model = random_expansion(seed, inputs, centres)
+def test_the_matern_kernel_is_the_one_of_the_textbook():
+    model = random_expansion(3, 3, 6, "matern52")
+    x = np.random.default_rng(4).normal(size=3)
+    bells = [matern52(x, centre, width) for centre, width in zip(model.centres, model.widths, strict=True)]
+    assert model(x) == pytest.approx(model.offset + model.slopes @ x + model.weights @ bells, rel=1e-12)
+
+
+def test_an_unknown_kernel_is_refused():
+    with pytest.raises(ArgumentError, match="kernel='cosine' of an expansion must be gaussian or matern52"):
+        random_expansion(0, kernel="cosine")
+
+
+@few_or_many(
+    st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 6), st.sampled_from(KERNELS), few=20, many=100
+)
+def test_the_gradient_agrees_with_differences(seed, inputs, centres, kernel):
+    model = random_expansion(seed, inputs, centres, kernel)
     x = np.random.default_rng(seed).normal(size=(4, inputs))
     for d in range(inputs):
         step = 1e-6 * np.eye(inputs)[d]

@@ -7,15 +7,17 @@ import pytest
 from hypothesis import strategies as st
 
 import kennfeld as kf
+from kennfeld.calfiles.comparison import compare
 from kennfeld.errors import ArgumentError, InputError
+from kennfeld.native.rbf_code import KERNELS
 from kennfeld.rbf import parts
 from tests.draws import few_or_many
 
 
-def rbf(inputs=2, size=3, seed=0, **attributes):
+def rbf(inputs=2, size=3, seed=0, kernel="gaussian", **attributes):
     rng = np.random.default_rng(seed)
     tables = rng.normal(size=(size, inputs)), rng.uniform(0.5, 2.0, (size, inputs))
-    made = kf.Expansion(rng.normal(), rng.normal(size=inputs), rng.normal(size=size), *tables)
+    made = kf.Expansion(rng.normal(), rng.normal(size=inputs), rng.normal(size=size), *tables, kernel)
     return kf.RBF("F", made, list("abcdefgh"[:inputs]), **attributes)
 
 
@@ -29,9 +31,9 @@ def test_values_and_expansion_are_the_same_numbers(inputs, size, seed):
     np.testing.assert_array_equal(parameter.values[at.widths].reshape(inputs, size).T, parameter.expansion.widths)
 
 
-@few_or_many(st.integers(1, 4), st.integers(0, 5), st.integers(0, 99), few=20, many=40)
-def test_slopes_of_the_values_are_those_of_differences(inputs, size, seed):
-    parameter = rbf(inputs, size, seed)
+@few_or_many(st.integers(1, 4), st.integers(0, 5), st.integers(0, 99), st.sampled_from(KERNELS), few=20, many=40)
+def test_slopes_of_the_values_are_those_of_differences(inputs, size, seed, kernel):
+    parameter = rbf(inputs, size, seed, kernel)
     x = np.random.default_rng(seed).normal(size=(7, inputs))
     exact, step = parameter.value_slopes(x), 1e-6
     for i in range(parameter.size):
@@ -50,12 +52,25 @@ def test_a_width_stays_above_0():
     np.testing.assert_array_equal(moved.lower, parameter.lower)
 
 
-def test_a_changed_one_keeps_its_inputs():
-    assert rbf().changed(unit="Nm").inputs == ("a", "b")
+def test_a_changed_one_keeps_its_inputs_and_its_kernel():
+    changed = rbf(kernel="matern52").changed(unit="Nm")
+    assert (changed.inputs, changed.kernel, changed.expansion.kernel) == (("a", "b"), "matern52", "matern52")
 
 
-def test_the_file_holds_it_bit_for_bit(tmp_path):
-    parameter = rbf(3, 4, unit="Nm", description="a model")
+def test_a_file_without_a_kernel_holds_gaussian_bells(tmp_path):
+    kf.ParameterSet([rbf()]).save(tmp_path / "p.json")
+    assert "kernel" not in (tmp_path / "p.json").read_text()
+    assert kf.read_parameters(tmp_path / "p.json")["F"].kernel == "gaussian"
+
+
+def test_another_kernel_is_a_difference():
+    differences = compare(kf.ParameterSet([rbf()]), kf.ParameterSet([rbf(kernel="matern52")])).differences
+    assert [(d.aspect, d.left, d.right) for d in differences] == [("kernel", "gaussian", "matern52")]
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_the_file_holds_it_bit_for_bit(tmp_path, kernel):
+    parameter = rbf(3, 4, kernel=kernel, unit="Nm", description="a model")
     kf.ParameterSet([parameter]).save(tmp_path / "p.json")
     read = kf.read_parameters(tmp_path / "p.json")["F"]
     assert read.expansion == parameter.expansion
@@ -71,6 +86,7 @@ def test_the_file_holds_it_bit_for_bit(tmp_path):
         ({"inputs": ["a"]}, r"F\.slopes: must have length 1, got 2"),
         ({"offset": "x"}, r"F\.offset: must be a number, got 'x'"),
         ({"centers": []}, "Did you mean centres"),
+        ({"kernel": "cosine"}, "kernel='cosine' of an expansion must be gaussian or matern52"),
     ],
 )
 def test_a_broken_file_is_answered(tmp_path, change, expected):

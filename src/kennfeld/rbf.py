@@ -1,4 +1,4 @@
-"""Radial basis functions: a plane plus a sum of Gaussian bells.
+"""Radial basis functions: a plane plus a sum of bells.
 
 `Expansion` is the function, which every data-driven model of this package evaluates; `RBF` is the parameter that holds
 its values, so that they can be calibrated, for example in place of a large map.
@@ -7,7 +7,7 @@ its values, so that they can be calibrated, for example in place of a large map.
 from collections.abc import Iterator
 from dataclasses import fields
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -20,13 +20,33 @@ BELLS_PER_BLOCK = 1 << 18  # 2 MB, which stays in the cache
 MAX_DISTANCE = 1e3  # widths from a centre; the bell is exactly 0 long before
 MIN_WIDTH = 0.05  # of the initial width: default lower bound of a width
 
+Kernel = Literal["gaussian", "matern52"]
+
+
+def kernel_of_square(square: Float, kernel: Kernel) -> tuple[Float, Float]:
+    """Return the bell b at squared distances r^2 in widths, and its decline -db/dr / r; both have the shape of `square`.
+
+    The Gaussian bell is exp(-r^2 / 2), which is its own decline. The one of the Matern kernel of order 5/2 is
+    (1 + s + s^2 / 3) exp(-s) with s = sqrt(5) r; it is twice differentiable, and its decline is 5/3 (1 + s) exp(-s).
+    C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, equation 4.17.
+
+    >>> [float(part.round(6)) for part in kernel_of_square(np.array(1.0), "matern52")]
+    [0.523994, 0.576475]
+    """
+    if kernel == "gaussian":
+        bell: Float = np.exp(-0.5 * square)
+        return bell, bell
+    s = np.sqrt(5.0 * square)
+    fading = np.exp(-s)
+    return (1.0 + s + s * s / 3.0) * fading, 5.0 / 3.0 * (1.0 + s) * fading
+
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """y(x) = offset + slopes . x + sum_i weights_i exp(-1/2 sum_d ((x_d - centres_id) / widths_id)^2).
+    """y(x) = offset + slopes . x + sum_i weights_i bell(r_i), r_i^2 = sum_d ((x_d - centres_id) / widths_id)^2.
 
-    `x` and `y` are in physical units. The mean of a Gaussian process with a squared-exponential kernel has this form,
-    and so does a network of radial basis functions. Two are equal if all their numbers are, bit for bit.
+    `x` and `y` are in physical units, and `kernel_of_square` gives the bell. The mean of a Gaussian process has this
+    form, and so does a network of radial basis functions. Two are equal if all their numbers are, bit for bit.
 
     Attributes:
         offset: in the unit of y.
@@ -34,9 +54,10 @@ class Expansion:
         weights: Float[centres], the heights of the bells.
         centres: Float[centres, inputs].
         widths: Float[centres, inputs], > 0.
+        kernel: the shape of a bell: "gaussian", or "matern52" of the Matern kernel of order 5/2.
 
     Raises:
-        ArgumentError: shapes are inconsistent, a number is not finite, or a width is not > 0.
+        ArgumentError: shapes are inconsistent, a number is not finite, a width is not > 0, or the kernel is unknown.
 
     >>> bell = Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]])
     >>> float(bell(np.array([3.0])))
@@ -48,8 +69,10 @@ class Expansion:
     weights: Float  # Float[centres]
     centres: Float  # Float[centres, inputs]
     widths: Float  # Float[centres, inputs]
+    kernel: Kernel = "gaussian"
 
     def __post_init__(self) -> None:
+        check_kernel(self.kernel)
         object.__setattr__(self, "offset", float(self.offset))
         if not np.isfinite(self.offset):
             raise ArgumentError(f"offset={self.offset} of an expansion must be a finite number")
@@ -83,8 +106,8 @@ class Expansion:
         """Return the value at each point: Float[..., inputs] -> Float[...]."""
         points, shape = self._points(x)
         value = np.empty(len(points))
-        for part, _, bells in self._blocks(points):
-            value[part] = bells @ self.weights
+        for part, _, square in self._blocks(points):
+            value[part] = kernel_of_square(square, self.kernel)[0] @ self.weights
         with np.errstate(invalid="ignore", over="ignore"):
             value += self.offset + points @ self.slopes
         return value.reshape(shape)
@@ -93,8 +116,8 @@ class Expansion:
         """Return the slope along each input at each point: Float[..., inputs] -> Float[..., inputs]."""
         points, shape = self._points(x)
         slopes = np.empty(points.shape)
-        for part, distances, bells in self._blocks(points):
-            weighted = bells * self.weights
+        for part, distances, square in self._blocks(points):
+            weighted = kernel_of_square(square, self.kernel)[1] * self.weights
             for d in range(self.inputs):
                 slopes[part, d] = self.slopes[d] - np.sum(weighted * distances[d] / self.widths[:, d], axis=1)
         return slopes.reshape((*shape, self.inputs))
@@ -107,15 +130,15 @@ class Expansion:
         return points.reshape(-1, self.inputs), points.shape[:-1]
 
     def _blocks(self, points: Float) -> Iterator[tuple[slice, list[Float], Float]]:
-        """Yield for each block its points, their distances to the centres along each input in widths, and its bells."""
+        """Yield for each block its points, their distances to the centres along each input in widths, and r^2."""
         rows = max(BELLS_PER_BLOCK // max(self.size, 1), 1)
         for first in range(0, len(points), rows):
             part = slice(first, first + rows)
             distances = [self._distances(points[part, d], d) for d in range(self.inputs)]
-            exponent = np.zeros((len(points[part]), self.size))
+            square = np.zeros((len(points[part]), self.size))
             for distance in distances:
-                exponent -= 0.5 * distance * distance
-            yield part, distances, np.exp(exponent)
+                square += distance * distance
+            yield part, distances, square
 
     def _distances(self, x: Float, d: int) -> Float:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -129,9 +152,15 @@ class Expansion:
         return hash(self._content)
 
     @property
-    def _content(self) -> tuple[int, bytes, bytes]:
+    def _content(self) -> tuple[str, int, bytes, bytes]:
         numbers = np.concatenate([[self.offset], self.slopes, self.weights])
-        return self.size, numbers.tobytes(), self.centres.tobytes() + self.widths.tobytes()
+        return self.kernel, self.size, numbers.tobytes(), self.centres.tobytes() + self.widths.tobytes()
+
+
+def check_kernel(kernel: str) -> None:
+    """Raise `ArgumentError` if there is no such kernel."""
+    if kernel not in get_args(Kernel):
+        raise ArgumentError(f"kernel={kernel!r} of an expansion must be {' or '.join(get_args(Kernel))}")
 
 
 def _finite(name: str, values: Float) -> Float:
@@ -190,12 +219,14 @@ class RBF(Parameter):
     kind: ClassVar[str] = "rbf"
 
     inputs: tuple[str, ...] = ()
+    kernel: Kernel = "gaussian"
 
     def __init__(self, name: str, expansion: Expansion, inputs: ArrayLike = (), **attributes: Any) -> None:
         labels = tuple(map(str, np.atleast_1d(np.asarray(inputs)))) or ("",) * expansion.inputs
         if len(labels) != expansion.inputs:
             raise ArgumentError(f"{name} has {expansion.inputs} inputs, got inputs={list(labels)}")
         object.__setattr__(self, "inputs", labels)
+        object.__setattr__(self, "kernel", expansion.kernel)
         tables = (expansion.centres.T.ravel(), expansion.widths.T.ravel())
         values = np.concatenate([[expansion.offset], expansion.slopes, expansion.weights, *tables])
         super().__init__(name=name, values=values, **attributes)
@@ -233,7 +264,7 @@ class RBF(Parameter):
         """The function of its values."""
         at = parts(self.coordinates, self.centres)
         tables = (self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths))
-        return Expansion(float(self.values[0]), self.values[at.slopes], self.values[at.weights], *tables)
+        return Expansion(float(self.values[0]), self.values[at.slopes], self.values[at.weights], *tables, self.kernel)
 
     @property
     def packed(self) -> Float:
@@ -263,7 +294,8 @@ class RBF(Parameter):
 
     def changed(self, **changes: Any) -> Self:
         copy = object.__new__(type(self))
-        object.__setattr__(copy, "inputs", changes.pop("inputs", self.inputs))
+        for name in ("inputs", "kernel"):
+            object.__setattr__(copy, name, changes.pop(name, getattr(self, name)))
         Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
         return copy
 
@@ -271,7 +303,7 @@ class RBF(Parameter):
         """Return the derivatives by its own values: Float[samples, inputs] -> Float[samples, values]."""
         e = self.expansion
         distance = (x[:, :, None] - e.centres.T) / e.widths.T  # [samples, inputs, centres]
-        bells = np.exp(-0.5 * np.sum(distance * distance, axis=1))
-        along = (e.weights * bells)[:, None, :] * distance / e.widths.T
+        bells, declines = kernel_of_square(np.sum(distance * distance, axis=1), e.kernel)
+        along = (e.weights * declines)[:, None, :] * distance / e.widths.T
         flat = (array.reshape(len(x), -1) for array in (along, along * distance))
         return np.hstack([np.ones((len(x), 1)), x, bells, *flat])

@@ -13,6 +13,7 @@ from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
+from kennfeld.native.rbf_code import KERNELS
 from kennfeld.rbf import RBF, Expansion
 
 INPUTS = ("u", "v", "w")
@@ -176,16 +177,16 @@ def tables(draw, random) -> list[Parameter]:
         Cube("Q4", fourth, values(*fourth), extrapolation=extrapolation()),
         Block("B", random.standard_normal(draw(st.integers(1, 4)))),
         Block("B2", random.standard_normal((2, 3))),
-        RBF("R2", expansion(random, draw(st.sampled_from([0, 1, 3, 8, 10])), 2)),
-        RBF("R5", expansion(random, 2, 5)),
+        RBF("R2", expansion(random, draw(st.sampled_from([0, 1, 3, 8, 10])), 2, draw(st.sampled_from(KERNELS)))),
+        RBF("R5", expansion(random, 2, 5, "matern52")),
     ]
 
 
-def expansion(random, size, inputs):
+def expansion(random, size, inputs, kernel="gaussian"):
     """Bells of about the size of the coordinates."""
     centres, widths = random.standard_normal((size, inputs)), random.uniform(0.7, 2.0, (size, inputs))
     slopes, weights = random.standard_normal(inputs), random.standard_normal(size)
-    return Expansion(random.standard_normal(), slopes, weights, centres, widths)
+    return Expansion(random.standard_normal(), slopes, weights, centres, widths, kernel)
 
 
 def _rising(random, count):

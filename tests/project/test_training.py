@@ -266,7 +266,7 @@ def test_ctrl_c_writes_the_best_so_far(training, shop, capfd, monkeypatch, text,
 
 def test_ctrl_c_before_the_training_writes_nothing(training, shop, capsys, monkeypatch):
     path = training(DYNAMIC)
-    monkeypatch.setattr(Training, "datasets", lambda self: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(Training, "datasets", lambda *_: signal.raise_signal(signal.SIGINT))
     assert cli.run(["surrogate", "train", str(path)]) == 130
     assert "before there was anything to write" in capsys.readouterr().err
     assert not (shop.folder / "engine.json").exists()

@@ -2,10 +2,14 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import ArgumentError
+from kennfeld.native.rbf_code import KERNELS
+from kennfeld.rbf import Expansion
 from kennfeld.surrogate.exact_gp import Exact, exact_likelihood
 from kennfeld.surrogate.gaussian_process import gaussian_process
 from kennfeld.surrogate.gp_kernel import Plane, greedy, k_means
 from kennfeld.surrogate.sparse_gp import Sparse, sparse_bound
+from kennfeld.surrogate.training_points import TrainingPoints
+from kennfeld.surrogate.uncertainty import Deviation
 
 
 def wavy(x):
@@ -31,13 +35,24 @@ def rmse(residual):
 AT = np.array([0.3, -0.2, 0.5, -3.0])
 
 
-@pytest.mark.parametrize("kind", ["exact", "sparse"])
-def test_the_gradient_of_the_likelihood_agrees_with_differences(kind):
+def repeated_points():
     x, y = scaled_points()
-    plane, z = Plane.over(x), x[:12] + 0.1
+    rng = np.random.default_rng(1)
+    rows = np.concatenate([np.arange(50), rng.integers(50, size=12)])
+    return x[rows], y[rows] + 0.1 * rng.normal(size=rows.size)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("kind", ["exact", "sparse"])
+def test_the_gradient_of_the_likelihood_agrees_with_differences(kind, kernel):
+    merged = TrainingPoints.of(*repeated_points())
+    plane, z = Plane.over(merged.x), merged.x[:12] + 0.1
+    weighted = Plane.over(merged.x, merged.weights)
 
     def likelihood(at):
-        return exact_likelihood(at, x, y, plane) if kind == "exact" else sparse_bound(at, x, y, z, plane)
+        if kind == "exact":
+            return exact_likelihood(at, merged, plane, kernel)
+        return sparse_bound(at, merged, z, weighted, kernel)
 
     differences = [(likelihood(AT + h)[0] - likelihood(AT - h)[0]) / 2e-5 for h in 1e-5 * np.eye(4)]
     np.testing.assert_allclose(likelihood(AT)[1], differences, rtol=1e-5)
@@ -48,7 +63,8 @@ def test_the_exact_likelihood_is_that_of_a_plane_with_an_ever_wider_prior():
     lengths, noise = np.exp(AT[:3]), np.exp(AT[3])
     distance = np.sum(((x[:, None] - x) / lengths) ** 2, axis=2)
     plane = Plane.over(x)
-    process = Exact.at(x, y, lengths, noise)
+    merged = TrainingPoints.of(x, y)
+    process = Exact.at(merged, lengths, noise)
     wide = 1e6
     covariance = np.exp(-0.5 * distance) + noise * np.eye(20) + wide * plane.basis @ plane.basis.T
     misfit = y @ np.linalg.solve(covariance, y)
@@ -56,17 +72,57 @@ def test_the_exact_likelihood_is_that_of_a_plane_with_an_ever_wider_prior():
     logarithm = np.linalg.slogdet(covariance)[1] - plane.rank * np.log(wide)
     assert process.system.variance == pytest.approx(misfit / count, rel=1e-4)
     expected = -0.5 * (count * np.log(misfit / count) + logarithm)
-    assert exact_likelihood(AT, x, y, plane)[0] == pytest.approx(expected, rel=1e-4)
+    assert exact_likelihood(AT, merged, plane, "gaussian")[0] == pytest.approx(expected, rel=1e-4)
+
+
+def unmerged(x, y):
+    one = np.ones(len(y))
+    return TrainingPoints(x, y, one, 0 * one, 0 * one, np.arange(len(y)))
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_merged_rows_have_the_likelihood_of_all_rows(kernel):
+    x, y = repeated_points()
+    merged, rows = TrainingPoints.of(x, y), unmerged(x, y)
+    z = merged.x[:12]
+    planes = Plane.over(merged.x), Plane.over(merged.x, merged.weights), Plane.over(x)
+    pairs = [
+        (
+            exact_likelihood(at, merged, planes[0], kernel)[0] - exact_likelihood(at, rows, planes[2], kernel)[0],
+            sparse_bound(at, merged, z, planes[1], kernel)[0] - sparse_bound(at, rows, z, planes[2], kernel)[0],
+        )
+        for at in (AT, AT + 0.4, AT - 0.2)
+    ]
+    np.testing.assert_allclose(pairs, [pairs[0]] * 3, atol=1e-8)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("kind", ["exact", "sparse"])
+def test_leaving_out_a_block_in_closed_form_is_leaving_it_out(kind, kernel):
+    merged = TrainingPoints.of(*repeated_points())
+    lengths, noise, block = np.exp(AT[:3]), float(np.exp(AT[3])), np.array([3, 17, 40])
+
+    def process(some):
+        if kind == "exact":
+            return Exact.at(some, lengths, noise, kernel)
+        return Sparse.at(some, merged.x[:12], lengths, noise, kernel, refine=False)
+
+    offset, slopes, weights, centres = process(merged.part(np.setdiff1d(np.arange(50), block))).terms()
+    model = Expansion(offset, slopes, weights, centres, np.broadcast_to(lengths, centres.shape), kernel)
+    residual = process(merged).left_out([block, np.array([0])])
+    np.testing.assert_allclose(residual[block], merged.y[block] - model(merged.x[block]), rtol=1e-6, atol=1e-8)
 
 
 def test_with_every_point_an_inducing_input_sparse_is_exact():
     x, y = scaled_points(30)
     lengths, noise = np.exp(AT[:3]), float(np.exp(AT[3]))
-    exact, sparse = Exact.at(x, y, lengths, noise), Sparse.at(x, y, x, lengths, noise, refine=False)
+    merged = TrainingPoints.of(x, y)
+    exact, sparse = Exact.at(merged, lengths, noise), Sparse.at(merged, x, lengths, noise, refine=False)
     for own, other in zip(sparse.terms()[:2], exact.terms()[:2], strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-4)
     np.testing.assert_allclose(sparse.left_out(), exact.left_out(), rtol=1e-4, atol=1e-6)
-    bound, likelihood = sparse_bound(AT, x, y, x, Plane.over(x))[0], exact_likelihood(AT, x, y, Plane.over(x))[0]
+    bound = sparse_bound(AT, merged, x, Plane.over(x), "gaussian")[0]
+    likelihood = exact_likelihood(AT, merged, Plane.over(x), "gaussian")[0]
     assert bound == pytest.approx(likelihood, abs=1e-3)
     assert bound <= likelihood + 1e-6
 
@@ -74,10 +130,10 @@ def test_with_every_point_an_inducing_input_sparse_is_exact():
 def test_leaving_one_out_in_closed_form_is_leaving_it_out():
     x, y = scaled_points(25)
     lengths, noise = np.exp(AT[:3]), float(np.exp(AT[3]))
-    residual = Exact.at(x, y, lengths, noise).left_out()
+    residual = Exact.at(TrainingPoints.of(x, y), lengths, noise).left_out()
     for i in (0, 11, 24):
         kept = np.arange(25) != i
-        without = Exact.at(x[kept], y[kept], lengths, noise)
+        without = Exact.at(TrainingPoints.of(x[kept], y[kept]), lengths, noise)
         offset, slopes, weights, centres = without.terms()
         bells = np.exp(-0.5 * np.sum(((x[i] - centres) / lengths) ** 2, axis=1))
         assert residual[i] == pytest.approx(y[i] - offset - slopes @ x[i] - weights @ bells, rel=1e-6)
@@ -86,7 +142,7 @@ def test_leaving_one_out_in_closed_form_is_leaving_it_out():
 @pytest.mark.parametrize(("method", "count"), [("exact", 150), ("sparse", 400)])
 def test_it_finds_function_noise_and_relevance(method, count):
     x, y = points(count, noise=2.0)
-    process = gaussian_process(x, y, method=method, centres=80, starts=1)
+    process = gaussian_process(x, y, method=method, centres=80 if method == "sparse" else None, starts=1)
     at = np.random.default_rng(5).uniform(0.05, 0.95, size=(200, 3))
     lengths = process.expansion.widths[0]
     assert (process.expansion.size < count) == (method == "sparse")
@@ -129,6 +185,102 @@ def test_inputs_that_move_together_do_no_harm():
 def test_points_that_cannot_be_used_are_named(change, message):
     with pytest.raises(ArgumentError, match=message):
         gaussian_process(*change(*points(300)), names=("speed", "air", "spark"))
+
+
+def test_fewer_centres_than_points_are_kept_to():
+    x, y = points(150)
+    assert gaussian_process(x, y, centres=40, kernel="matern52", starts=1).expansion.size == 40
+    exact = gaussian_process(x, y, method="exact", centres=40, kernel="gaussian", starts=1)
+    assert exact.expansion.size == 150
+    assert exact.remarks == ("centres = 40 is not used: an exact Gaussian process has one per point, 150",)
+
+
+def drive(count=1500):
+    """A recording in which an input is nearly constant and the output has a fast part, as a drive has."""
+    t = np.arange(count) / 10
+    rng = np.random.default_rng(0)
+    speed = np.interp(t, np.arange(0, 160, 4), rng.normal(size=40))
+    load = np.interp(t, np.arange(0, 160, 2), rng.normal(size=80)) ** 3
+    cutoff = (load < -1.5) * 8.0 + 1e-3 * rng.normal(size=count)
+    fast = np.interp(t, np.arange(0, 160, 0.5), rng.normal(size=320))
+    return np.column_stack([speed, load, cutoff]), np.tanh(2 * speed) * np.tanh(load) + 0.4 * fast
+
+
+def test_a_sparse_process_of_a_drive_does_not_collapse_to_the_plane():
+    x, y = drive()
+    process = gaussian_process(x, y, kernel="gaussian", starts=1, blocks=np.arange(len(y)) // 75)
+    assert process.expansion.size > 0
+    assert rmse(process.left_out) < 0.8 * rmse(process.plane_left_out)
+
+
+def test_noise_alone_leaves_the_plane_and_says_so():
+    rng = np.random.default_rng(2)
+    x = rng.normal(size=(80, 4))
+    process = gaussian_process(x, x[:, 0] + rng.normal(size=80), starts=1)
+    assert process.expansion.size == 0
+    assert "not better than the plane" in process.remarks[0]
+    np.testing.assert_allclose(process.expansion(x), process.plane(x))
+    np.testing.assert_array_equal(process.left_out, process.plane_left_out)
+
+
+def test_the_same_rows_again_change_neither_model_nor_left_out_errors():
+    x, y = points(70, inputs=2)
+    once, twice = (gaussian_process(np.tile(x, (k, 1)), np.tile(y, k), kernel="gaussian", starts=1) for k in (1, 2))
+    assert (once.repeated, twice.repeated) == (0, 70)
+    assert rmse(twice.left_out) == pytest.approx(rmse(once.left_out), rel=0.5)
+    at = 0.1 + 0.8 * np.random.default_rng(3).uniform(size=(100, 2))
+    assert rmse(twice.expansion(at) - wavy(at)) < 1.3 * rmse(once.expansion(at) - wavy(at))
+
+
+@pytest.mark.parametrize("value", [1e6, -300.0])
+def test_a_wild_point_is_found_and_not_used(value):
+    x, y = points(100, inputs=2)
+    wild = y.copy()
+    wild[[17, 60]] = value
+    process, clean = gaussian_process(x, wild, starts=1), gaussian_process(np.delete(x, [17, 60], 0), np.delete(y, [17, 60]), starts=1)
+    np.testing.assert_array_equal(np.flatnonzero(process.outliers), [17, 60])
+    assert np.isnan(process.left_out[[17, 60]]).all()
+    np.testing.assert_allclose(process.expansion(x), clean.expansion(x), rtol=1e-6)
+
+
+def test_a_wild_input_is_found_and_not_used():
+    x, y = points(80, inputs=2)
+    x[5, 1] = 1e7
+    process = gaussian_process(x, y, kernel="gaussian", starts=1)
+    np.testing.assert_array_equal(np.flatnonzero(process.outliers), [5])
+
+
+def test_steep_corners_and_rare_states_are_not_outliers():
+    x = np.random.default_rng(0).uniform(0.01, 1, size=(150, 1))
+    steep = gaussian_process(x, 1 / x[:, 0], kernel="gaussian", starts=1)
+    x, y = drive(600)
+    rare = gaussian_process(x, y + 5 * (x[:, 2] > 4), kernel="gaussian", starts=1)
+    assert not steep.outliers.any()
+    assert not rare.outliers.any()
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_the_deviation_is_that_of_universal_kriging(kernel):
+    x, y = points(40, inputs=2)
+    process = gaussian_process(x, y, kernel=kernel, starts=1)
+    e, u = process.expansion, process.uncertainty
+    at = np.array([[0.4, 0.6], [1.5, -0.5]])
+    basis, here = np.column_stack([np.ones(40), x]), np.column_stack([np.ones(2), at])
+    alone = [Expansion(0, np.zeros(2), [1.0], [c], e.widths[:1], kernel) for c in e.centres]
+    near = np.column_stack([bell(at) for bell in alone])
+    inside = np.column_stack([bell(e.centres) for bell in alone]) + np.diag(u.nugget) + 1e6 * basis @ basis.T
+    near = near + 1e6 * here @ basis.T
+    prior = 1 + 1e6 * np.sum(here**2, axis=1)
+    variance = u.signal**2 * (prior - np.sum(near * np.linalg.solve(inside, near.T).T, axis=1)) + u.noise**2
+    np.testing.assert_allclose(Deviation(e, u)(at), np.sqrt(variance), rtol=1e-3)
+
+
+def test_two_deviations_cover_nearly_all_new_measurements():
+    x, y = points(250, inputs=2)
+    process = gaussian_process(x, y, kernel="gaussian", starts=1)
+    new, measured = points(1000, seed=8, inputs=2)
+    inside = np.abs(process.expansion(new) - measured) < 2 * Deviation(process.expansion, process.uncertainty)(new)
+    assert 0.9 < inside.mean() < 0.98
 
 
 def test_greedy_centres_leave_little_open():

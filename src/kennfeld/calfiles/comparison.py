@@ -13,6 +13,7 @@ from kennfeld.formatting import size_text
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter, Text
+from kennfeld.rbf import RBF
 
 _Item = Parameter | Text | Axis
 
@@ -185,6 +186,8 @@ def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance)
     same_values = first.kind == "rbf" and np.array_equal(first.values, second.values)
     if same_values and not np.array_equal(first.packed, second.packed):
         yield Difference(name, "content", "an expansion", "another expansion")
+    if isinstance(first, RBF) and isinstance(second, RBF) and first.kernel != second.kernel:
+        yield Difference(name, "kernel", first.kernel, second.kernel)
 
 
 def _axis_differences(name: str, prefix: str, first: Axis, second: Axis, allowed: Tolerance) -> Iterator[Difference]:

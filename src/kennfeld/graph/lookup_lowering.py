@@ -16,7 +16,7 @@ from kennfeld.graph.traversal import dependents, rewrite
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Extrapolation, Parameter
-from kennfeld.rbf import RBF
+from kennfeld.rbf import RBF, Kernel
 
 Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 
@@ -38,11 +38,12 @@ class TableRef(NamedTuple):
 
 
 class ExpansionRef(NamedTuple):
-    """A parameter of kind rbf, with its numbers of inputs and centres."""
+    """A parameter of kind rbf, with its numbers of inputs and centres, and its kernel."""
 
     name: str
     inputs: int
     centres: int
+    kernel: Kernel = "gaussian"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
             return b.rebuild(graph.nodes[at], args)
         parameter = parameters[payload]
         if isinstance(parameter, RBF):
-            return b.node("expansion", args, ExpansionRef(payload, parameter.coordinates, parameter.centres))
+            ref = ExpansionRef(payload, parameter.coordinates, parameter.centres, parameter.kernel)
+            return b.node("expansion", args, ref)
         refs = tuple(axis_ref(parameter, i) for i in range(len(args)))
         smoothed = tuple(
             a in moving and ref.key is None and kept[ref.number].size > 1 for a, ref in zip(old, refs, strict=True)

@@ -24,7 +24,7 @@ from kennfeld.machine_code.ir import LANES, ONE, ZERO, FunctionWriter, literal
 from kennfeld.native.column_table import HEAD, load_sample
 from kennfeld.native.dense_code import write_layer, write_pull
 from kennfeld.native.elementwise import CONDITIONS, VALUES, guarded_product, power
-from kennfeld.native.rbf_code import write_evaluation, write_value_slopes
+from kennfeld.native.rbf_code import KERNELS, write_evaluation, write_value_slopes
 from kennfeld.native.table_lookup import Cell, Window, corners, find_cell, smooth_window
 
 SEGMENT = 600  # items a function
@@ -318,16 +318,18 @@ class StepEmitter:
         """Return the address of an expansion's value, followed by its slopes along the inputs."""
         if (ref.name, args) not in self._expansions:
             reciprocal = self.layout.offsets[ref.name] >= self.layout.free
+            function = shared_function(write_evaluation, ref.inputs, KERNELS.index(ref.kernel), reciprocal)
             out = self.f.slot("double", 1 + ref.inputs)
-            self._call_expansion(shared_function(write_evaluation, ref.inputs, reciprocal), ref, args, out)
+            self._call_expansion(function, ref, args, out)
             self._expansions[ref.name, args] = out
         return self._expansions[ref.name, args]
 
     def expansion_weights(self, ref: ExpansionRef, args: tuple[int, ...]) -> tuple[int, str]:
         """Return the number of values of an expansion, and the address of its slopes with respect to them."""
         count = int(np.prod(self.layout.shapes[ref.name]))
+        function = shared_function(write_value_slopes, ref.inputs, KERNELS.index(ref.kernel))
         out = self.f.slot("double", count)
-        self._call_expansion(shared_function(write_value_slopes, ref.inputs), ref, args, out)
+        self._call_expansion(function, ref, args, out)
         return count, out
 
     def _call_expansion(self, function: SharedFunction, ref: ExpansionRef, args: tuple[int, ...], out: str) -> None:

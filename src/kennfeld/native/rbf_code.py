@@ -1,14 +1,17 @@
-"""LLVM IR of expansions in Gaussian radial basis functions: value, slopes along the inputs, slopes of the values.
+"""LLVM IR of expansions in radial basis functions: value, slopes along the inputs, slopes of the values.
 
-y = c + sum_d b_d x_d + sum_i w_i exp(-1/2 sum_d ((x_d - z_id) / s_id)^2), see `kennfeld.rbf`. Eight centres are
-processed at once. The functions depend on the number of inputs, not on the model, and are compiled once each.
+y = c + sum_d b_d x_d + sum_i w_i bell(r_i), r_i^2 = sum_d ((x_d - z_id) / s_id)^2, see `kennfeld.rbf`. Eight centres
+are processed at once. The functions depend on the number of inputs and the kernel, not on the model, and are compiled
+once each.
 """
 
 from collections.abc import Iterator
+from typing import Final, get_args
 
 from kennfeld.machine_code.ir import EIGHT, LANES, ONE, FunctionWriter, Vector
-from kennfeld.rbf import MAX_DISTANCE
+from kennfeld.rbf import MAX_DISTANCE, Kernel
 
+KERNELS: Final[tuple[Kernel, ...]] = get_args(Kernel)
 LEAST = -700.0  # exponent below which a basis function is treated as 0
 ALL = f"<{', '.join(['i1 true'] * LANES)}>"
 PARAMETERS = (
@@ -19,19 +22,18 @@ PARAMETERS = (
 )
 
 
-def write_evaluation(inputs: int, reciprocal: bool) -> FunctionWriter:
+def write_evaluation(inputs: int, kernel: int, reciprocal: bool) -> FunctionWriter:
     """Write `expand(values, centres, x, out)`: the value goes to out[0], followed by its slopes along the inputs.
 
-    If `reciprocal`, the widths are stored as their reciprocals.
+    `kernel` is a position in `KERNELS`. If `reciprocal`, the widths are stored as their reciprocals.
     """
     f = FunctionWriter("expand", PARAMETERS)
     v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
     slopes = [f.load("%values", 1 + d) for d in range(inputs)]
     starts = [f.sum([f.load("%values"), *(f.fmul(slope, at) for slope, at in zip(slopes, x, strict=True))]), *slopes]
     sums = [f.variable(EIGHT, v.all(0.0)) for _ in starts]
-    for eight in _each_eight(f, x, reciprocal):
-        weighted = eight.weighted_bells
-        terms = [weighted, *(f.new(f"fneg {EIGHT} {along}") for along in eight.along(weighted))]
+    for eight in _each_eight(f, x, kernel, reciprocal):
+        terms = [v("fmul", eight.weight, eight.bells), *(f.new(f"fneg {EIGHT} {along}") for along in eight.along())]
         for total, term in zip(sums, terms, strict=True):
             total.set(v("fadd", total.get(), term))
     for at, (total, start) in enumerate(zip(sums, starts, strict=True)):
@@ -39,26 +41,26 @@ def write_evaluation(inputs: int, reciprocal: bool) -> FunctionWriter:
     return f
 
 
-def write_value_slopes(inputs: int) -> FunctionWriter:
+def write_value_slopes(inputs: int, kernel: int) -> FunctionWriter:
     """Write `bells(values, centres, x, out)`: the derivatives with respect to the values, in their order."""
     f = FunctionWriter("bells", PARAMETERS)
     v, x = Vector(f), [f.load("%x", d) for d in range(inputs)]
     f.store(ONE, "%out")
     for d, at in enumerate(x):
         f.store(at, "%out", 1 + d)
-    for eight in _each_eight(f, x, reciprocal=False):
+    for eight in _each_eight(f, x, kernel, reciprocal=False):
         eight.store(eight.bells, eight.weights)
-        for d, along in enumerate(eight.along(eight.weighted_bells)):
+        for d, along in enumerate(eight.along()):
             eight.store(along, eight.centres[d])
             eight.store(v("fmul", along, eight.distances[d]), eight.widths[d])
     return f
 
 
-def _each_eight(f: FunctionWriter, x: list[str], reciprocal: bool) -> Iterator["_EightCentres"]:
+def _each_eight(f: FunctionWriter, x: list[str], kernel: int, reciprocal: bool) -> Iterator["_EightCentres"]:
     """Emit the body for eight centres at a time, and once more for the remaining ones."""
     whole = f.new(f"and i64 %centres, -{LANES}")
     with f.walk(whole) as (first, position):
-        yield _EightCentres(f, x, first, ALL, reciprocal)
+        yield _EightCentres(f, x, first, ALL, KERNELS[kernel], reciprocal)
         position.set(f.add(first, LANES))
     rest = f.new(f"sub i64 %centres, {whole}")
     with f.when(f.new(f"icmp sgt i64 {rest}, 0")):
@@ -66,13 +68,16 @@ def _each_eight(f: FunctionWriter, x: list[str], reciprocal: bool) -> Iterator["
         lanes = f"<{', '.join(f'i64 {lane}' for lane in range(LANES))}>"
         single = f.new(f"insertelement {kind} poison, i64 {rest}, i64 0")
         counts = f.new(f"shufflevector {kind} {single}, {kind} poison, <{LANES} x i32> zeroinitializer")
-        yield _EightCentres(f, x, whole, f.new(f"icmp slt {kind} {lanes}, {counts}"), reciprocal)
+        mask = f.new(f"icmp slt {kind} {lanes}, {counts}")
+        yield _EightCentres(f, x, whole, mask, KERNELS[kernel], reciprocal)
 
 
 class _EightCentres:
     """The basis functions of eight centres at a point; lanes that the mask excludes have weight 0."""
 
-    def __init__(self, f: FunctionWriter, x: list[str], first: str, mask: str, reciprocal: bool) -> None:
+    def __init__(
+        self, f: FunctionWriter, x: list[str], first: str, mask: str, kernel: Kernel, reciprocal: bool
+    ) -> None:
         self._f, self._v, self._first, self._mask = f, Vector(f), first, mask
         self._divide = "fmul" if reciprocal else "fdiv"
         inputs = len(x)
@@ -87,13 +92,29 @@ class _EightCentres:
         square = self._v("fmul", self.distances[0], self.distances[0])
         for t in self.distances[1:]:
             square = self._v("fadd", square, self._v("fmul", t, t))
-        exponent = self._v("fmul", square, self._v.all(-0.5))
-        self.bells = self._v.exp(self._extreme("maxnum", exponent, LEAST))
-        self.weighted_bells = self._v("fmul", self._load(self.weights, 0.0), self.bells)
+        self.weight = self._load(self.weights, 0.0)
+        self.bells, self._declines = self._gaussian(square) if kernel == "gaussian" else self._matern52(square)
 
-    def along(self, weighted: str) -> list[str]:
-        """Return the slopes of the basis functions along each input."""
+    def _gaussian(self, square: str) -> tuple[str, str]:
+        """Return the bells and their declines, as `kernel_of_square` does."""
+        exponent = self._v("fmul", square, self._v.all(-0.5))
+        bells = self._v.exp(self._extreme("maxnum", exponent, LEAST))
+        return bells, bells
+
+    def _matern52(self, square: str) -> tuple[str, str]:
+        """Return the bells and their declines, as `kernel_of_square` does."""
         v = self._v
+        five = v("fmul", square, v.all(5.0))
+        s = self._f.new(f"call {EIGHT} @llvm.sqrt.v8f64({EIGHT} {five})")
+        fading = v.exp(self._extreme("maxnum", v("fmul", s, v.all(-1.0)), LEAST))
+        rising = v("fadd", s, v.all(1.0))
+        bells = v("fmul", v("fadd", rising, v("fmul", five, v.all(1.0 / 3.0))), fading)
+        return bells, v("fmul", v("fmul", rising, v.all(5.0 / 3.0)), fading)
+
+    def along(self) -> list[str]:
+        """Return the slopes of the weighted bells along each input, with the opposite sign."""
+        v = self._v
+        weighted = v("fmul", self.weight, self._declines)
         return [v(self._divide, v("fmul", weighted, t), w) for t, w in zip(self.distances, self._width, strict=True)]
 
     def store(self, value: str, base: str) -> None:

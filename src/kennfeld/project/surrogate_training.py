@@ -9,7 +9,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Finding, Findings, InputError
+from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.file_keys import KeyProblem, key
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
@@ -25,7 +25,13 @@ from kennfeld.search_settings import MAX_STARTS
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
-from kennfeld.surrogate.training_data import extract_points, raster_of, split_recordings
+from kennfeld.surrogate.training_data import (
+    extract_points,
+    listed_twice,
+    raster_of,
+    repeated_rows,
+    split_recordings,
+)
 
 _CHANNELS = "Write names of channels."
 _UNSUPPORTED = ("weight", "weight_channel", "settle", "average", "step")  # keys of [[dataset]]
@@ -90,10 +96,17 @@ class SurrogateEntry:
     )
     method: Literal["auto", "exact", "sparse", "expansion"] = key(
         '`"exact"` or `"sparse"` Gaussian process, or `"expansion"` for few centres by k-means; `"auto"` is exact up '
-        "to 1000 points. Dynamic surrogates are always sparse",
+        "to 1000 points, or up to `centres` if that is given. Dynamic surrogates are always sparse",
         SurrogateSettings.method,
     )
-    centres: int = key("maximum number of centres", SurrogateSettings.centres, least=1)
+    kernel: Literal["auto", "gaussian", "matern52"] = key(
+        'shape of the bells, `"gaussian"` or `"matern52"` (of order 5/2); `"auto"` takes the one with the smaller '
+        "residuals of points left out. Dynamic surrogates have Gaussian bells",
+        SurrogateSettings.kernel,
+    )
+    centres: int | None = key(
+        "maximum number of centres", None, least=1, default_text="one per point up to 1000 points, else 300"
+    )
     seed: int = key("random seed of the search for length scales", SurrogateSettings.seed, least=0)
     starts: int = key("number of starts of that search", SurrogateSettings.starts, least=1, most=MAX_STARTS)
     step: float | None = key("sampling step in s", None, above=0, dynamic=True, default_text="that of the data")
@@ -150,6 +163,8 @@ class SurrogateEntry:
     def _dynamic_problems(self) -> Iterator[KeyProblem]:
         if self.method in ("exact", "expansion"):
             yield "method", f'"{self.method}" requires a static surrogate', 'Write "auto" or "sparse".'
+        if self.kernel == "matern52":
+            yield "kernel", '"matern52" requires a static surrogate', 'Write "auto" or "gaussian".'
         lags = self.lags if isinstance(self.lags, Mapping) else dict.fromkeys(self.inputs)
         for name in lags:
             if self.inputs and name not in self.inputs:
@@ -197,17 +212,18 @@ class Training:
         """The call of the surrogate, `n = engine(throttle, load)`."""
         return f"{self.settings.output} = {self.settings.name}({', '.join(self.settings.inputs)})"
 
-    def datasets(self) -> list[Dataset]:
-        """Return the recordings. Raises `InputError` with every problem of their files."""
+    def datasets(self, warn: Callable[[Finding], None] = lambda finding: None) -> list[Dataset]:
+        """Return the recordings; call `warn` with each warning. Raises `InputError` with every problem of their files."""
         datasets, findings = self._load()
-        findings.finish()
+        for finding in findings.finish():
+            warn(finding)
         return datasets
 
     def check(self) -> tuple[list[Dataset], list[Finding]]:
         """Return the recordings and all findings about them, errors and warnings; nothing is trained."""
         datasets, findings = self._load()
         if not findings.has_errors:
-            findings.add(*self._unusable(datasets))
+            findings.add(*self._unusable(datasets), *repeated_rows(self._training_points(datasets)))
         return datasets, list(dict.fromkeys(findings))
 
     def _load(self) -> tuple[list[Dataset], Findings]:
@@ -215,7 +231,14 @@ class Training:
         needed = dict.fromkeys(self.settings.inputs, "an input of the surrogate")
         needed[self.settings.output] = "the output of the surrogate"
         loaded = load_datasets(self.data, ChannelRequest(needed), calculated)
-        return loaded.datasets, Findings((*calculated.findings, *loaded.findings))
+        twice = listed_twice(loaded.datasets)
+        return loaded.datasets, Findings((*calculated.findings, *loaded.findings, *twice))
+
+    def _training_points(self, datasets: list[Dataset]) -> list[Float]:
+        """Return the input rows of the points that a static surrogate is trained on, by dataset; none of a dynamic one."""
+        if self.settings.kind == "dynamic":
+            return []
+        return [self._tables(data, 0.0)[0][:, :-1] for data in datasets if data.use == "training"]
 
     def _unusable(self, datasets: list[Dataset]) -> Iterator[Finding]:
         """Yield reasons why the recordings cannot be used for training, as far as known without training."""
@@ -249,15 +272,25 @@ class Training:
         arguments = dataset, self.settings.inputs, self.settings.output
         if self.settings.kind == "dynamic":
             return [np.column_stack([run.u, run.y]) for run in split_recordings(*arguments, step)]
-        return [np.column_stack(extract_points(*arguments))]
+        return [np.column_stack(extract_points(*arguments)[:2])]
 
-    def train(self, report: Callable[[str], None] = lambda line: None, stopped: Stopped = never) -> Surrogate:
+    def train(
+        self,
+        report: Callable[[str], None] = lambda line: None,
+        stopped: Stopped = never,
+        warn: Callable[[Finding], None] = lambda finding: None,
+    ) -> Surrogate:
         """Train the surrogate, reporting lines on progress; end at the best so far once `stopped` returns true.
+
+        `warn` is called with each warning about the recordings, and about samples that were not used.
 
         Raises:
             InputError: the data are insufficient.
         """
-        return train_surrogate(self.datasets(), self.settings, report, stopped)
+        surrogate = train_surrogate(self.datasets(warn), self.settings, report, stopped)
+        for remark in getattr(surrogate, "remarks", ()):
+            warn(Finding(Location(self.data.path.name), remark, severity="warning"))
+        return surrogate
 
 
 def read_training(path: str | Path) -> Training:

@@ -1,20 +1,26 @@
 """Exact Gaussian process: every training point is a centre, and the cost grows with the cube of their number.
 
-y = plane + f + noise, where f has variance s^2 and the kernel R, and noise the variance s^2 eta. The plane has a vague
-prior and s^2 has a closed form, so the likelihood is maximised over the length scales and eta only:
+y = plane + f + noise, where f has variance s^2 and the kernel R, and the noise of a point of weight w the variance
+s^2 eta / w. The plane has a vague prior and s^2 has a closed form, so the likelihood is maximised over the length scales
+and eta only:
 
-    P = K^-1 - K^-1 U (U'K^-1 U)^-1 U'K^-1,  K = R + eta I,  s^2 = y'P y / (n - rank)
-    -2 log L = (n - rank) log s^2 + log|K| + log|U'K^-1 U|
+    P = K^-1 - K^-1 U (U'K^-1 U)^-1 U'K^-1,  K = R + eta D,  D = diag(1/w),  s^2 = (y'P y + c / eta) / (N - rank)
+    -2 log L = (N - rank) log s^2 + log|K| + log|U'K^-1 U| + (N - n) log eta
 
-C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, equation 2.45. Leaving one out:
-O. Dubrule: Cross validation of kriging in a unique neighborhood, 1983: the residual is (P y)_i / P_ii.
+for n points from N rows, with the scatter c of repeated rows. C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for
+Machine Learning, 2006, equation 2.45. Leaving some points B out: O. Dubrule: Cross validation of kriging in a unique
+neighborhood, 1983: their residuals are P_BB^-1 (P y)_B, with the covariance s^2 P_BB^-1.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.surrogate.gp_kernel import Plane, bells, scaled_second_moment
+from kennfeld.rbf import Kernel
+from kennfeld.surrogate.gp_kernel import LEAST_VARIANCE, Plane, kernel_matrix, scaled_second_moment
+from kennfeld.surrogate.training_points import TrainingPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,62 +34,83 @@ class _KernelSystem:
     variance: float  # s^2
 
 
-def _solve(kernel: Float, noise: float, y: Float, plane: Plane) -> _KernelSystem:
+def _solve(kernel: Float, noise: float, points: TrainingPoints, plane: Plane) -> _KernelSystem:
     from scipy.linalg import lapack
 
-    root: Float = np.asarray(np.linalg.cholesky(kernel + noise * np.eye(len(y))), dtype=np.float64)
+    padded = kernel.copy()
+    padded.flat[:: len(points) + 1] += noise / points.weights
+    root: Float = np.asarray(np.linalg.cholesky(padded), dtype=np.float64)
     lower, _ = lapack.dpotri(root, lower=1)
     inverse = np.tril(lower) + np.tril(lower, -1).T
     coupled = inverse @ plane.basis  # K^-1 U
     plane_root: Float = np.asarray(np.linalg.cholesky(plane.basis.T @ coupled), dtype=np.float64)
     half = np.linalg.solve(plane_root, coupled.T)
     inverse -= half.T @ half
-    weights = inverse @ y
-    variance = max(float(y @ weights) / max(len(y) - plane.rank, 1), 1e-300)
+    weights = inverse @ points.y
+    square = float(points.y @ weights) + float(points.scatter.sum()) / noise
+    variance = max(square / max(_free(points, plane), 1), LEAST_VARIANCE)
     return _KernelSystem(root, inverse, plane_root, weights, variance)
 
 
-def exact_likelihood(values: Float, x: Float, y: Float, plane: Plane) -> tuple[float, Float]:
+def _free(points: TrainingPoints, plane: Plane) -> float:
+    """Return the degrees of freedom N - rank."""
+    return len(points) + float(points.repeats.sum()) - plane.rank
+
+
+def exact_likelihood(values: Float, points: TrainingPoints, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
     """Return the log marginal likelihood and its gradient by the logarithms of the lengths and, last, of eta.
 
-    `x` Float[points, inputs] and `y` Float[points] are in units of their spread. Raises `LinAlgError` if the matrix
-    is not positive definite.
+    The points are in units of their spread. Raises `LinAlgError` if the matrix is not positive definite.
     """
-    lengths, noise = np.exp(values[:-1]), float(np.exp(values[-1]))
-    kernel = bells(x, x, lengths)
-    at = _solve(kernel, noise, y, plane)
+    x, lengths, noise = points.x, np.exp(values[:-1]), float(np.exp(values[-1]))
+    near, declines = kernel_matrix(x, x, lengths, kernel)
+    at = _solve(near, noise, points, plane)
+    repeats, scatter = float(points.repeats.sum()), float(points.scatter.sum()) / (noise * at.variance)
     logarithm = 2 * np.sum(np.log(np.diag(at.root))) + 2 * np.sum(np.log(np.diag(at.plane_root)))
-    likelihood = -0.5 * ((len(y) - plane.rank) * np.log(at.variance) + logarithm)
+    likelihood = -0.5 * (_free(points, plane) * np.log(at.variance) + logarithm + repeats * values[-1])
     slope = np.outer(at.weights, at.weights / at.variance) - at.projected
-    by_noise = 0.5 * noise * np.trace(slope)
-    return float(likelihood), np.append(0.5 * scaled_second_moment(slope * kernel, x, x, lengths), by_noise)
+    by_noise = 0.5 * (noise * float(np.sum(np.diag(slope) / points.weights)) + scatter - repeats)
+    return float(likelihood), np.append(0.5 * scaled_second_moment(slope * declines, x, x, lengths), by_noise)
 
 
 @dataclass(frozen=True, eq=False)
 class Exact:
     """An exact process at given length scales and eta, in units of spread."""
 
-    x: Float
-    y: Float
+    points: TrainingPoints
     plane: Plane
     lengths: Float
     noise: float
+    kernel: Kernel
     system: _KernelSystem
 
     @classmethod
-    def at(cls, x: Float, y: Float, lengths: Float, noise: float) -> "Exact":
-        """Return the process through points and values."""
-        plane = Plane.over(x)
-        return cls(x, y, plane, lengths, noise, _solve(bells(x, x, lengths), noise, y, plane))
+    def at(cls, points: TrainingPoints, lengths: Float, noise: float, kernel: Kernel = "gaussian") -> "Exact":
+        """Return the process through points."""
+        plane = Plane.over(points.x)
+        near = kernel_matrix(points.x, points.x, lengths, kernel)[0]
+        return cls(points, plane, lengths, noise, kernel, _solve(near, noise, points, plane))
 
     def terms(self) -> tuple[float, Float, Float, Float]:
         """Return offset, slopes, weights and centres of the mean."""
-        weights = self.system.weights
-        rest = self.y - bells(self.x, self.x, self.lengths) @ weights - self.noise * weights
+        x, weights = self.points.x, self.system.weights
+        near = kernel_matrix(x, x, self.lengths, self.kernel)[0]
+        rest = self.points.y - near @ weights - self.noise / self.points.weights * weights
         flat = self.plane.back @ (self.plane.basis.T @ rest)
-        return float(flat[0]), flat[1:], weights, self.x
+        return float(flat[0]), flat[1:], weights, x
 
-    def left_out(self) -> Float:
-        """Return the residual at each point of the process trained without it."""
-        residual: Float = self.system.weights / np.diag(self.system.projected)
+    def left_out(self, blocks: Sequence[Int] | None = None) -> Float:
+        """Return the residual at each point of the process trained without the points of its block, Float[points].
+
+        `blocks` are the numbers of points that are left out together; by default each point is left out alone.
+        """
+        projected, weights = self.system.projected, self.system.weights
+        residual: Float = weights / np.diag(projected)
+        for block in blocks or ():
+            residual[block] = np.linalg.solve(projected[np.ix_(block, block)], weights[block])
         return residual
+
+    @property
+    def variance(self) -> float:
+        """s^2, in units of spread."""
+        return self.system.variance

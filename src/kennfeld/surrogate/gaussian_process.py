@@ -1,42 +1,66 @@
-"""Static Gaussian process: squared-exponential kernel with a length scale per input, linear mean, estimated noise.
+"""Static Gaussian process: a kernel with a length scale per input, linear mean, estimated noise.
 
-For comparison, scikit-learn's `GaussianProcessRegressor` (one thread, 5 inputs) takes 0.9 s for 500 points, 9.4 s with
-four more starts, and 24 s for 2000 points; this one takes 0.7 s and 5.3 s with three starts. The former has a constant
-mean, no sparse approximation and no leave-one-out residuals. See `docs/surrogates.md`.
+For comparison with scikit-learn, whose regressor has a constant mean, no sparse approximation and no leave-one-out
+residuals, see `docs/benchmarks.md`.
 """
 
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Iterator, Sequence
+from typing import Literal, get_args
 
-from kennfeld.arrays import Float
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion
+from kennfeld.rbf import Expansion, Kernel
 from kennfeld.surrogate.exact_gp import Exact
-from kennfeld.surrogate.gp_kernel import greedy_centres
-from kennfeld.surrogate.hyperparameters import exact_hyperparameters, sparse_hyperparameters
+from kennfeld.surrogate.gp_kernel import JITTER, Plane, greedy_centres
+from kennfeld.surrogate.hyperparameters import Hyperparameters, exact_hyperparameters, sparse_hyperparameters
+from kennfeld.surrogate.outliers import far_inputs, gross_errors
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.training_data import Scaling, check_points
+from kennfeld.surrogate.training_points import TrainingPoints
+from kennfeld.surrogate.uncertainty import Deviation, Uncertainty, calibrated
 from kennfeld.surrogate.validity import Validity
 
 Method = Literal["auto", "exact", "sparse"]
+KernelChoice = Literal["auto", "gaussian", "matern52"]
 
 MOST_EXACT = 1000
 MOST_FORCED = 10_000  # the kernel matrix takes 0.8 GB there
+CENTRES = 300  # of a sparse process, unless the number is given
+WORTH = 0.99  # a process stays if its left-out residuals are at most this share of the plane's
+CERTAIN = 6.0  # deviations from the model trained without it, beyond which a value is an error
+CALIBRATED = 5000  # points that the deviation is calibrated on
 
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
     """The mean of a trained process, the range it is valid in, and its residuals; all in physical units.
 
-    `left_out` is the residual at each training point, Float[points], without that point, in closed form. Length scales
-    and noise, and the inducing inputs of a sparse process, are those of all points.
+    Attributes:
+        expansion: the mean; a plane without centres if the process is not better.
+        validity: the neighbourhood of the training points.
+        uncertainty: the predictive deviation.
+        left_out: residual at each row of the training data, Float[rows], without its point or block, in closed form.
+            Length scales and noise, and the inducing inputs of a sparse process, are those of all points.
+        plane: the plane of least squares through the same points.
+        plane_left_out: its residuals, each without its point or block.
+        outliers: rows that were not used because of a gross error, Bool[rows].
+        repeated: number of rows that repeat the inputs of another one.
+        remarks: sentences on the training for the user.
     """
 
     expansion: Expansion
     validity: Validity
+    uncertainty: Uncertainty
     left_out: Float
+    plane: Expansion
+    plane_left_out: Float
+    outliers: Bool
+    repeated: int
+    remarks: tuple[str, ...]
 
 
 def gaussian_process(
@@ -44,18 +68,22 @@ def gaussian_process(
     y: Float,
     *,
     method: Method = "auto",
-    centres: int = 300,
+    kernel: KernelChoice = "auto",
+    centres: int | None = None,
     starts: int = 3,
     seed: int = 0,
     names: Sequence[str] = (),
+    blocks: Int | None = None,
     stopped: Stopped = never,
 ) -> GaussianProcess:
     """Train a process on points `x` Float[points, inputs] and values `y` Float[points], in physical units.
 
-    "auto" is exact up to 1000 points and else sparse with `centres` inducing inputs, chosen greedily by variance; its
-    length scales are searched on at most 3000 points, its noise on all. `starts` searches begin at places that `seed`
-    draws. `names` of the inputs appear in messages. Once `stopped` returns true, the search ends at the best so far.
-    Raises `ArgumentError` if the points cannot be used.
+    "auto" is exact up to 1000 points, unless fewer `centres` are given, and else sparse with `centres` inducing inputs,
+    by default 300, chosen greedily by variance; its length scales are searched on at most 2000 points, its noise on all.
+    `starts` searches begin at places that `seed` draws. The kernel is that with the smaller residuals of points left
+    out; a plane is returned if these are not smaller than the plane's. Points of the same number in `blocks` Int[points]
+    are left out together. `names` of the inputs appear in messages. Once `stopped` returns true, the search ends at the
+    best so far. Raises `ArgumentError` if the points cannot be used.
 
     >>> import numpy as np
     >>> x = np.linspace(0, 6, 40)[:, None]
@@ -63,23 +91,184 @@ def gaussian_process(
     >>> bool(abs(process.expansion(np.array([2.05])) - np.sin(2.05)) < 1e-3)
     True
     """
-    points, values = check_points(x, y, names)
+    rows, values = check_points(x, y, names)
     if method not in ("auto", "exact", "sparse"):
         raise ArgumentError(f"method={method!r} of a Gaussian process must be auto, exact or sparse")
-    if centres < 1:
+    if kernel not in get_args(KernelChoice):
+        raise ArgumentError(f"kernel={kernel!r} of a Gaussian process must be {' or '.join(get_args(KernelChoice))}")
+    if centres is not None and centres < 1:
         raise ArgumentError(f"centres={centres} of a Gaussian process must be at least 1")
-    if method == "exact" and len(points) > MOST_FORCED:
-        raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(points)}")
-    scaling = Scaling.of(points, values)
-    inner, target = scaling.inward(points), (values - scaling.level) / scaling.height
-    process: Exact | Sparse
-    if method == "exact" or (method == "auto" and len(points) <= MOST_EXACT):
-        process = Exact.at(inner, target, *exact_hyperparameters(inner, target, starts, seed, stopped=stopped))
-    else:
-        lengths, noise = sparse_hyperparameters(inner, target, centres, starts, seed, stopped=stopped)
-        process = Sparse.at(inner, target, greedy_centres(inner, centres, lengths, seed), lengths, noise)
-    return GaussianProcess(
-        scaling.expansion(*process.terms(), process.lengths),
-        Validity.around(points, scaling.spread * process.lengths, seed),
-        scaling.height * process.left_out(),
-    )
+    outliers = _suspects(rows, values)
+    if outliers.any():
+        check_points(rows[~outliers], values[~outliers], names)
+    training = _Training(rows, values, ~outliers, method, centres, seed)
+    if method == "exact" and len(training.points) > MOST_FORCED:
+        raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
+    kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)  # type: ignore[assignment]
+    found = training.search(kernels, starts, stopped)
+    wrong = outliers & training.is_certain(found, blocks)
+    if np.any(wrong != outliers):
+        training = _Training(rows, values, ~wrong, method, centres, seed)
+    return training.choose(found, blocks, wrong)
+
+
+def _suspects(x: Float, y: Float) -> Bool:
+    """Return the rows that may have gross errors, Bool[rows]."""
+    suspects = far_inputs(x)
+    rest = np.flatnonzero(~suspects)
+    spread = x[rest].std(0)
+    suspects[rest] = gross_errors((x[rest] - x[rest].mean(0)) / np.where(spread > 0, spread, 1.0), y[rest])
+    return suspects
+
+
+class _Training:
+    """Rows that are used for training, scaled and merged, and the processes over them."""
+
+    def __init__(
+        self, x: Float, y: Float, used: Bool, method: Method, centres: int | None, seed: int
+    ) -> None:
+        self.x, self.y, self.used, self.seed = x, y, used, seed
+        self.scaling = Scaling.of(x[used], y[used])
+        target = (y[used] - self.scaling.level) / self.scaling.height
+        self.points = TrainingPoints.of(self.scaling.inward(x[used]), target)
+        most = MOST_EXACT if centres is None else min(centres, MOST_EXACT)
+        self.exact = method == "exact" or (method == "auto" and len(self.points) <= most)
+        self.given, self.centres = centres, centres or CENTRES
+
+    def search(self, kernels: Sequence[Kernel], starts: int, stopped: Stopped) -> list[Hyperparameters]:
+        """Return the best length scales and noise of each kernel; those of one are a start of the next."""
+        found: list[Hyperparameters] = []
+        for kernel in kernels:
+            near = found[0] if found else None
+            if near and stopped():
+                break
+            if self.exact:
+                best = exact_hyperparameters(self.points, kernel, starts, self.seed, stopped=stopped, near=near)
+            else:
+                best = sparse_hyperparameters(
+                    self.points, kernel, self.centres, starts, self.seed, stopped=stopped, near=near
+                )
+            found.append(best)
+        return found
+
+    def process(self, at: Hyperparameters) -> Exact | Sparse:
+        """Return the process over all points."""
+        if self.exact:
+            return Exact.at(self.points, at.lengths, at.noise, at.kernel)
+        z = greedy_centres(self.points.x, self.centres, at.lengths, self.seed, kernel=at.kernel)
+        return Sparse.at(self.points, z, at.lengths, at.noise, at.kernel)
+
+    def is_certain(self, found: Sequence[Hyperparameters], blocks: Int | None) -> Bool:
+        """Return the rows whose value is far from the model that was trained without them, Bool[rows]."""
+        if self.used.all():
+            return np.zeros(len(self.y), dtype=bool)
+        best = self.choose(found, blocks, ~self.used)
+        inside = np.clip(self.x, self.x[self.used].min(0), self.x[self.used].max(0))
+        deviation = Deviation(best.expansion, best.uncertainty)(inside)
+        certain: Bool = np.abs(best.expansion(inside) - self.y) > CERTAIN * deviation
+        return certain | np.any(inside != self.x, axis=1)
+
+    def choose(self, found: Sequence[Hyperparameters], blocks: Int | None, outliers: Bool) -> GaussianProcess:
+        """Return the process, or the plane, with the smallest residuals of points or blocks left out."""
+        together = self._together(blocks)
+        plane = _plane_left_out(self.points, together)
+        processes = [self.process(at) for at in found]
+        residuals = [process.left_out(together) for process in processes]
+        best = int(np.argmin([self._rmse(residual) for residual in residuals]))
+        is_plane = not self._rmse(residuals[best]) <= WORTH * self._rmse(plane)
+        process = processes[best]
+        residual = self._by_row(plane if is_plane else residuals[best])
+        flat = plane_through(self.points, self.scaling)
+        expansion = flat
+        if not is_plane:
+            expansion = self.scaling.expansion(*process.terms(), process.lengths, process.kernel)
+        return GaussianProcess(
+            expansion,
+            Validity.around(self.x[self.used], self.scaling.spread * process.lengths, self.seed),
+            self._uncertainty(process, expansion, residual[self.used]),
+            residual,
+            flat,
+            self._by_row(plane),
+            outliers,
+            int(self.used.sum()) - len(self.points),
+            (*self._remarks(), *_remarks(found[best], is_plane)),
+        )
+
+    def _remarks(self) -> Iterator[str]:
+        if self.exact and self.given is not None and self.given < len(self.points):
+            yield f"centres = {self.given} is not used: an exact Gaussian process has one per point, {len(self.points)}"
+
+    def _together(self, blocks: Int | None) -> list[Int] | None:
+        """Return the points of each block; a point of several rows is in the block of the first of them."""
+        if blocks is None:
+            return None
+        first = np.unique(self.points.point, return_index=True)[1]
+        block = blocks[self.used][first]
+        return [np.flatnonzero(block == number) for number in np.unique(block)]
+
+    def _rmse(self, residual: Float) -> float:
+        """Return the RMSE over the rows of points, given the residuals of their means."""
+        counts = 1 + self.points.repeats
+        squares = counts * residual**2 + self.points.scatter
+        return float(np.sqrt(squares.sum() / counts.sum()))
+
+    def _by_row(self, residual: Float) -> Float:
+        """Return residuals of points at each row, in physical units; NaN at rows that are not used."""
+        by_row = np.full(len(self.y), np.nan)
+        target = (self.y[self.used] - self.scaling.level) / self.scaling.height
+        point = self.points.point
+        by_row[self.used] = self.scaling.height * (target - self.points.y[point] + residual[point])
+        return by_row
+
+    def _uncertainty(self, process: Exact | Sparse, expansion: Expansion, residual: Float) -> Uncertainty:
+        signal = self.scaling.height * np.sqrt(process.variance)
+        nugget = np.full(expansion.size, JITTER)
+        noise = float(signal * np.sqrt(process.noise))
+        if not expansion.size:
+            signal, noise = 0.0, float(np.sqrt(np.mean(residual**2)))
+        elif isinstance(process, Exact):
+            nugget = np.maximum(process.noise / process.points.weights, JITTER)
+        some = np.arange(len(residual))
+        if len(some) > CALIBRATED:
+            some = np.sort(np.random.default_rng(self.seed).choice(len(some), CALIBRATED, replace=False))
+        return calibrated(
+            Uncertainty(float(signal), noise, nugget), expansion, self.x[self.used][some], residual[some]
+        )
+
+
+def plane_through(points: TrainingPoints, scaling: Scaling | None = None) -> Expansion:
+    """Return the plane of least squares through points, which are in units of `scaling` if it is given."""
+    plane = Plane.over(points.x, points.weights)
+    flat = plane.back @ (plane.basis.T @ (points.y * np.sqrt(points.weights)))
+    none = np.empty((0, points.x.shape[1]))
+    if scaling is None:
+        return Expansion(float(flat[0]), flat[1:], np.empty(0), none, none)
+    return scaling.expansion(float(flat[0]), flat[1:], np.empty(0), none, np.ones(points.x.shape[1]))
+
+
+def _plane_left_out(points: TrainingPoints, blocks: Sequence[Int] | None) -> Float:
+    """Return the residual of the plane at each point, trained without it or its block, in units of spread."""
+    plane = Plane.over(points.x, points.weights)
+    roots = np.sqrt(points.weights)
+    rest = plane.without(points.y * roots)
+    residual: Float = rest / np.maximum(1 - np.einsum("ij,ij->i", plane.basis, plane.basis), 1e-12)
+    for block in blocks or ():
+        own = plane.basis[block]
+        inside = np.eye(plane.rank) * (1 + 1e-12) - own.T @ own
+        residual[block] = rest[block] + own @ np.linalg.solve(inside, own.T @ rest[block])
+    return residual / roots
+
+
+def _remarks(at: Hyperparameters, is_plane: bool) -> list[str]:
+    """Return sentences on a process that is not better than the plane, or whose length scales ended at a limit."""
+    remarks = []
+    if is_plane:
+        remarks.append("the Gaussian process is not better than the plane on points left out; the model is the plane")
+    if at.at_limit == "upper" and not is_plane:
+        remarks.append("all length scales ended at their upper limit: the model is nearly the plane")
+    if at.at_limit == "lower" and not is_plane:
+        remarks.append(
+            "a length scale ended at its lower limit, 0.02 of the spread of its input: the output changes between "
+            "neighbouring points, or an input is missing"
+        )
+    return remarks

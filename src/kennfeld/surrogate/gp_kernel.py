@@ -1,13 +1,14 @@
 """Building blocks of Gaussian processes: kernel, linear mean and selection of centres.
 
-The kernel is the squared-exponential one with a length scale per input (automatic relevance determination). The mean is
-a plane, an offset and a slope per input, with a vague prior.
+The kernel is the squared-exponential one or that of Matern of order 5/2, with a length scale per input (automatic
+relevance determination). The mean is a plane, an offset and a slope per input, with a vague prior.
 """
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.rbf import Kernel, kernel_of_square
 
 RANK = 1e-10  # share of the largest singular value below which inputs are collinear
 ROUNDS = 30  # of k-means
@@ -15,6 +16,7 @@ LEFT = 1e-7  # share of the variance below which no further centre is added
 CANDIDATES = 5000  # points that greedy centres are chosen from
 JITTER = 1e-8  # share of the kernel's variance
 MOST_JITTER = 1e-2
+LEAST_VARIANCE = 1e-24  # of f, in units of spread: the output is a plane but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +30,12 @@ class Plane:
     back: Float  # Float[1 + inputs, rank]: from coefficients of the basis to offset and slopes
 
     @classmethod
-    def over(cls, x: Float) -> "Plane":
-        """Return the planes over points Float[points, inputs]."""
-        u, s, v = np.linalg.svd(np.column_stack([np.ones(len(x)), x]), full_matrices=False)
+    def over(cls, x: Float, weights: Float | None = None) -> "Plane":
+        """Return the planes over points Float[points, inputs], each row times the root of its weight."""
+        design = np.column_stack([np.ones(len(x)), x])
+        if weights is not None:
+            design *= np.sqrt(weights)[:, None]
+        u, s, v = np.linalg.svd(design, full_matrices=False)
         keep = s > RANK * s[0]
         return cls(u[:, keep], v[keep].T / s[keep])
 
@@ -45,15 +50,17 @@ class Plane:
         return rest
 
 
-def greedy_centres(x: Float, count: int, lengths: Float, seed: int, left: float = LEFT) -> Float:
+def greedy_centres(
+    x: Float, count: int, lengths: Float, seed: int, left: float = LEFT, kernel: Kernel = "gaussian"
+) -> Float:
     """Return the points that `greedy` selects, of many points among some that are drawn by `seed`."""
     if len(x) > CANDIDATES:
         x = x[np.random.default_rng(seed).choice(len(x), CANDIDATES, replace=False)]
-    centres: Float = x[greedy(x, count, lengths, left)]
+    centres: Float = x[greedy(x, count, lengths, left, kernel)]
     return centres
 
 
-def greedy(x: Float, count: int, lengths: Float, left: float = LEFT) -> Int:
+def greedy(x: Float, count: int, lengths: Float, left: float = LEFT, kernel: Kernel = "gaussian") -> Int:
     """Return indices of points, each the one with the largest remaining variance given those before.
 
     `x` Float[points, inputs] in the units of `lengths`. It is the pivoted Cholesky factorisation of the kernel matrix
@@ -69,7 +76,7 @@ def greedy(x: Float, count: int, lengths: Float, left: float = LEFT) -> Int:
     for k in range(len(rows)):
         if variance[pivot] <= left:
             break
-        near = np.exp(np.minimum(scaled @ scaled[pivot] - square - square[pivot], 0.0))
+        near = kernel_of_square(np.maximum(2 * (square + square[pivot] - scaled @ scaled[pivot]), 0.0), kernel)[0]
         near -= rows[:k, pivot] @ rows[:k]
         rows[k] = near / np.sqrt(variance[pivot])
         variance -= rows[k] ** 2
@@ -116,10 +123,25 @@ def bells(x: Float, z: Float, lengths: Float) -> Float:
     return np.exp(exponent, out=exponent)
 
 
+def kernel_matrix(x: Float, z: Float, lengths: Float, kernel: Kernel) -> tuple[Float, Float]:
+    """Return the kernel K between points and centres, and its decline G: both Float[points, centres].
+
+    dK_ij / d log lengths_d = G_ij ((x_id - z_jd) / lengths_d)^2; see `kernel_of_square`.
+    """
+    if kernel == "gaussian":
+        near = bells(x, z, lengths)
+        return near, near
+    a, b = x / lengths, z / lengths
+    square = -2 * (a @ b.T)
+    square += np.einsum("id,id->i", a, a)[:, None]
+    square += np.einsum("id,id->i", b, b)
+    return kernel_of_square(np.maximum(square, 0.0, out=square), kernel)
+
+
 def scaled_second_moment(weighted: Float, x: Float, z: Float, lengths: Float) -> Float:
     """Return sum_ij weighted_ij ((x_id - z_jd) / lengths_d)^2 for each input d.
 
-    With `weighted` = dF/dK times K, this is the derivative of F by the logarithms of the lengths.
+    With `weighted` = dF/dK times the decline of K, this is the derivative of F by the logarithms of the lengths.
     """
     a, b = x / lengths, z / lengths
     across = np.einsum("id,id->d", a, weighted @ b)

@@ -31,6 +31,7 @@ from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Ru
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.training_data import Scaling, check_points
+from kennfeld.surrogate.training_points import TrainingPoints
 
 BLOCK = 1 << 21  # numbers of the Jacobian held at a time: 16 MB
 PLANE = 1e-4  # how firmly the plane is held, in shares of `hold`
@@ -247,7 +248,8 @@ def one_step_lengths(
     x, y = _within_limits(runs, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
-    return sparse_hyperparameters(scaling.inward(x), target, centres, starts, seed, stopped=stopped)[0]
+    points = TrainingPoints.of(scaling.inward(x), target)
+    return sparse_hyperparameters(points, "gaussian", centres, starts, seed, stopped=stopped).lengths
 
 
 def one_step_expansion(
@@ -258,7 +260,8 @@ def one_step_expansion(
     scaling = Scaling.of(x, y)
     inner = scaling.inward(x)
     z = greedy_centres(inner, centres, lengths, seed, LEFT)
-    process = Sparse.at(inner, (y - scaling.level) / scaling.height, z, lengths, FIRST_NOISE)
+    points = TrainingPoints.of(inner, (y - scaling.level) / scaling.height)
+    process = Sparse.at(points, z, lengths, FIRST_NOISE)
     return scaling.expansion(*process.terms(), lengths)
 
 

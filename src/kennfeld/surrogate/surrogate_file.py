@@ -17,12 +17,14 @@ from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality
+from kennfeld.surrogate.uncertainty import Uncertainty
 from kennfeld.surrogate.validity import Validity
 
-VERSION = 1
+VERSIONS = {"gaussian": 1, "matern52": 2}  # by kernel: readers of version 1 know Gaussian bells only
 KINDS = {"static": "kennfeld-static-surrogate", "dynamic": "kennfeld-dynamic-surrogate"}
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
+UNCERTAINTY = ("signal", "noise", "nugget")
 REWRITE = "Train it again with `kennfeld surrogate train`."
 NUMBERS = ("rmse", "r2", "max_abs")
 
@@ -77,11 +79,12 @@ def read_surrogate(path: str | Path) -> Surrogate:
     if kind and kind not in KINDS.values():
         reader.report("kind", f"unknown kind {kind!r}", nearest(kind, KINDS.values()) or REWRITE)
     version = reader.number("version")
-    if version is not None and version != VERSION:
-        reader.report("version", f"version {version:g} is not supported, only {VERSION}", "Update kennfeld.")
+    if version is not None and version not in VERSIONS.values():
+        known = " and ".join(map(str, VERSIONS.values()))
+        reader.report("version", f"version {version:g} is not supported, only {known}", "Update kennfeld.")
     findings.finish()
     dynamic = kind == KINDS["dynamic"]
-    values = _shared(reader) | (_dynamic(reader) if dynamic else {})
+    values = _shared(reader) | (_dynamic(reader) if dynamic else _static(reader))
     findings.finish()
     try:
         return DynamicSurrogate(**values) if dynamic else StaticSurrogate(**values)
@@ -93,7 +96,7 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
     dynamic = isinstance(surrogate, DynamicSurrogate)
     result: dict[str, Any] = {
         "kind": KINDS["dynamic" if dynamic else "static"],
-        "version": VERSION,
+        "version": VERSIONS[surrogate.expansion.kernel],
         "name": surrogate.name,
         "inputs": list(surrogate.inputs),
         "output": surrogate.output,
@@ -109,8 +112,14 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
             "limits": [None if math.isinf(limit) else limit for limit in surrogate.limits],
             "stability": surrogate.stability,
         }
+    if isinstance(surrogate, StaticSurrogate) and surrogate.remarks:
+        result["remarks"] = list(surrogate.remarks)
     result["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
-    result["expansion"] = {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
+    kernel = surrogate.expansion.kernel
+    result["expansion"] = {} if kernel == "gaussian" else {"kernel": kernel}
+    result["expansion"] |= {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
+    if isinstance(surrogate, StaticSurrogate) and surrogate.uncertainty is not None:
+        result["uncertainty"] = {name: _plain(getattr(surrogate.uncertainty, name)) for name in UNCERTAINTY}
     if surrogate.validity is not None:
         result["validity"] = {name: _plain(getattr(surrogate.validity, name)) for name in VALIDITY}
     return result
@@ -232,6 +241,14 @@ def _shared(reader: _TableReader) -> dict[str, Any]:
     }
 
 
+def _static(reader: _TableReader) -> dict[str, Any]:
+    known = "uncertainty" in reader.values
+    return {
+        "uncertainty": _inner(reader, "uncertainty", UNCERTAINTY, Uncertainty) if known else None,
+        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
+    }
+
+
 def _dynamic(reader: _TableReader) -> dict[str, Any]:
     lags = reader.check("lags", reader.get("lags"), lambda value: isinstance(value, list), "a list of lists") or []
     return {
@@ -257,10 +274,12 @@ def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[An
     inner = reader.inner(key)
     if inner is None:
         return None
-    scalars = ("offset", "threshold")
+    scalars = ("offset", "threshold", "signal", "noise")
     values: dict[str, Any] = {name: inner.number(name) if name in scalars else inner.numbers(name) for name in names}
     if any(value is None for value in values.values()):
         return None
+    if "kernel" in inner.values:
+        values["kernel"] = inner.text("kernel")
     if key == "expansion" and not values["weights"].size:
         empty = np.empty((0, values["slopes"].size))
         values |= {"centres": empty, "widths": empty}

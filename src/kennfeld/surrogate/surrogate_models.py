@@ -16,9 +16,10 @@ from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
+from kennfeld.surrogate.uncertainty import Deviation, Uncertainty
 from kennfeld.surrogate.validity import Validity
 
-Mode = Literal["static", "leave one out", "one step", "free run"]
+Mode = Literal["static", "leave one out", "blocks left out", "plane", "plane left out", "one step", "free run"]
 
 
 @dataclass(frozen=True)
@@ -64,10 +65,12 @@ class StaticSurrogate:
         units: those of the inputs, then of the output; empty if none are known.
         expansion: f, a function of the inputs in their units.
         validity: the range of the training data; None if it is unknown.
-        quality: errors on the data of the training.
+        quality: errors on the data of the training, and those of the plane of least squares.
+        uncertainty: that of a prediction; None if it is unknown.
+        remarks: sentences on the training, such as samples that were not used.
 
     Raises:
-        ArgumentError: the number of names does not match the expansion.
+        ArgumentError: the number of names does not match the expansion, or the uncertainty does not.
 
     >>> plane = Expansion(1.0, [0.5], [], np.zeros((0, 1)), np.zeros((0, 1)))
     >>> StaticSurrogate("half", ("Speed",), "y", ("rpm", "-"), plane)(np.array([[4.0]]))
@@ -81,9 +84,13 @@ class StaticSurrogate:
     expansion: Expansion
     validity: Validity | None = None
     quality: tuple[SurrogateQuality, ...] = ()
+    uncertainty: Uncertainty | None = None
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_names(self.name, self.inputs, self.output, self.units)
+        if self.uncertainty is not None:
+            self.uncertainty.check(self.expansion)
         if self.expansion.inputs != len(self.inputs):
             raise ArgumentError(
                 f"surrogate {self.name} has {len(self.inputs)} inputs, its expansion {self.expansion.inputs}"
@@ -92,6 +99,18 @@ class StaticSurrogate:
     def __call__(self, x: Float) -> Float:
         """Return the output at points Float[..., inputs]."""
         return self.expansion(x)
+
+    def deviation(self, x: Float) -> Float:
+        """Return the standard deviation of a new measurement from the output: Float[..., inputs] -> Float[...].
+
+        About 95 % of measurements are within two deviations. It is NaN if it is unknown.
+
+        Args:
+            x: points, in the units of the inputs.
+        """
+        if self.uncertainty is None:
+            return np.full(np.shape(x)[:-1], np.nan)
+        return Deviation(self.expansion, self.uncertainty)(x)
 
     def outside(self, x: Float) -> Bool:
         """Return whether points Float[..., inputs] are too far from the training data; never without a range."""
@@ -162,6 +181,10 @@ class DynamicSurrogate:
         if len(self.lags) != len(self.inputs):
             raise ArgumentError(
                 f"lags of surrogate {self.name} must be one tuple for each of {len(self.inputs)} inputs"
+            )
+        if self.expansion.kernel != "gaussian":
+            raise ArgumentError(
+                f"kernel={self.expansion.kernel!r} of dynamic surrogate {self.name} must be gaussian"
             )
         lags = Lags(self.output_lags, self.lags)
         if lags.size != self.expansion.inputs:

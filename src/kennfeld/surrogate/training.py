@@ -11,15 +11,15 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.surrogate.gaussian_process import gaussian_process
+from kennfeld.surrogate.gaussian_process import CENTRES, KernelChoice
 from kennfeld.surrogate.model_selection import MIDDLE, ModelChoice, choose_regularisation, folds, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, one_step_lengths, train_over_horizons
-from kennfeld.surrogate.rbf_fit import expand_data
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
 from kennfeld.surrogate.stability import check_stability
+from kennfeld.surrogate.static_training import train_static
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality, quality_of
-from kennfeld.surrogate.training_data import extract_points, missing_channels, raster_of, split_recordings
+from kennfeld.surrogate.training_data import missing_channels, raster_of, split_recordings
 from kennfeld.surrogate.validity import Validity
 from kennfeld.threads import blas_threads
 
@@ -36,7 +36,8 @@ class SurrogateSettings:
         output: the channel to reproduce.
         kind: "static" for points, "dynamic" for recordings over time.
         method: "auto", "exact" or "sparse" (Gaussian processes), or "expansion": few centres by k-means, static only.
-        centres: maximum number.
+        kernel: "gaussian" or "matern52"; by "auto" the one with the smaller residuals of points left out. Static only.
+        centres: maximum number; by default one per point up to 1000 points, else 300.
         seed: of the search for length scales.
         starts: number of starts of that search.
         step: of a dynamic model in s, by default that of the recordings.
@@ -61,7 +62,7 @@ class SurrogateSettings:
     output: str
     kind: Literal["static", "dynamic"] = "static"
     method: Literal["auto", "exact", "sparse", "expansion"] = "auto"
-    centres: int = 300
+    centres: int | None = None
     seed: int = 0
     starts: int = 3
     step: float | None = None
@@ -73,12 +74,19 @@ class SurrogateSettings:
     moves_centres: bool = False
     hold: float | None = None
     iterations: int = 10
+    kernel: KernelChoice = "auto"
+
+    @property
+    def most_centres(self) -> int:
+        """The maximum number of centres of a model that has fewer than points."""
+        return CENTRES if self.centres is None else self.centres
 
     def __post_init__(self) -> None:
         self._check_choices()
         for name in ("centres", "starts", "longest_lag", "iterations"):
-            if getattr(self, name) < 1:
-                raise ArgumentError(f"{name}={getattr(self, name)} of surrogate {self.name} must be >= 1")
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ArgumentError(f"{name}={value} of surrogate {self.name} must be >= 1")
         if not self.inputs or self.output in self.inputs:
             raise ArgumentError(f"inputs={self.inputs} of surrogate {self.name} must be channels other than the output")
         if self.step is not None and not 0 < self.step < np.inf:
@@ -96,6 +104,10 @@ class SurrogateSettings:
             raise ArgumentError(
                 f"method={self.method!r} of {self.kind} surrogate {self.name} must be {' or '.join(known)}"
             )
+        kernels = ("auto", "gaussian", "matern52") if self.kind == "static" else ("auto", "gaussian")
+        if self.kernel not in kernels:
+            message = f"kernel={self.kernel!r} of {self.kind} surrogate {self.name} must be {' or '.join(kernels)}"
+            raise ArgumentError(message)
         for name in self.lags if self.lags != "auto" else ():
             if name not in self.inputs:
                 message = f"lags of {name!r}, which is not an input of {self.name}. {nearest(name, self.inputs)}"
@@ -141,46 +153,15 @@ def train_surrogate(
     findings.finish()
     import scipy.linalg  # noqa: F401  # its BLAS has threads of its own, which can be limited once it is there
 
-    with blas_threads(settings.centres):
+    with blas_threads(settings.most_centres):
         if settings.kind == "dynamic":
             return _dynamic(datasets, settings, report, stopped)
-        return _static(datasets, settings, stopped)
+        return train_static(datasets, settings, _units(datasets, settings), stopped)
 
 
 def _units(datasets: Sequence[Dataset], settings: SurrogateSettings) -> tuple[str, ...]:
     units = tuple(datasets[0][name].unit for name in (*settings.inputs, settings.output))
     return units if any(units) else ()
-
-
-def _static(datasets: Sequence[Dataset], settings: SurrogateSettings, stopped: Stopped) -> StaticSurrogate:
-    points = [extract_points(dataset, settings.inputs, settings.output) for dataset in datasets]
-    training = [pair for pair, dataset in zip(points, datasets, strict=True) if dataset.use == "training"]
-    x, y = (np.concatenate(parts) for parts in zip(*training, strict=True))
-    left_out: list[SurrogateQuality] = []
-    if settings.method == "expansion":
-        expansion = expand_data(x, y, min(settings.centres, max(len(x), 1)), seed=settings.seed)
-        validity = Validity.around(x, x.std(0), settings.seed)
-    else:
-        process = gaussian_process(
-            x,
-            y,
-            method=settings.method,
-            centres=settings.centres,
-            starts=settings.starts,
-            seed=settings.seed,
-            names=settings.inputs,
-            stopped=stopped,
-        )
-        expansion, validity = process.expansion, process.validity
-        left_out = [quality_of("all", "training", "leave one out", process.left_out, y)]
-    quality = [
-        quality_of(dataset.name, dataset.use, "static", expansion(own_x) - own_y, own_y)
-        for dataset, (own_x, own_y) in zip(datasets, points, strict=True)
-    ]
-    units = _units(datasets, settings)
-    return StaticSurrogate(
-        settings.name, settings.inputs, settings.output, units, expansion, validity, (*quality, *left_out)
-    )
 
 
 def _dynamic(
@@ -195,9 +176,9 @@ def _dynamic(
     _check_changing(training, settings)
     lags = _lags(training, settings, report, stopped)
     runs = Runs.of(training, lags)
-    lengths = one_step_lengths(runs, settings.centres, settings.limits, settings.starts, settings.seed, stopped)
+    lengths = one_step_lengths(runs, settings.most_centres, settings.limits, settings.starts, settings.seed, stopped)
     choice = _choice(training, lags, lengths, settings, report, stopped)
-    start = one_step_expansion(runs, choice.lengths, settings.centres, settings.limits, settings.seed)
+    start = one_step_expansion(runs, choice.lengths, settings.most_centres, settings.limits, settings.seed)
     expansion = start
     if settings.free_run and stopped():
         report("stopped before the training for free run; the model predicts one step ahead")
@@ -273,7 +254,7 @@ def _choice(
     divisions = folds(training, lags) if settings.free_run else []
     if not divisions:
         return ModelChoice(lengths, stated, np.nan)
-    return choose_regularisation(divisions, lengths, settings.centres, stated, report, stopped)
+    return choose_regularisation(divisions, lengths, settings.most_centres, stated, report, stopped)
 
 
 def _scores(surrogate: DynamicSurrogate, dataset: Dataset, pieces: Sequence[Recording]) -> list[SurrogateQuality]:

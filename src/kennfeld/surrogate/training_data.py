@@ -1,16 +1,17 @@
 """Training data from datasets: complete points, or recordings with a fixed step, and their scaling to unit spread."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
-from kennfeld.formatting import nearest
+from kennfeld.file_spans import short_names
+from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.resampling import even_grid, resample
-from kennfeld.rbf import Expansion
+from kennfeld.rbf import Expansion, Kernel
 from kennfeld.surrogate.recursion import Recording
 
 EVEN = 1e-3  # share of a step by which time stamps may be off
@@ -31,14 +32,42 @@ def _location(dataset: Dataset) -> Location:
     return Location(f"dataset {dataset.name}")
 
 
-def extract_points(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float]:
-    """Return points Float[points, inputs] and values Float[points]: the scored samples without missing values."""
+def extract_points(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float, Int]:
+    """Return points Float[points, inputs], values Float[points] and sample numbers Int[points], from 0 on.
+
+    They are the scored samples without missing values.
+    """
     x = np.column_stack([dataset[name].values for name in inputs])
     y = dataset[output].values
     usable = np.isfinite(x).all(axis=1) & np.isfinite(y) & dataset.counting
     if not usable.any():
         raise InputError.of(_location(dataset), "no sample has all inputs and the output", "Check its channels.")
-    return x[usable], y[usable]
+    return x[usable], y[usable], np.flatnonzero(usable)
+
+
+def listed_twice(datasets: Sequence[Dataset]) -> Iterator[Finding]:
+    """Yield a warning for each file that belongs to datasets several times."""
+    users: dict[str, list[str]] = {}
+    for data in datasets:
+        for name in data.files.names if data.files is not None else ():
+            users.setdefault(name, []).append(data.name)
+    short = short_names(list(users))
+    for name, named in users.items():
+        if len(named) > 1:
+            message = f"file {short[name]} is used {len(named)} times, by {join_names(list(dict.fromkeys(named)))}"
+            yield Finding(Location("dataset"), message, "List it once.", severity="warning")
+
+
+def repeated_rows(tables: Sequence[Float]) -> Iterator[Finding]:
+    """Yield a warning if training points have the same inputs, each table Float[points, inputs]."""
+    if not tables:
+        return
+    rows = np.concatenate(tables)
+    repeated = len(rows) - len(np.unique(rows, axis=0))
+    if repeated:
+        message = f"{repeated} of {len(rows)} training rows repeat the inputs of another row"
+        remedy = "They count as one point with less noise; check that no recording is copied."
+        yield Finding(Location("dataset"), message, remedy, severity="warning")
 
 
 def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
@@ -120,7 +149,15 @@ class Scaling:
         scaled: Float = (x - self.centre) / self.spread
         return scaled
 
-    def expansion(self, offset: float, slopes: Float, weights: Float, centres: Float, lengths: Float) -> Expansion:
+    def expansion(
+        self,
+        offset: float,
+        slopes: Float,
+        weights: Float,
+        centres: Float,
+        lengths: Float,
+        kernel: Kernel = "gaussian",
+    ) -> Expansion:
         """Return an expansion over scaled inputs in physical units; `lengths` as `centres`, or one row."""
         steep = self.height * slopes / self.spread
         return Expansion(
@@ -129,6 +166,7 @@ class Scaling:
             self.height * weights,
             self.centre + self.spread * centres,
             np.broadcast_to(self.spread * lengths, centres.shape),
+            kernel,
         )
 
 

@@ -159,7 +159,7 @@ def describe_surrogate_file(path: Path) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
     from kennfeld.surrogate.surrogate_file import read_surrogate
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate
-    from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table, ranges_table
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, noise_of, notes_on, quality_table, ranges_table
 
     surrogate = read_surrogate(path)
     ranges = ranges_table(surrogate)
@@ -171,9 +171,12 @@ def describe_surrogate_file(path: Path) -> FileInfo:
         centres=surrogate.expansion.size,
         quality=list(map(asdict, surrogate.quality)),
         **(_select(surrogate, "step", "lags", "output_lags", "stability") if is_dynamic else {}),
+        **({} if isinstance(surrogate, DynamicSurrogate) else {"noise": noise_of(surrogate)}),
+        kernel=surrogate.expansion.kernel,
+        remarks=list(getattr(surrogate, "remarks", ())),
         ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},
     )
-    notes = [as_json["stability"]] if as_json.get("stability") else []
+    notes = [*notes_on(surrogate), *as_json["remarks"]]
     summary = f"{path.name}: a surrogate, {describe_surrogate(surrogate)}"
     return FileInfo(summary, [quality_table(surrogate), ranges], notes, as_json)
 

@@ -422,17 +422,16 @@ def train(path: Path) -> int:
     from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate.surrogate_file import write_surrogate
     from kennfeld.terminal.progress import Interrupt
-    from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, notes_on, quality_table
 
     training = read_training(path)
     try:
         with Interrupt() as interrupt:
-            surrogate = training.train(print_lines, interrupt.stopped)
+            surrogate = training.train(print_lines, interrupt.stopped, print_findings)
             write_surrogate(surrogate, training.target)
     except KeyboardInterrupt:
         return _stop()
-    stability = getattr(surrogate, "stability", "")
-    print_lines(describe_surrogate(surrogate), *([stability] if stability else []))
+    print_lines(describe_surrogate(surrogate), *notes_on(surrogate))
     print_lines("", *align(quality_table(surrogate)), "")
     print_lines(f"Written to {training.target}")
     if interrupt.pressed:

@@ -117,7 +117,7 @@ def main() -> None:
 
     try:
         training = read_training(sys.argv[1])
-        surrogate = training.train(lambda line: send(line=line))
+        surrogate = training.train(lambda line: send(line=line), warn=lambda finding: send(line=f"Warning: {finding}"))
         write_surrogate(surrogate, training.target)
     except KennfeldError as error:
         send(failed=str(error))
