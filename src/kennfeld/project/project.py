@@ -283,8 +283,9 @@ class Project:
     def saves(self, folder: str | Path | None = None) -> "Saves":
         """Return the checkpoints in a results folder, by default `results` next to the project file."""
         from kennfeld.project.checkpoints import Saves
+        from kennfeld.project.results import results_folder
 
-        return Saves(Path(folder or self.path.parent / "results"), self.path)
+        return Saves(results_folder(self.path, folder), self.path)
 
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None

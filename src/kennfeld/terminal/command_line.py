@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 import click
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.file_errors import convert_errors
+from kennfeld.output_paths import named
 from kennfeld.terminal.output import quiet
 
 DONE, NOT_CONVERGED, DIFFERENT, WRONG_INPUT, INTERRUPTED = 0, 1, 1, 2, 130
@@ -33,7 +35,10 @@ def option(
 
 
 def require_new(force: bool, *targets: Path) -> None:
-    """Raise `InputError` if a file exists that is not to be replaced."""
+    """Raise `InputError` if a file exists that is not to be replaced, or is a link."""
+    for target in targets:
+        with convert_errors(target, "cannot be written", "Name another file."):
+            named(target)
     existing = [target for target in targets if not force and target.exists() and not target.is_dir()]
     if existing:
         remedy = "Add --force to replace it, or name another file."

@@ -188,12 +188,14 @@ def calibrate(
 
     Ctrl-C, SIGTERM and SIGHUP stop the search; the best values so far are written.
     """
+    from kennfeld.project.results import results_folder
+
     if folds is not None and folds < 2:
         raise InputError.of(Location("--cross-validate"), f"must be >= 2, got {folds}")
     if parts not in FOLDS:
         message = f"unknown kind of folds {parts!r}"
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
-    folder = output or path.parent / "results"
+    folder = results_folder(path, output)
     with _open(path, scheduler, workers) as project:
         status = _calibrate(project, folder, workers, resume, by_file)
         if folds is None or status == INTERRUPTED:
@@ -306,13 +308,14 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
-    from kennfeld.project.results import write_simulation
+    from kennfeld.project.results import output_file, write_simulation
 
+    target = output_file(path, output or path.parent / "simulation.parquet")
     values = None if parameters is None else read(parameters)
     with _open(path) as project:
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts)
-        written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+        written = write_simulation(simulation, target, follow=output is not None)
         print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
         _print_fit(project, values, shifts, by_file)
     print_lines(f"Written to {written}")
@@ -380,14 +383,15 @@ def report(path: Path, output: Path | None, results: Path | None, **heading: str
 
     Without results, it covers the initial values only.
     """
-    from kennfeld.project.results import write_text
+    from kennfeld.project.results import output_file, results_folder, write_text
     from kennfeld.report import from_folder
 
-    folder = results or path.parent / "results"
+    folder = results_folder(path, results)
+    target = folder / "report.html" if output is None else output_file(path, output)
     with _open(path) as project:
         changed = {name: text for name, text in heading.items() if text is not None}
         text = from_folder(project, folder, replace(project.file.report, **changed))
-    print_lines(f"Written to {write_text(text, output or folder / 'report.html')}")
+    print_lines(f"Written to {write_text(text, target, follow=output is not None)}")
     return DONE
 
 

@@ -38,6 +38,7 @@ from kennfeld.models import Model
 from kennfeld.models.code_consent import allow
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, TraceLine
+from kennfeld.output_paths import within
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
@@ -319,8 +320,11 @@ class Session:
 
     def _unsaved(self) -> dict[str, str]:
         """Return the texts that differ from the saved ones, as they are read from files: without mark and with LF."""
-        edited = {n: text for n, text in self.state.texts.items() if text != self.saved.texts.get(n)}
+        edited = self._edited_texts()
         return {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
+
+    def _edited_texts(self) -> dict[str, str]:
+        return {name: text for name, text in self.state.texts.items() if text != self.saved.texts.get(name)}
 
     def text_of(self, file: str) -> str:
         """Return the text of a file of the project as edited, or as it is on disk."""
@@ -379,11 +383,12 @@ class Session:
             self._name_values(values)
         folder = self.path.parent
         try:
-            for name, text in self.state.texts.items():
-                if text != self.saved.texts.get(name):
-                    write_whole(folder / name, text.encode())
+            targets = {within(folder, name): text for name, text in self._edited_texts().items()}
+            target = within(folder, VALUES)
+            for path, text in targets.items():
+                write_whole(path, text.encode())
             if values is not None:
-                write_parameters(values, folder / VALUES)
+                write_parameters(values, target)
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
             raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
