@@ -69,14 +69,30 @@ def below(folder: Path, path: Path) -> Path:
     Raises:
         OSError: The path is within the folder, and reached by a symbolic link.
     """
-    for ancestor in path.absolute().parents:
+    names = _names_below(folder, path)
+    if names is not None:
+        within(folder, names)
+    return path
+
+
+def is_below(folder: Path, path: Path) -> bool:
+    """Return True if a path is within a folder; links above the folder do not count, and those in it are not followed.
+
+    >>> is_below(Path(), Path("results")), is_below(Path(), Path("..") / "results")
+    (True, False)
+    """
+    return _names_below(folder, path) is not None
+
+
+def _names_below(folder: Path, path: Path) -> PurePath | None:
+    """Return the names that lead from a folder to a path; None if it is not within the folder."""
+    whole = path.absolute()
+    for ancestor in whole.parents:  # the deepest first, as each `..` leads where the system says
         with suppress(OSError):
             if ancestor.samefile(folder):
-                break
-    else:
-        return path
-    within(folder, path.absolute().relative_to(ancestor))
-    return path
+                names = whole.relative_to(ancestor)
+                return None if os.pardir in names.parts else names
+    return None
 
 
 def is_link(path: Path) -> bool:

@@ -191,7 +191,8 @@ def test_a_function_outside_of_the_folder_is_read_and_not_written(project: Path,
     outside.write_text("y = K * u\n")
     workspace = AppWorkspace(project)
     workspace.answer("set-keys", {"title": "t", "changes": [[["model", "file"], name]]})
-    assert workspace.session is not None and workspace.session.view is not None
+    assert workspace.session is not None
+    assert workspace.session.view is not None
     with pytest.raises(KennfeldError, match="is outside of the folder project"):
         workspace.answer("set-text", {"title": "t", "file": name, "text": "harm"})
     workspace.answer("save", {})
