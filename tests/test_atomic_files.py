@@ -77,7 +77,7 @@ def test_a_link_stays_a_link_to_the_file_that_is_written(file, exists):
     link.symlink_to("a.txt")
     if not exists:
         file.unlink()
-    write_whole(link, "new")
+    write_whole(link, "new", follow=True)
     assert link.is_symlink()
     assert file.read_text(encoding="utf-8") == "new"
 
@@ -87,7 +87,7 @@ def test_a_link_to_a_write_protected_file_is_refused(file):
     file.chmod(0o444)
     file.with_name("link.txt").symlink_to("a.txt")
     with pytest.raises(PermissionError):
-        write_whole(file.with_name("link.txt"), "new")
+        write_whole(file.with_name("link.txt"), "new", follow=True)
 
 
 @posix
@@ -95,8 +95,26 @@ def test_links_in_a_circle_are_an_error_of_the_system(tmp_path):
     link = tmp_path / "link.txt"
     link.symlink_to(link.name)
     with pytest.raises(OSError, match=re.escape(os.strerror(errno.ELOOP))):
-        write_whole(link, "new")
+        write_whole(link, "new", follow=True)
     assert link.is_symlink()
+
+
+@posix
+@pytest.mark.parametrize("target", ["a.txt", "missing.txt", "link.txt"])
+def test_a_link_that_nobody_follows_is_replaced(file, target):
+    link = file.with_name("link.txt")
+    link.symlink_to(target)
+    write_whole(link, "new")
+    assert (link.is_symlink(), link.read_text(encoding="utf-8")) == (False, "new")
+    assert sorted(names_in(file.parent)) == [file.name, link.name]
+    assert file.read_text(encoding="utf-8") == "old"
+
+
+@pytest.mark.parametrize("length", [30, 255])
+def test_a_name_may_have_any_length(tmp_path, length):
+    path = tmp_path / ("x" * (length - 4) + ".txt")
+    write_whole(path, "new")
+    assert path.read_text(encoding="utf-8") == "new"
 
 
 @posix
@@ -127,12 +145,13 @@ def test_a_block_that_fails_leaves_the_old_file(file):
     assert names_in(file.parent) == ["a.txt"]
 
 
-def test_what_a_killed_process_of_the_same_number_left_is_no_obstacle(file):
+def test_what_a_killed_process_left_is_no_obstacle(file):
     with replace_atomically(file) as beside:
         pass
     file.write_text("old", encoding="utf-8")
     beside.write_text("left", encoding="utf-8")
     write_whole(file, "new")
+    beside.unlink()
     assert (file.read_text(encoding="utf-8"), names_in(file.parent)) == ("new", ["a.txt"])
 
 

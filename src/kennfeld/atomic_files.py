@@ -1,8 +1,8 @@
 """Atomic writing of files: a file is written completely or not at all."""
 
 import os
+import secrets
 import stat
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from errno import EACCES, EINVAL
@@ -11,16 +11,19 @@ from pathlib import Path
 from kennfeld.watch_folder import note_temporary
 
 PRIVATE = 0o600  # permissions of a file that only its owner can read
+MAX_STEM = 40  # characters of the name of a file that are part of that of its temporary file
 _ANY_WRITE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 
 
-def write_whole(path: Path, content: bytes | str, *, durable: bool = False, private: bool = False) -> None:
+def write_whole(
+    path: Path, content: bytes | str, *, durable: bool = False, private: bool = False, follow: bool = False
+) -> None:
     """Write a temporary file and rename it, so that nobody sees half a file; text as UTF-8. See `replace_atomically`.
 
     With `durable` it is on the disk before the old file is removed: a power cut leaves one of the two. Raises
     `OSError`.
     """
-    with replace_atomically(path, private=private) as temporary, temporary.open("wb") as file:
+    with replace_atomically(path, private=private, follow=follow) as temporary, temporary.open("wb") as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
         if durable:
             file.flush()
@@ -28,31 +31,36 @@ def write_whole(path: Path, content: bytes | str, *, durable: bool = False, priv
 
 
 @contextmanager
-def replace_atomically(path: Path, *, private: bool = False) -> Iterator[Path]:
+def replace_atomically(path: Path, *, private: bool = False, follow: bool = False) -> Iterator[Path]:
     """Yield the path of a temporary file that replaces a file if the block raises no exception.
 
-    A symbolic link stays one: the file it points to is replaced. The new file has the permissions of the old one, and
-    its owner and group as far as the system allows. Other hard links to the old file keep the old content.
+    The new file has the permissions of the old one, and its owner and group as far as the system allows. Other hard
+    links to the old file keep the old content.
 
     Args:
         path: The file to write, whether or not it exists.
         private: Only its owner can read the new file, whatever the permissions of the old one.
+        follow: A symbolic link stays one, and the file that it points to is replaced. Otherwise the link is replaced,
+            since who made it may not be who writes.
 
     Yields:
-        A path in the same folder with the same extension; there is no such file yet, or an empty one.
+        The path of an empty file in the same folder with the same extension.
 
     Raises:
         OSError: The file is write-protected, even for root, or is not a regular file, or the system cannot write.
     """
-    target = Path(os.path.realpath(path))  # unlike resolve, it does not raise for cyclic links
-    before = _replaceable(target)
-    temporary = target.with_name(f".{target.stem}.{os.getpid()}-{threading.get_ident()}{target.suffix}")
+    target = Path(os.path.realpath(path)) if follow else path  # unlike resolve, it does not raise for cyclic links
+    before = _replaceable(target, follow)
+    # a name that nobody can guess or occupy, short enough for every name that the file may have
+    temporary = target.with_name(f".{target.stem[:MAX_STEM]}.{os.getpid()}-{secrets.token_hex(4)}{target.suffix}")
     note_temporary(temporary)
     try:
-        if private:
-            _create_private(temporary)
-        elif before is not None:
-            _create_like(temporary, before)
+        if private or before is not None:
+            _create(temporary, PRIVATE)
+        else:
+            _create(temporary)
+        if before is not None and not private:
+            _make_like(temporary, before)
         yield temporary
         temporary.replace(target)
     finally:
@@ -60,11 +68,13 @@ def replace_atomically(path: Path, *, private: bool = False) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def _replaceable(target: Path) -> os.stat_result | None:
+def _replaceable(target: Path, follow: bool) -> os.stat_result | None:
     """Return the status of the file to be replaced, None if there is none; raise `OSError` if it must stay."""
     try:
-        status = target.stat()
+        status = target.stat() if follow else target.lstat()
     except FileNotFoundError:
+        return None
+    if stat.S_ISLNK(status.st_mode):
         return None
     if not stat.S_ISREG(status.st_mode):
         raise OSError(EINVAL, "it is a folder or a device, not a file", str(target))
@@ -73,16 +83,15 @@ def _replaceable(target: Path) -> os.stat_result | None:
     return status
 
 
-def _create_like(path: Path, before: os.stat_result) -> None:
-    """Create an empty file that nobody can read who could not read the previous one."""
-    _create_private(path)
+def _create(path: Path, permissions: int = 0o666) -> None:
+    """Create an empty file; raise `FileExistsError` if there is one, or a link."""
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, permissions))
+
+
+def _make_like(path: Path, before: os.stat_result) -> None:
+    """Give a file, which only its owner can read so far, the owner, group and permissions of another one."""
     for owner in (before.st_uid, -1) if hasattr(os, "chown") else ():
         with suppress(OSError):
             os.chown(path, owner, before.st_gid)
             break
     path.chmod(stat.S_IMODE(before.st_mode))
-
-
-def _create_private(path: Path) -> None:
-    path.unlink(missing_ok=True)
-    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, PRIVATE))

@@ -5,6 +5,7 @@ worker that had them before, by their number, so that each finds what it has kep
 """
 
 import itertools
+import json
 import logging
 import ssl
 import time
@@ -16,6 +17,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
+from kennfeld.consent_gate import require_address
 from kennfeld.errors import Finding, InputError, KennfeldError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optional_packages import optional_package
@@ -134,6 +136,8 @@ class DaskRunner:
             distributed = import_module("distributed")
         _require_files(address)
         cluster = None
+        if address.scheduler:
+            require_address("scheduler", scheduler_address(address))
         try:
             if address.scheduler:
                 client = _connect(distributed, timeout=CONNECT_TIMEOUT, **_connection(address))
@@ -148,11 +152,14 @@ class DaskRunner:
                     dashboard_address=":0",
                 )
                 client = _connect(distributed, address=cluster)
-        except (OSError, ValueError, TypeError, RuntimeError) as error:
+            runner = cls(client, client.scheduler.address, cluster, report)
+            line = f"cluster: {runner.workers} workers at {runner.address}; dashboard {client.dashboard_link}"
+        except InputError:
+            raise
+        except Exception as error:  # of any kind, from something that is not a scheduler
             place = Location(f"scheduler {address.scheduler}")
             raise InputError.of(place, *_explain(error)) from error
-        runner = cls(client, client.scheduler.address, cluster, report)
-        report(f"cluster: {runner.workers} workers at {runner.address}; dashboard {client.dashboard_link}")
+        report(line)
         return runner
 
     @property
@@ -355,6 +362,8 @@ def _explain(error: Exception) -> tuple[str, str]:
     if isinstance(error, ssl.SSLError) or "SSL" in text or "TLS" in text:
         remedy = "Check that all certificates are signed by the authority, and that the key belongs to the certificate."
         return f"TLS certificates do not match ({text})", remedy
+    if isinstance(error, LookupError | AttributeError | AssertionError):
+        return f"does not answer like a scheduler of Dask ({error!r:.80})", "Check the address."
     return f"does not answer ({text})", "Check the address, tls:// if it uses TLS, and that the versions of Dask agree."
 
 
@@ -369,6 +378,22 @@ def _connection(address: ClusterAddress) -> dict[str, Any]:
             tls_client_key=key or None,
             require_encryption=True,
         )
-    if "://" not in address.scheduler and Path(address.scheduler).is_file():
-        return more | {"scheduler_file": address.scheduler}
-    return more | {"address": address.scheduler}
+    return more | {"address": scheduler_address(address)}
+
+
+def scheduler_address(address: ClusterAddress) -> str:
+    """Return the address of a scheduler, also if it is in a file that the scheduler has written.
+
+    Raises:
+        InputError: the file has no address.
+    """
+    if "://" in address.scheduler or not Path(address.scheduler).is_file():
+        return address.scheduler
+    try:
+        content = json.loads(Path(address.scheduler).read_text(encoding="utf-8"))["address"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        content = None
+    if not isinstance(content, str):
+        message = "is not a file that a scheduler has written"
+        raise InputError.of(Location(f"scheduler {address.scheduler}"), message, "Write the address of the scheduler.")
+    return content

@@ -13,7 +13,7 @@ from kennfeld.app.questions import exports, overview, recordings, runs
 from kennfeld.app.session import partitioned_data
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetValues
-from kennfeld.errors import ArgumentError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.markup import decimal
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
@@ -113,6 +113,11 @@ def test_a_run_is_stopped_at_its_best_values(tmp_path: Path) -> None:
 def test_a_scheduler_that_does_not_answer_fails_the_run_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session(write_project(tmp_path, cluster=PARTITIONS + 'scheduler = "nobody://127.0.0.1:1"\n'))
     assert session.view is not None
+    with pytest.raises(InputError, match=r"joins the scheduler nobody://127\.0\.0\.1:1, which can run code here"):
+        session.run()
+    with pytest.raises(InputError, match="has not been allowed to"):
+        exports.export(session, {"report": True})
+    session.allow_code([request.digest for request in session.undecided])
     session.run()
     wait(session, lambda: session.job.state not in ("running", "stopping"))
     assert session.job.state == "failed"

@@ -53,7 +53,7 @@ def written(folder, path, text):
 
 def test_parameters_of_an_fmu_are_calibrated_and_reported(tmp_path, tank):
     project = written(tmp_path, tank, TANK)
-    assert cli.run(["calibrate", project]) == 0
+    assert cli.run(["calibrate", "--trust", project]) == 0
     result = read(tmp_path / "results/parameters.json")
     assert [result[name].value for name in ("gain", "tau", "level")] == pytest.approx([1.3, 0.7, 0.4], rel=1e-6)
     assert (tmp_path / "results/report.html").is_file()
@@ -62,15 +62,15 @@ def test_parameters_of_an_fmu_are_calibrated_and_reported(tmp_path, tank):
 @pytest.mark.parametrize("interface", ["co-simulation", "co_simulation"])
 def test_a_project_is_checked_and_simulated(tmp_path, tank, capsys, interface):
     project = written(tmp_path, tank, TANK.replace("co-simulation", interface))
-    assert cli.run(["check", project]) == 0
+    assert cli.run(["check", "--trust", project]) == 0
     assert "co-simulation: outputs at a sample" in capsys.readouterr().err
-    assert cli.run(["simulate", project, "-o", str(tmp_path / "out.csv")]) == 0
+    assert cli.run(["simulate", "--trust", project, "-o", str(tmp_path / "out.csv")]) == 0
     assert len((tmp_path / "out.csv").read_text().splitlines()) == COUNT + 1
 
 
 def test_a_value_before_an_fmu_is_calibrated_through_it(tmp_path, tank):
     project = written(tmp_path, tank, TEXT.replace('"plant.gain", "Scale"', '"plant.tau", "plant.level", "Scale"'))
-    cli.run(["calibrate", project])
+    cli.run(["calibrate", "--trust", project])
     result = read(tmp_path / "results/parameters.json")
     flow = recording()["flow"][0]  # scaled as well, so that the level makes up for it
     assert result["plant.tau"].value == pytest.approx(0.7, rel=1e-5)
@@ -84,17 +84,17 @@ def test_steady_state_points_are_held_until_an_fmu_has_settled(tmp_path, tank):
     (tmp_path / "bench.csv").write_text("\n".join(["flow,mode,open,wanted", *rows, ""]))
     text = (tmp_path / "kennfeld.toml").read_text().replace('"gain", "tau", "level"', '"tau"')
     (tmp_path / "kennfeld.toml").write_text(f"{text}[parameters]\ngain = {{ initial = 1.3 }}\n")
-    assert cli.run(["calibrate", project]) == 0
+    assert cli.run(["calibrate", "--trust", project]) == 0
     assert read(tmp_path / "results/parameters.json")["tau"].value == pytest.approx(0.7, rel=1e-6)
 
 
 def test_an_unknown_interface_is_a_finding(tmp_path, tank, capsys):
     project = written(tmp_path, tank, TANK.replace("co-simulation", "scheduled"))
-    assert cli.run(["check", project]) == 2
+    assert cli.run(["check", "--trust", project]) == 2
     assert 'Write "tank.fmu" or "tank.fmu:co-simulation" or "tank.fmu:model-exchange"' in capsys.readouterr().err
 
 
 def test_an_interface_that_an_fmu_does_not_offer_is_a_finding(tmp_path, tank, capsys):
     project = written(tmp_path, tank, TANK.replace("co-simulation", "model_exchange"))
-    assert cli.run(["check", project]) == 2
+    assert cli.run(["check", "--trust", project]) == 2
     assert "offers co-simulation only, not model exchange" in capsys.readouterr().err

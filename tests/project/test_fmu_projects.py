@@ -55,7 +55,7 @@ def written(folder, path, text):
 @pytest.mark.parametrize(("text", "prefix"), [(PLANT, ""), pytest.param(TEXT, "plant.", marks=pytest.mark.slow)])
 def test_parameters_of_an_fmu_are_calibrated(tmp_path, built, capsys, text, prefix):
     project = written(tmp_path, built, text)
-    assert cli.run(["calibrate", project]) == 0
+    assert cli.run(["calibrate", "--trust", project]) == 0
     result = read(tmp_path / "results/parameters.json")
     assert result[f"{prefix}tau"].value == pytest.approx(0.7, rel=1e-6)
     assert result[f"{prefix}k"].value == pytest.approx(1.3, rel=1e-6)
@@ -65,12 +65,12 @@ def test_parameters_of_an_fmu_are_calibrated(tmp_path, built, capsys, text, pref
 def test_an_fmu_that_cannot_run_is_a_finding(tmp_path, built, capsys):
     project = written(tmp_path, built, PLANT)
     (tmp_path / "lag.fmu").write_bytes(build(tmp_path, 2, "-DMEMORY").read_bytes())
-    assert cli.run(["calibrate", project]) == 2
+    assert cli.run(["calibrate", "--trust", project]) == 2
     assert "its equations depend on earlier evaluations" in capsys.readouterr().err
 
 
 def test_check_names_the_slopes(tmp_path, built, capsys):
-    assert cli.run(["check", written(tmp_path, built, PLANT)]) == 0
+    assert cli.run(["check", "--trust", written(tmp_path, built, PLANT)]) == 0
     text = "".join(capsys.readouterr())
     assert "slopes of lag.fmu: directional derivatives along x, u; differences along tau" in text
 
@@ -79,7 +79,7 @@ def test_start_values_are_fitted_if_a_section_frees_them(tmp_path, capsys):
     path = build(tmp_path, 2, "-DSTART", start='start="1.5"')
     section = '[parameters."plant.x.start"]\nfree = true\ninitial = 2.0\nbounds = [0.0, 5.0]\n'
     project = written(tmp_path, path, TEXT + section)
-    assert cli.run(["calibrate", project]) == 0
+    assert cli.run(["calibrate", "--trust", project]) == 0
     capsys.readouterr()
     result = read(tmp_path / "results/parameters.json")
     assert result["plant.tau"].value == pytest.approx(0.7, rel=1e-6)
@@ -110,7 +110,7 @@ def test_start_values_are_converted_to_calibration_files(tmp_path, built, capsys
 def test_a_call_of_what_is_not_an_output_is_a_finding(tmp_path, built, capsys, call):
     project = written(tmp_path, built, TEXT)
     (tmp_path / "torque.kf").write_text(f"torque = {call}\n")
-    assert cli.run(["check", project]) == 2
+    assert cli.run(["check", "--trust", project]) == 2
     assert f"{call[:-3]} is not an output of a function. Did you mean plant.y?" in capsys.readouterr().err
 
 

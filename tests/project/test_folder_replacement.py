@@ -158,3 +158,33 @@ def test_a_folder_that_another_process_removes_meanwhile_is_made_again(tmp_path,
 def test_finishing_a_folder_that_does_not_exist_does_nothing(tmp_path):
     finish_interrupted(tmp_path / "results")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "names", ['["../victim"]', '["/victim"]', '["a", "../victim"]', "7", "[7]", '{"a": 1}', "[" * 100_000]
+)
+def test_a_list_that_no_run_has_written_is_ignored(folder, names):
+    (folder.parent / "victim").write_text("precious", encoding="utf-8")
+    scratch = folder / ".kennfeld-0"
+    scratch.mkdir()
+    fill(scratch, "new")
+    (folder / "victim").write_text("harm", encoding="utf-8")
+    (scratch / "names").write_text(names, encoding="utf-8")
+    finish_interrupted(folder)
+    (folder / "victim").unlink()
+    assert contents(folder) == expected("old")
+    assert (folder.parent / "victim").read_text(encoding="utf-8") == "precious"
+
+
+@posix
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_a_lock_that_is_not_a_file_is_not_opened(folder, kind):
+    scratch = folder / ".kennfeld-0"
+    scratch.mkdir()
+    if kind == "link":
+        (scratch / "lock").symlink_to(folder.parent / "made")
+    else:
+        os.mkfifo(scratch / "lock")
+    finish_interrupted(folder)
+    assert not (folder.parent / "made").exists()
+    assert leftovers(folder) == [".kennfeld-0"]

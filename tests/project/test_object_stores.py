@@ -103,8 +103,9 @@ def test_a_missing_file_is_named(tmp_path, name, protocol, capsys):
 def test_a_missing_package_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "s3fs", None)
     path = write_steady(tmp_path, text=STEADY.replace("bench_*", "s3://fleet/bench_*") + PARTITIONS)
-    assert run(["check", str(path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    assert run(["check", "--trust", str(path)]) == 2
+    remark, line = capsys.readouterr().err.splitlines()
+    assert remark.startswith("remark: reads files from s3://fleet")
     assert line.startswith("s3://fleet/bench_*.csv: cannot be read (")
     assert "Install s3fs where Kennfeld runs, also on the workers." in line
 
@@ -112,6 +113,25 @@ def test_a_missing_package_is_named(tmp_path, monkeypatch, capsys):
 def test_an_unknown_protocol_is_named(tmp_path):
     with pytest.raises(InputError, match=r"orbit://fleet/a\.csv: cannot be read \(.*orbit.*Check the protocol"):
         find_sources(tmp_path, "orbit://fleet/a.csv")
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["reference://a.json", "dask://a.csv", "simplecache::file:///a.csv", "zip://a.csv::https://fleet/a.zip", "dir://a"],
+)
+def test_addresses_that_combine_others_or_run_code_are_refused(tmp_path, address):
+    with pytest.raises(InputError, match="not an address of one file or pattern"):
+        find_sources(tmp_path, address)
+
+
+def test_a_store_is_asked_for_before_it_is_reached(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("fsspec.core.url_to_fs", lambda address: pytest.fail(f"{address} was reached"))
+    path = write_steady(tmp_path, text=STEADY.replace("bench_*", "s3://stranger/bench_*") + PARTITIONS)
+    for command in ("check", "simulate", "calibrate", "report"):
+        assert run([command, str(path)]) == 2
+        message = "[[dataset]] 1 files: reads files from s3://stranger, and has not been allowed to."
+        assert message in capsys.readouterr().err
+    assert run(["info", str(path)]) == 0
 
 
 def test_stores_are_read_in_partitions_alone(tmp_path, capsys):

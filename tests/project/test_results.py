@@ -187,7 +187,10 @@ def test_a_text_is_written_whole_into_a_folder_that_is_made(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="permissions and links as POSIX has them")
 @pytest.mark.parametrize(
     "rewrite",
-    [lambda path: write_text("text", path), lambda path: write_simulation(Line().simulation(), path)],
+    [
+        lambda path: write_text("text", path, follow=True),
+        lambda path: write_simulation(Line().simulation(), path, follow=True),
+    ],
     ids=["text", "simulation"],
 )
 def test_a_file_that_the_user_names_keeps_its_link_and_permissions(rewrite, tmp_path):

@@ -103,6 +103,6 @@ def environment(folder: Path) -> dict[str, str]:
 
 def run_command(project: Path, command: str, *options: str) -> Outcome:
     """Run a command on a project as a user does."""
-    line = [sys.executable, "-m", "kennfeld", command, str(project), *options]
+    line = [sys.executable, "-m", "kennfeld", command, "--trust", str(project), *options]
     done = subprocess.run(line, env=environment(project.parent), capture_output=True, text=True, check=False)
     return Outcome(done.returncode, done.stdout, done.stderr)

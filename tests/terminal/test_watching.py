@@ -165,7 +165,7 @@ def test_a_crash_after_the_work_is_a_warning(tmp_path: Path) -> None:
 def test_output_and_exit_status_are_those_of_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     project = write_fmu_project(tmp_path)
     watched = run_command(project, "check")
-    assert watched.status == cli.run(["check", str(project)]) == 0
+    assert watched.status == cli.run(["check", "--trust", str(project)]) == 0
     assert watched.out == capsys.readouterr().out
     assert leftovers(tmp_path) == []
 
@@ -175,7 +175,7 @@ def test_output_and_exit_status_are_those_of_the_command(tmp_path: Path, capsys:
 def test_ctrl_c_writes_the_best_values_so_far(tmp_path: Path, whole_group: bool) -> None:
     project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
     running = subprocess.Popen(
-        [sys.executable, "-m", "kennfeld", "calibrate", str(project)],
+        [sys.executable, "-m", "kennfeld", "calibrate", "--trust", str(project)],
         env=environment(tmp_path),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -208,7 +208,7 @@ def test_a_terminal_is_that_of_the_command(tmp_path: Path, closes: bool) -> None
         "for number in range(3): os.dup2(terminal, number)\n"
         "os.close(terminal)\nos.execv(sys.argv[1], sys.argv[1:])"
     )
-    line = [sys.executable, "-c", code, sys.executable, "-m", "kennfeld", "calibrate", str(project)]
+    line = [sys.executable, "-c", code, sys.executable, "-m", "kennfeld", "calibrate", "--trust", str(project)]
     running = subprocess.Popen(line, stdin=other_end, env=environment(tmp_path), start_new_session=True)
     os.close(other_end)
     shown = b""
@@ -252,7 +252,7 @@ def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monke
     project.write_text(project.read_text().replace("timeout = 5", "timeout = 1000"))
     code = "from kennfeld.terminal import watching; watching.PATIENCE = 0.1; from kennfeld.cli import main; main()"
     running = subprocess.Popen(
-        [sys.executable, "-c", code, "simulate", str(project)],
+        [sys.executable, "-c", code, "simulate", "--trust", str(project)],
         env=environment(tmp_path),
         stderr=subprocess.PIPE,
         text=True,
@@ -269,7 +269,7 @@ def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monke
 @POSIX
 def test_a_process_does_not_outlive_the_one_that_watches_it(tmp_path: Path) -> None:
     project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}sleep(1000)")
-    line = [sys.executable, "-m", "kennfeld", "simulate", str(project)]
+    line = [sys.executable, "-m", "kennfeld", "simulate", "--trust", str(project)]
     running = subprocess.Popen(line, env=environment(tmp_path), stderr=subprocess.DEVNULL)
     while not (numbers := list((tmp_path / "temporary").glob("*/process"))) or not numbers[0].read_text():
         time.sleep(0.05)
@@ -308,7 +308,7 @@ def test_a_worker_that_ended_in_a_call_is_named(
     worker = subprocess.Popen([sys.executable, "-c", f"{record}; import os; os.abort()"])
     status = worker.wait()
     assert describe_end(worker.pid, status) == "lag.fmu: its code crashed in fmi2DoStep: aborted (SIGABRT)"
-    assert cli.run(["check", str(write_python_project(tmp_path, "pass"))]) == 2
+    assert cli.run(["check", "--trust", str(write_python_project(tmp_path, "pass"))]) == 2
     assert capsys.readouterr().err.startswith("lag.fmu: a process ended while its code ran in fmi2DoStep. No results")
 
 

@@ -1,12 +1,13 @@
-"""Paths that a page may name: files within an open folder, links resolved."""
+"""Paths that a page may name: files within an open folder; links are resolved to read, and refused to write."""
 
-import re
+import os
 from pathlib import Path
 
 from kennfeld.errors import ArgumentError
+from kennfeld.file_errors import convert_errors
+from kennfeld.output_paths import plain_name, within
 
-MAX_NAME = 200  # characters of a file name
-_UNSAFE = re.compile(r'[\x00-\x1f\x7f<>:"/\\|?*]')
+MAX_NAME = 200  # characters of a name in messages
 
 
 def confined(folder: Path, name: str) -> Path:
@@ -28,13 +29,14 @@ def confined(folder: Path, name: str) -> Path:
     return path
 
 
-def plain_name(name: str) -> str:
-    """Return a file name without a folder, and without characters that a file system or a page may take for more.
+def writable(folder: Path, name: str | Path) -> Path:
+    """Return the path of a file or folder to write within a folder.
 
-    >>> plain_name("../../a:b?.csv")
-    'a_b_.csv'
+    Raises:
+        InputError: it leaves the folder, or a part of it is a symbolic link.
     """
-    return _UNSAFE.sub("_", name.replace("\\", "/").rpartition("/")[2])[-MAX_NAME:].strip(". ") or "file"
+    with convert_errors(name, "cannot be written", "Name a file in the folder of the project, without links."):
+        return within(folder, name)
 
 
 def free_path(folder: Path, name: str) -> Path:
@@ -45,7 +47,7 @@ def free_path(folder: Path, name: str) -> Path:
     """
     plain = plain_name(name)
     path, number = folder / plain, 2
-    while path.exists():
+    while os.path.lexists(path):  # a link that leads nowhere is taken, too
         path = folder / f"{Path(plain).stem}-{number}{Path(plain).suffix}"
         number += 1
     return path

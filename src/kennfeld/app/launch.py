@@ -6,6 +6,7 @@ from pathlib import Path
 from kennfeld.app.server.server import serve
 from kennfeld.app.workspace import AppWorkspace
 from kennfeld.errors import InputError, Location
+from kennfeld.models.code_consent import allowed_only
 
 
 def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
@@ -19,8 +20,11 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
     Raises:
         InputError: the project file does not exist, or the port is taken.
     """
-    workspace = AppWorkspace(path)
+    with allowed_only():
+        _launch(AppWorkspace(path), path, port, browser)
 
+
+def _launch(workspace: AppWorkspace, path: Path | None, port: int, browser: bool) -> None:
     def ready(address: str) -> None:
         print(f"Kennfeld runs at {address}", flush=True)
         if browser:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from kennfeld import __version__
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.folders import confined, free_path, plain_name
+from kennfeld.app.folders import confined, free_path
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.overview import overview
 from kennfeld.app.recent import forget, recent_projects, remember, summarise
@@ -15,6 +15,7 @@ from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
 from kennfeld.errors import ArgumentError, InputError, Location
+from kennfeld.output_paths import plain_name
 from kennfeld.project.demo import prepare, write
 from kennfeld.project.schemas import PROJECT_SCHEMA, directive, schema_text
 

@@ -158,7 +158,7 @@ def write(
         parameters = parameters.from_origin(_read_content(Path(image), a2l).parameters.origin)
     result = _format_for(target).write(parameters, target.name)
     with convert_errors(os.path.realpath(target), "cannot be written", "Choose another path."):
-        write_whole(target, result.raw)
+        write_whole(target, result.raw, follow=True)
     return result.findings
 
 

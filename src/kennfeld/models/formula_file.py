@@ -35,7 +35,7 @@ def write_formula_file(model: Model, target: Path, head: Iterable[str], lines: I
     comments = [f"# {' '.join(line.split())}" for line in head]
     paths = [target]
     try:
-        write_whole(target, "\n".join([*comments, *lines, ""]))
+        write_whole(target, "\n".join([*comments, *lines, ""]), follow=True)
         if model.values:
             paths.append(target.with_suffix(".json"))
             write_parameters(model.values, paths[-1])

@@ -1,6 +1,7 @@
 """Functions in files of other tools, by the kinds of their files."""
 
 from collections.abc import Callable, Collection, Mapping
+from hashlib import blake2b
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +25,9 @@ class FunctionKind(NamedTuple):
         runs: True if the file holds code that the user's machine runs.
         choices: what may follow a colon to choose how the file is used, also with `_` in place of `-`.
         lister: `module:function` that returns the functions of a file by its path; empty if it holds one.
+        digester: `module:function` that returns the digest of a file with all that its code loads, by its path; empty
+            if that is the file alone.
+        companions: `module:function` that returns the other files that its code loads, by its path.
     """
 
     label: str
@@ -33,6 +37,8 @@ class FunctionKind(NamedTuple):
     runs: bool
     choices: tuple[str, ...] = ()
     lister: str = ""
+    digester: str = ""
+    companions: str = ""
 
 
 KINDS: tuple[FunctionKind, ...] = (
@@ -59,6 +65,8 @@ KINDS: tuple[FunctionKind, ...] = (
         named=True,
         runs=True,
         lister="kennfeld.models.python_code.importing:list_functions",
+        digester="kennfeld.models.python_code.loaded_files:digest_of_loaded",
+        companions="kennfeld.models.python_code.loaded_files:files_loaded_by",
     ),
     FunctionKind(
         "an ONNX network",
@@ -136,6 +144,25 @@ def list_functions(path: Path) -> list[FunctionSummary]:
         raise InputError.of(Location(path.name), "not a file of several functions")
     functions: list[FunctionSummary] = _member(kind.lister)(path)
     return functions
+
+
+def code_digest(path: Path) -> str:
+    """Return the digest of a file with all that its code loads, as far as that is known without running it.
+
+    Raises `OSError` if the file cannot be read.
+    """
+    kind = _kind_of_file(str(path))
+    if kind is None or not kind.digester:
+        return blake2b(path.read_bytes(), digest_size=32).hexdigest()
+    digest: str = _member(kind.digester)(path)
+    return digest
+
+
+def companion_files(path: Path) -> tuple[Path, ...]:
+    """Return the other files that the code of a file loads. Raises `OSError` if the file cannot be read."""
+    kind = _kind_of_file(str(path))
+    companions: tuple[Path, ...] = () if kind is None or not kind.companions else _member(kind.companions)(path)
+    return companions
 
 
 def _member(name: str) -> Any:

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from kennfeld import file_state
+from kennfeld.consent_gate import require_address
 from kennfeld.errors import InputError, Location
 from kennfeld.file_state import note_opened, while_unchanged
 from kennfeld.lazy_dataclass import dataclass
@@ -34,6 +35,21 @@ _PACKAGES = {
     "https": "aiohttp",
     "sftp": "paramiko",
 }
+_LOCAL = ("file", "local", "memory")  # protocols that leave this machine alone
+_CHAIN = "::"
+# protocols of fsspec that combine others, or run code: templates of references, and tasks of a cluster
+_REFUSED = (
+    "reference",
+    "dask",
+    "generic",
+    "dir",
+    "cached",
+    "filecache",
+    "blockcache",
+    "simplecache",
+    "jupyter",
+    "jlab",
+)
 CREDENTIALS = "Check the address, and the credentials of this machine for the store."
 
 
@@ -53,6 +69,16 @@ class RecordingSource:
 def is_remote(address: str) -> bool:
     """Return whether an address names an object store, such as `s3://bucket/drive.mf4`, not a file of this system."""
     return _MARK in address
+
+
+def store_of(address: str) -> str:
+    """Return the store of an address; empty for files of this system.
+
+    >>> store_of("s3://fleet/drives/*.mf4"), store_of("file:///data/drive.csv")
+    ('s3://fleet', '')
+    """
+    protocol, _, path = address.partition(_MARK)
+    return "" if protocol in _LOCAL else f"{protocol}{_MARK}{path.partition('/')[0]}"
 
 
 def find_sources(folder: Path, pattern: str) -> list[RecordingSource]:
@@ -197,14 +223,18 @@ def local_file(source: RecordingSource) -> Iterator[str]:
 
 
 def _open_store(address: str) -> tuple[Any, str]:
-    """Return the file system of an address, and the path in it."""
+    """Return the file system of an address, and the path in it, if a gate of the process lets it through."""
+    protocol = address.partition(_MARK)[0]
+    if _CHAIN in address or protocol in _REFUSED:
+        raise InputError.of(Location(address), "not an address of one file or pattern", "Name an object store.")
+    if store := store_of(address):
+        require_address("store", store)
     try:
         from fsspec.core import url_to_fs
 
         system, path = url_to_fs(address)
         return system, str(path)
     except (ImportError, ValueError) as error:
-        protocol = address.partition(_MARK)[0]
         package = _PACKAGES.get(protocol, "fsspec" if isinstance(error, ImportError) else "")
         install = f"Install {package} where Kennfeld runs, also on the workers."
         remedy = install if package else "Check the protocol; fsspec lists those that it knows."

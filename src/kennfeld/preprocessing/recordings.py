@@ -5,6 +5,7 @@ all files without it, what needs it, and similar names that the files have.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,7 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.cache import Cache
 from kennfeld.measurement.reader import describe, list_columns, read_leniently
+from kennfeld.output_paths import within
 from kennfeld.preprocessing.calculated import Calculated, parse_expression
 from kennfeld.preprocessing.recipe import DatabaseEntry, DatasetEntry, DataSettings
 from kennfeld.preprocessing.units import Units, select_time_units
@@ -141,7 +143,7 @@ class RecordingReader:
 
         Several files are read at the same time. The findings are complete after the last recording.
         """
-        cache = Cache(self.settings.folder / CACHE) if self.entry.cache else None
+        cache = self._cache() if self.entry.cache else None
         if self.databases is None:
             self.databases, findings = find_databases(self.settings.folder, self.entry)
             self.findings += findings
@@ -156,6 +158,12 @@ class RecordingReader:
                 recording = units.convert(attempt.recording, Path(path).name)
                 yield replace(recording, files=FileSpans.joined([path], [recording.samples]))
         self._report_missing()
+
+    def _cache(self) -> Cache | None:
+        """Return the folder of cached recordings; None if links lead elsewhere."""
+        with suppress(OSError):
+            return Cache(within(self.settings.folder, CACHE))
+        return None
 
     def _add(self, path: str, attempt: "_Attempt") -> None:
         """Record what was learned about a file."""

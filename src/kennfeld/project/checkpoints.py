@@ -24,6 +24,7 @@ from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.result import Checkpoint, StartResult
 from kennfeld.optimize.search.start_runner import with_values
+from kennfeld.output_paths import below, within
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Text
 
@@ -83,9 +84,9 @@ class Saves:
         self._fresh = True
 
     def _archive(self) -> None:
-        aside = self.folder / ASIDE
+        aside = within(self.folder, ASIDE)
         old = [path for path in self.folder.glob("*.json") if _NAME.fullmatch(path.name)]
-        for path in self.folder.glob(".*.json.*"):  # half written by a process that was killed
+        for path in self.folder.glob(".*-*.json"):  # half written by a process that was killed
             path.unlink(missing_ok=True)
         if old:
             for path in aside.glob("*.json") if aside.is_dir() else ():
@@ -111,7 +112,7 @@ class Saves:
         last = "end" if saved.ended else f"{saved.iteration:06d}"
         target = self.folder / f"{saved.start}-{last}.json"
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            below(self.project.parent, self.folder).mkdir(parents=True, exist_ok=True)
             if self._fresh:
                 self._archive()
             write_whole(target, write_json(content, target.name), durable=True)

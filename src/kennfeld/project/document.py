@@ -68,7 +68,7 @@ class ProjectDocument:
     def save(self) -> None:
         """Write the file, completely or not at all. Raises `OSError`."""
         assert self.path is not None, "a document without a path is not saved"
-        write_whole(self.path, self.text)
+        write_whole(self.path, self.text, follow=True)
 
     def get(self, *path: str | int) -> Any:
         """Return the value at a path, None if there is none."""

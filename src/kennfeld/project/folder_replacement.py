@@ -4,6 +4,9 @@ New files are written into a hidden folder within the folder, `.kennfeld-TOKEN`,
 process that is killed before the first rename leaves the folder as it was. One that is killed later leaves a list of
 its files, and the next process that uses the folder renames the rest. A lock file distinguishes the hidden folder of a
 running process from that of a dead one.
+
+A folder may come from a stranger, hidden folders included, and its list then names what the stranger likes: only plain
+names of regular files are renamed, and no link is followed.
 """
 
 import json
@@ -11,12 +14,16 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from errno import EINVAL, ELOOP
 from pathlib import Path
 from typing import BinaryIO
+
+from kennfeld.output_paths import is_link, is_plain_name
 
 PREFIX = ".kennfeld-"
 MAX_SYNCS = 16  # files at the same time
@@ -55,7 +62,7 @@ def _new_scratch(folder: Path) -> tuple[Path, BinaryIO]:
 def _lock(scratch: Path) -> BinaryIO | None:
     """Return the open lock file of a scratch folder, or None if another process holds it or has removed the folder."""
     try:
-        file = (scratch / LOCK).open("ab")
+        file = _open_lock(scratch / LOCK)
     except OSError:
         return None
     try:
@@ -75,13 +82,25 @@ def _lock(scratch: Path) -> BinaryIO | None:
     return None
 
 
+def _open_lock(path: Path) -> BinaryIO:
+    """Open a lock file, which is created if needed; raise `OSError` for a link, a pipe or a device."""
+    if is_link(path):  # for Windows, where the flag is missing
+        raise OSError(ELOOP, "it is a symbolic link", str(path))
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    number = os.open(path, flags | getattr(os, "O_BINARY", 0), 0o666)
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(EINVAL, "it is not a file", str(path))
+    return os.fdopen(number, "ab")
+
+
 def finish_interrupted(folder: Path) -> None:
     """Finish the renames of killed processes in `folder`, and remove their scratch folders.
 
     A scratch folder that cannot be finished is kept.
     """
     try:
-        leftovers = [path for path in folder.iterdir() if _SCRATCH.fullmatch(path.name) and path.is_dir()]
+        leftovers = [path for path in folder.iterdir() if _is_scratch(path)]
     except (FileNotFoundError, NotADirectoryError):
         return
     for scratch in leftovers:
@@ -96,13 +115,22 @@ def finish_interrupted(folder: Path) -> None:
             shutil.rmtree(scratch, ignore_errors=True)
 
 
+def _is_scratch(path: Path) -> bool:
+    return _SCRATCH.fullmatch(path.name) is not None and path.is_dir() and not is_link(path)
+
+
 def _list_unfinished(scratch: Path) -> list[str]:
-    """Return the names of the complete new files that have not been renamed yet, in order."""
+    """Return the names of the complete new files that have not been renamed yet, in order.
+
+    A list that this module cannot have written is ignored.
+    """
     try:
-        names = json.loads((scratch / NAMES).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        names = [] if is_link(scratch / NAMES) else json.loads((scratch / NAMES).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return []
-    return [name for name in names if (scratch / name).is_file()]
+    if not isinstance(names, list) or not all(isinstance(name, str) and is_plain_name(name) for name in names):
+        return []
+    return [name for name in names if (scratch / name).is_file() and not is_link(scratch / name)]
 
 
 def move(names: Sequence[str], scratch: Path, folder: Path) -> None:

@@ -6,9 +6,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from kennfeld.consent_gate import require_address
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, FindingList, InputError, warn
+from kennfeld.file_errors import convert_errors
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.output_paths import below, is_below
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schema import ProjectFile, is_esdl_file, read_project
 from kennfeld.search_settings import SearchSettings
@@ -137,11 +140,17 @@ class Project:
 
     @property
     def prepared_files(self) -> "PreparedFiles":
-        """The folder of prepared recordings."""
+        """The folder of prepared recordings. Raises `InputError` if it is reached by a link, or is not allowed."""
         from kennfeld.preprocessing.prepared_files import PreparedFiles
 
         cluster = self.file.cluster
-        return PreparedFiles((self.file.folder / cluster.folder).absolute(), round(1e9 * cluster.folder_size))
+        folder = (self.file.folder / cluster.folder).absolute()
+        place = self.file.location("cluster", "folder")
+        if not is_below(self.file.folder, folder):
+            require_address("folder", cluster.folder)
+        with convert_errors(str(place), f"{cluster.folder} cannot be written", "Name another folder."):
+            below(self.file.folder, folder)
+        return PreparedFiles(folder, round(1e9 * cluster.folder_size))
 
     @cached_property
     def _runner(self) -> "TaskRunner":
@@ -200,6 +209,13 @@ class Project:
     def on_no_cluster(self) -> Self:
         """Return the same project evaluated in this process only."""
         return replace(self, file=replace(self.file, cluster=replace(self.file.cluster, scheduler="", workers=1)))
+
+    def on_no_scheduler(self) -> Self:
+        """Return the same project without its scheduler, in processes of this machine if it asks for several."""
+        cluster = self.file.cluster
+        partition = cluster.partition_size
+        here = replace(cluster, scheduler="", partition=partition) if cluster.scheduler else cluster
+        return replace(self, file=replace(self.file, cluster=here))
 
     def close(self) -> None:
         """End the processes that evaluate partitions, or leave the cluster."""
@@ -283,8 +299,9 @@ class Project:
     def saves(self, folder: str | Path | None = None) -> "Saves":
         """Return the checkpoints in a results folder, by default `results` next to the project file."""
         from kennfeld.project.checkpoints import Saves
+        from kennfeld.project.results import results_folder
 
-        return Saves(Path(folder or self.path.parent / "results"), self.path)
+        return Saves(results_folder(self.path, folder), self.path)
 
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None

@@ -20,6 +20,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.free_axes import free_axes
+from kennfeld.output_paths import below
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
@@ -39,6 +40,7 @@ MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third powe
 
 SAMPLES_WRITTEN = 1 << 18  # at once
 
+FOLDER = "results"  # beside the project file
 RESULT = "result.json"
 VALIDATION = "cross_validation"  # its key of a cross-validation
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
@@ -222,8 +224,11 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
         return [*warnings, *write_parameters(parameters.without(skipped), path)]
 
 
-def write_simulation(simulation: Simulation, path: str | Path) -> Path:
-    """Write the datasets of a simulation, one after the other, as Parquet or CSV by the extension of `path`."""
+def write_simulation(simulation: Simulation, path: str | Path, *, follow: bool = False) -> Path:
+    """Write the datasets of a simulation, one after the other, as Parquet or CSV by the extension of `path`.
+
+    With `follow`, a symbolic link stays one; otherwise it is replaced.
+    """
     target = Path(path)
     if target.suffix.lower() not in (".parquet", ".csv"):
         raise InputError.of(
@@ -231,9 +236,30 @@ def write_simulation(simulation: Simulation, path: str | Path) -> Path:
         )
     with convert_errors(target, "cannot be written", FILE_REMEDY):
         target.parent.mkdir(parents=True, exist_ok=True)
-        with replace_atomically(target) as beside:
+        with replace_atomically(target, follow=follow) as beside:
             _save(simulation, beside)
     return target
+
+
+def results_folder(project: Path, folder: str | Path | None = None) -> Path:
+    """Return the folder of the results of a project file: the one that the user names, or `results` beside the file.
+
+    Raises:
+        InputError: it is a symbolic link, or is reached by one within the folder of the project.
+    """
+    target = Path(folder) if folder else project.parent / FOLDER
+    with convert_errors(target, "cannot be written", REMEDY):
+        return below(project.parent, target)
+
+
+def output_file(project: Path, file: Path) -> Path:
+    """Return a file to write that the user named for a project file.
+
+    Raises:
+        InputError: it is within the folder of the project, and reached by a symbolic link.
+    """
+    with convert_errors(file, "cannot be written", FILE_REMEDY):
+        return below(project.parent, file)
 
 
 def require_room(folder: str | Path) -> None:
@@ -249,12 +275,12 @@ def require_room(folder: str | Path) -> None:
                 path.rmdir()
 
 
-def write_text(text: str, path: str | Path) -> Path:
-    """Write a text file, completely or not at all."""
+def write_text(text: str, path: str | Path, *, follow: bool = False) -> Path:
+    """Write a text file, completely or not at all; with `follow`, a symbolic link stays one, else it is replaced."""
     target = Path(path)
     with convert_errors(target, "cannot be written", FILE_REMEDY):
         target.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(target, text, durable=True)
+        write_whole(target, text, durable=True, follow=follow)
     return target
 
 

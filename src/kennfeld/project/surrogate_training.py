@@ -13,6 +13,7 @@ from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Locati
 from kennfeld.file_keys import KeyProblem, key
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.output_paths import within
 from kennfeld.preprocessing.calculated import parse_calculated
 from kennfeld.preprocessing.pipeline import load_datasets
 from kennfeld.preprocessing.recipe import DatasetEntry
@@ -325,6 +326,11 @@ def _settings(root: Section, file: TrainingFile) -> SurrogateSettings | None:
 
 def _target_problems(file: Path, target: str, path: Path) -> Iterator[tuple[str, str]]:
     """Yield message and remedy of a target that cannot be written, before the training."""
+    try:
+        within(path.parent, target)
+    except OSError as error:
+        yield f"{target} cannot be written: {error.strerror}", "Name a file in the folder of this file."
+        return
     if not file.parent.is_dir():
         yield f"folder {Path(target).parent} does not exist", "Create it, or name another one."
     elif file.is_dir():

@@ -124,9 +124,7 @@ def _suspects(x: Float, y: Float) -> Bool:
 class _Training:
     """Rows that are used for training, scaled and merged, and the processes over them."""
 
-    def __init__(
-        self, x: Float, y: Float, used: Bool, method: Method, centres: int | None, seed: int
-    ) -> None:
+    def __init__(self, x: Float, y: Float, used: Bool, method: Method, centres: int | None, seed: int) -> None:
         self.x, self.y, self.used, self.seed = x, y, used, seed
         self.scaling = Scaling.of(x[used], y[used])
         target = (y[used] - self.scaling.level) / self.scaling.height
@@ -231,9 +229,7 @@ class _Training:
         some = np.arange(len(residual))
         if len(some) > CALIBRATED:
             some = np.sort(np.random.default_rng(self.seed).choice(len(some), CALIBRATED, replace=False))
-        return calibrated(
-            Uncertainty(float(signal), noise, nugget), expansion, self.x[self.used][some], residual[some]
-        )
+        return calibrated(Uncertainty(float(signal), noise, nugget), expansion, self.x[self.used][some], residual[some])
 
 
 def plane_through(points: TrainingPoints, scaling: Scaling | None = None) -> Expansion:

@@ -53,7 +53,7 @@ class Hyperparameters:
 
     @property
     def at_limit(self) -> str:
-        """"lower" if a length ended at its least value, else "upper" if all ended at their greatest, else empty."""
+        """ "lower" if a length ended at its least value, else "upper" if all ended at their greatest, else empty."""
         if np.any(self.lengths <= LENGTHS[0] * 1.001):
             return "lower"
         return "upper" if np.all(self.lengths >= LENGTHS[1] * 0.999) else ""

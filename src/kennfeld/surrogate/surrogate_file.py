@@ -47,7 +47,7 @@ def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
     'bell'
     """
     with convert_errors(path, "cannot be written", "Name another file."):
-        write_whole(Path(path), _text(_tables(surrogate)))
+        write_whole(Path(path), _text(_tables(surrogate)), follow=True)
 
 
 def recognises_surrogate(head: str) -> bool:

@@ -1,52 +1,107 @@
-"""Running code of the files that a project names: said once for each content of a file, or refused."""
+"""Asks before a command runs code that a project names, or uses its addresses: once on a terminal, else refused."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+import click
+
+from kennfeld.consent_gate import Kind, address_gate
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names
 from kennfeld.graph.external_function import CodeNotRunError, ExternalFunction, code_gate
 from kennfeld.graph.node import Node
-from kennfeld.models.code_consent import allow, code_files, content_digest, is_allowed
-from kennfeld.models.function_files import kind_of, read_function_file
-from kennfeld.models.model_function import as_model
-from kennfeld.project.schema import ProjectFile
+from kennfeld.models.code_consent import ConsentRequest, address_request, allow, code_files, code_request
+from kennfeld.project.consent import consent_requests, scheduler_request
+from kennfeld.project.project import Project
 from kennfeld.terminal.output import print_always
 
 MAX_NAMES = 4
+UNASKED = "Look into it first. Then answer on a terminal, or add --trust."
+
+Gate = Callable[[ExternalFunction], None]
 
 
-@contextmanager
-def announced_code() -> Iterator[None]:
-    """Print a remark before code of a file runs in the block that this user has not run before."""
-    with code_gate(_announce):
-        yield
+class Consent:
+    """What the user allows while a command runs.
 
-
-@contextmanager
-def refused_code() -> Iterator[None]:
-    """Let no code of a file run in the block: what would run it raises `CodeNotRunError`."""
-    with code_gate(_refuse):
-        yield
-
-
-def announce_code(nodes: Iterable[Node]) -> None:
-    """Print the remark now for all files whose code nodes of a graph call."""
-    for function in dict.fromkeys(node.payload.function for node in nodes if node.op == "external"):
-        _announce(function)
-
-
-def announce_files(file: ProjectFile) -> None:
-    """Print the remark now for all functions that a project file names: other processes may be the first that run them.
-
-    A file that cannot be read is reported later.
+    Args:
+        trust: allow everything without a question.
+        joins: the address of a scheduler that the user has named on the command line.
     """
-    for reference in (file.model.file, *file.functions.values()):
-        kind = kind_of(reference)
-        if kind is not None and kind.runs:
-            with suppress(InputError):
-                announce_code(as_model(read_function_file(reference, file.folder)).graph.nodes)
+
+    def __init__(self, trust: bool, joins: str | None = None) -> None:
+        self._trust, self._joins = trust, joins
+        self._lock = threading.Lock()  # files are read by several threads
+
+    def require_all(self, project: Project) -> None:
+        """Ask for all that a project needs at once. Raises `InputError` if the user does not allow it."""
+        scheduler = scheduler_request(project.file, project.cluster_address)
+        self._require([*consent_requests(project.file), *([scheduler] if scheduler else [])])
+
+    def require_code(self, function: ExternalFunction) -> None:
+        """Ask for the code of a function; a gate of `code_gate`."""
+        if function.file is not None and (request := code_request(function.file)) is not None:
+            self._require([request])
+
+    def require_address(self, kind: Kind, name: str) -> None:
+        """Ask for an address; a gate of `address_gate`."""
+        self._require([address_request(kind, name)])
+
+    def _require(self, requests: Sequence[ConsentRequest]) -> None:
+        with self._lock:
+            new = [each for each in requests if not each.is_allowed and not self._is_named(each)]
+            if not new:
+                return
+            if self._trust:
+                for request in new:
+                    print_always(_remark(request))
+            elif not _is_terminal():
+                raise _refusal(new, UNASKED)
+            elif not _agrees(new):
+                raise _refusal(new)
+            for request in new:
+                allow(request.digest)
+
+    def _is_named(self, request: ConsentRequest) -> bool:
+        return request.kind == "scheduler" and request.file == self._joins
+
+
+def _remark(request: ConsentRequest) -> Finding:
+    said = "Said once for each content of the file." if request.kind == "code" else "Said once for each address."
+    return Finding(Location(), request.text, said, severity="remark")
+
+
+def _refusal(requests: Sequence[ConsentRequest], remedy: str = "") -> InputError:
+    findings = [Finding(each.location, each.finding.message, remedy) for each in requests]
+    return CodeNotRunError(findings) if any(each.kind == "code" for each in requests) else InputError(findings)
+
+
+def _is_terminal() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _agrees(requests: Sequence[ConsentRequest]) -> bool:
+    for request in requests:
+        print_always(Finding(Location(), f"The project {request.text}.", severity="remark"))
+    question = "Allow it, with all your rights? Answer y only if you trust who wrote the project"
+    return click.confirm(question, default=False, err=True)
+
+
+@contextmanager
+def asked_consent(consent: Consent) -> Iterator[None]:
+    """Ask before code of a file runs in the block, or an address is used, that this user has not allowed before."""
+    with code_gate(consent.require_code), address_gate(consent.require_address):
+        yield
+
+
+@contextmanager
+def refused_code(consent: Consent) -> Iterator[None]:
+    """Let no code of a file run in the block: what would run it raises `CodeNotRunError`; ask for addresses."""
+    with code_gate(_refuse), address_gate(consent.require_address):
+        yield
 
 
 def unchecked_code(nodes: Iterable[Node], path: Path) -> Iterator[Finding]:
@@ -60,16 +115,3 @@ def unchecked_code(nodes: Iterable[Node], path: Path) -> Iterator[Finding]:
 def _refuse(function: ExternalFunction) -> None:
     if function.file is not None:
         raise CodeNotRunError([Finding(Location(function.file.name), "its code was not run")])
-
-
-def _announce(function: ExternalFunction) -> None:
-    if function.file is None:
-        return
-    try:
-        digest = content_digest(function.file)
-    except OSError:
-        return  # its loader reports it
-    if not is_allowed(digest):
-        message = f"runs code of {function.file.name}"
-        print_always(Finding(Location(), message, "Said once for each content of the file.", severity="remark"))
-        allow(digest)

@@ -25,6 +25,7 @@ from kennfeld.terminal.command_line import (
     only_problems,
     option,
     project_file,
+    trusted,
 )
 from kennfeld.terminal.output import align, is_quiet, print_findings, print_lines, print_progress, print_values
 
@@ -88,17 +89,18 @@ def app(path: Path | None, port: int, no_browser: bool) -> int:
 @click.command
 @project_file
 @option("--no-run", "Run no code of FMUs and Python files; name the checks that would need it.")
-def check(path: Path, no_run: bool) -> int:
+@trusted
+def check(path: Path, no_run: bool, trust: bool) -> int:
     """Report all problems of a project or training file.
 
-    Each is printed on stderr, with location and fix. Nothing is fitted.
+    Each is printed on stderr, with location and fix. Nothing is fitted, and no scheduler is joined.
     """
     from kennfeld.optimize.projection import movable
     from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
         return _check_training(path)
-    with _open(path, run=not no_run) as project:
+    with _open(path, trust=trust, run=not no_run, connect=False) as project:
         findings = project.check()
         verdict = _print_warnings(findings if not no_run else [*findings, *_unchecked(project)])
         problem = project.problem()
@@ -113,22 +115,40 @@ def check(path: Path, no_run: bool) -> int:
 
 @contextmanager
 def _open(
-    path: Path, scheduler: str | None = None, workers: int | None = None, run: bool = True
+    path: Path,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    *,
+    trust: bool,
+    run: bool = True,
+    connect: bool = True,
 ) -> "Iterator[Project]":
     """Yield a project that shows the progress of reading its recordings; what it has started ends with the block.
 
-    A remark precedes code of files that the project names, or none runs, unless `run`.
+    Args:
+        path: the project file.
+        scheduler: address of a scheduler that replaces that of the project.
+        workers: number of processes on this machine.
+        trust: allow what the project asks for without a question.
+        run: run code of files that the project names, once the user has allowed it.
+        connect: join a scheduler.
     """
     from kennfeld.project import Project
-    from kennfeld.terminal.foreign_code import announce_files, announced_code, refused_code
+    from kennfeld.terminal.foreign_code import Consent, asked_consent, refused_code
     from kennfeld.terminal.progress import ReadingProgress
 
-    read = replace(Project.read(path), watch=ReadingProgress())
-    project = read.on_cluster(scheduler, workers, print_progress) if run else read.on_no_cluster()
+    project = replace(Project.read(path), watch=ReadingProgress(), report=print_progress)
+    if not run:
+        project = project.on_no_cluster()
+    elif not connect:
+        project = project.on_no_scheduler()
+    else:
+        project = project.on_cluster(scheduler, workers, print_progress)
+    consent = Consent(trust, scheduler)
     try:
-        with announced_code() if run else refused_code():
-            if run and project.cluster_address is not None:
-                announce_files(project.file)
+        with asked_consent(consent) if run else refused_code(consent):
+            if run:
+                consent.require_all(project)  # other processes may be the first that run the code
             yield project
     finally:
         project.close()
@@ -176,6 +196,7 @@ def _print_warnings(findings: Sequence[Finding]) -> str:
 @option("--cross-validate folds", "After calibrating, run K-fold cross-validation.", "K", type=int)
 @option("--parts", "How to form the folds: auto, files, blocks or random.", "KIND", True, default="auto")
 @by_file
+@trusted
 @only_problems
 def calibrate(
     path: Path,
@@ -186,18 +207,21 @@ def calibrate(
     folds: int | None,
     parts: str,
     by_file: bool,
+    trust: bool,
 ) -> int:
     """Fit the free parameters to the data and write the results.
 
     Ctrl-C, SIGTERM and SIGHUP stop the search; the best values so far are written.
     """
+    from kennfeld.project.results import results_folder
+
     if folds is not None and folds < 2:
         raise InputError.of(Location("--cross-validate"), f"must be >= 2, got {folds}")
     if parts not in FOLDS:
         message = f"unknown kind of folds {parts!r}"
         raise InputError.of(Location("--parts"), message, "Write auto, files, blocks or random.")
-    folder = output or path.parent / "results"
-    with _open(path, scheduler, workers) as project:
+    folder = results_folder(path, output)
+    with _open(path, scheduler, workers, trust=trust) as project:
         status = _calibrate(project, folder, workers, resume, by_file)
         if folds is None or status == INTERRUPTED:
             return status
@@ -212,14 +236,12 @@ def _calibrate(
     from kennfeld.project.fallback import write_somewhere
     from kennfeld.project.results import require_room
     from kennfeld.report import document_safely
-    from kennfeld.terminal.foreign_code import announce_code
     from kennfeld.terminal.progress import Interrupt, display
     from kennfeld.terminal.result_lines import resume_lines
 
     require_room(folder)
     findings = project.check()
     _print_warnings(findings)
-    announce_code(project.problem().graph.nodes)  # worker processes may be the first that run it
     if resume:
         points = project.saves(folder).resume_points()
         print_findings(*points.findings)
@@ -306,17 +328,21 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 )
 @by_file
 @as_json
+@trusted
 @only_problems
-def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool, as_json: bool) -> int:
+def simulate(
+    path: Path, parameters: Path | None, output: Path | None, by_file: bool, as_json: bool, trust: bool
+) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
-    from kennfeld.project.results import write_simulation
+    from kennfeld.project.results import output_file, write_simulation
 
+    target = output_file(path, output or path.parent / "simulation.parquet")
     values = None if parameters is None else read(parameters)
-    with _open(path) as project:
+    with _open(path, trust=trust) as project:
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts)
-        written = write_simulation(simulation, output or path.parent / "simulation.parquet")
+        written = write_simulation(simulation, target, follow=output is not None)
         locations = {entry.name: entry.location for entry in project.file.datasets}
         for name, skipped in simulation.skipped.items():
             print_findings(skipped.finding(locations.get(name, Location(f"dataset {name}"))))
@@ -391,23 +417,25 @@ def _stored_shifts(project: "Project", parameters: Path | None) -> dict[str, dic
 @project_file
 @option("-o --output", "Output file, .html.", "FILE", "report.html in the results folder", type=PATH)
 @option("-r --results", "Folder of the results.", "DIR", "results/ next to the project file", type=PATH)
-@option("--title", "Heading of the report, instead of that in [report].", "TEXT")
-@option("--author", "Author of the calibration, instead of that in [report].", "TEXT")
+@option("--title", "Heading of the report, instead of that in [report].", "TEXT", may_be_empty=True)
+@option("--author", "Author of the calibration, instead of that in [report].", "TEXT", may_be_empty=True)
 @only_problems
-@option("--comment", "Text below the heading, instead of that in [report].", "TEXT")
-def report(path: Path, output: Path | None, results: Path | None, **heading: str | None) -> int:
+@option("--comment", "Text below the heading, instead of that in [report].", "TEXT", may_be_empty=True)
+@trusted
+def report(path: Path, output: Path | None, results: Path | None, trust: bool, **heading: str | None) -> int:
     """Write the report on the results of an earlier run.
 
     Without results, it covers the initial values only.
     """
-    from kennfeld.project.results import write_text
+    from kennfeld.project.results import output_file, results_folder, write_text
     from kennfeld.report import from_folder
 
-    folder = results or path.parent / "results"
-    with _open(path) as project:
+    folder = results_folder(path, results)
+    target = folder / "report.html" if output is None else output_file(path, output)
+    with _open(path, trust=trust) as project:
         changed = {name: text for name, text in heading.items() if text is not None}
         text = from_folder(project, folder, replace(project.file.report, **changed))
-    print_lines(f"Written to {write_text(text, output or folder / 'report.html')}")
+    print_lines(f"Written to {write_text(text, target, follow=output is not None)}")
     return DONE
 
 

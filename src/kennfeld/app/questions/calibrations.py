@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given, finite, finite_list
-from kennfeld.app.folders import confined, plain_name
+from kennfeld.app.folders import confined, writable
 from kennfeld.app.session.calibration_source import (
     ValueSource,
     calibration_files,
@@ -20,6 +20,7 @@ from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float
 from kennfeld.calfiles import Change, Difference, Tolerance, compare, endings, losses, merge, read, write
 from kennfeld.errors import ArgumentError, Finding
+from kennfeld.output_paths import plain_name
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
@@ -218,7 +219,7 @@ def write_calibration(session: Session, given: Given) -> Answer:
     `exists`.
     """
     first, folder = source_of(session, given["first"]), session.path.parent
-    target = folder / plain_name(str(given["target"]))
+    target = writable(folder, plain_name(str(given["target"])))
     if target.suffix.lower() not in endings():
         raise ArgumentError(f"unknown format {target.suffix!r}; known are {', '.join(endings())}")
     if target.exists() and not given.get("force"):

@@ -8,33 +8,34 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given
+from kennfeld.app.folders import writable
 from kennfeld.app.questions.calibrations import rounded
 from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.session import Session
-from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project
-from kennfeld.project.results import RESULT
+from kennfeld.project.results import FOLDER, RESULT, results_folder, write_text
 
 SCRIPT = '''\
-"""Repeats the calibration of {project}."""
+"""Repeat a calibration."""
 
 from pathlib import Path
 
 import kennfeld as kf
 
 folder = Path(__file__).parent
-project = kf.Project.read(folder / "{project}")
+project = kf.Project.read(folder / {project!r})
 for finding in project.check():
     print(finding)
 result = project.calibrate(progress=lambda step: print(f"{{step.stage}} {{step.iteration}}: RMSE {{step.rmse:.6g}}"))
 print(result)
-result.parameters.save(folder / "parameters{ending}")
+result.parameters.save(folder / {parameters!r})
 '''
 
 
@@ -80,7 +81,7 @@ def _image(session: Session) -> tuple[Path, Path | None] | None:
 
 
 def _folder(session: Session) -> Path:
-    return session.path.parent / "results"
+    return session.path.parent / FOLDER
 
 
 def export(session: Session, given: Given) -> Answer:
@@ -88,26 +89,43 @@ def export(session: Session, given: Given) -> Answer:
 
     `formats` are extensions; `report`, `script` and `whole` add the report, a script, and all files of a run; `stored`
     is the report on the run whose files are in the results folder;
-    `simulation` is the extension of a file with all nodes over all datasets.
+    `simulation` is the extension of a file with all nodes over all datasets. Another file with the name of the script
+    is replaced only with `force`; without it, nothing is written, and the answer has its name as `exists`.
     """
     known = endings()
     for ending in given.get("formats", ()):
         if ending not in known:
             raise ArgumentError(f"unknown format {ending!r}")
+    script = _script(session, given) if given.get("script") else None
+    if script is not None and not given.get("force") and _would_replace(*script):
+        return Answer({"exists": script[0].name})
     with ExitStack() as stack:
         evaluates = any(given.get(key) for key in ("simulation", "whole", "report", "stored"))
         project = stack.enter_context(session.evaluated()) if evaluates else session.project
-        return _export(session, project, given)
+        return _export(session, project, given, script)
 
 
-def _export(session: Session, project: Project | None, given: Given) -> Answer:
-    view, folder = session.require_view(), _folder(session)
+def _script(session: Session, given: Given) -> tuple[Path, str]:
+    """Return the file of the script beside the project, and its text."""
+    ending = next(iter(given.get("formats", ())), ".json")
+    text = SCRIPT.format(project=session.path.name, parameters=f"parameters{ending}")
+    return writable(session.path.parent, "calibrate.py"), text
+
+
+def _would_replace(path: Path, text: str) -> bool:
+    return path.exists() and not (path.is_file() and path.read_bytes() == text.encode())
+
+
+def _export(session: Session, project: Project | None, given: Given, script: tuple[Path, str] | None) -> Answer:
+    view = session.require_view()
     assert project is not None
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = results_folder(session.path)
+    with convert_errors(folder, "cannot be written"):
+        folder.mkdir(parents=True, exist_ok=True)
     values, findings, written = view.now.parameters.without(project.surrogates), list[Finding](), list[Path]()
     rounding: list[dict[str, Any]] = []
     for ending in given.get("formats", ()):
-        path, (image, a2l) = folder / f"parameters{ending}", _image(session) or (None, None)
+        path, (image, a2l) = writable(folder, f"parameters{ending}"), _image(session) or (None, None)
         image = image if is_image(path.name) else None
         own = project.change_of_function(values, ending)
         findings += [*write_parameters(own, path, image, a2l), *losses(own, path)]
@@ -118,7 +136,7 @@ def _export(session: Session, project: Project | None, given: Given) -> Answer:
     whole, report = given.get("whole"), given.get("report")
     result = _result(session, project) if whole or (report and session.runs) else None
     if whole and result is not None:
-        from kennfeld.project.results import write, write_text
+        from kennfeld.project.results import write
 
         written += write(result, project, folder)
         if session.validation is not None:
@@ -128,11 +146,8 @@ def _export(session: Session, project: Project | None, given: Given) -> Answer:
         written.append(_write_report(project, result, session.findings, folder))
     if given.get("stored"):
         written.append(_write_stored_report(project, folder))
-    if given.get("script"):
-        ending = next(iter(given.get("formats", ())), ".json")
-        path = session.path.with_name("calibrate.py")
-        write_whole(path, SCRIPT.format(project=session.path.name, ending=ending))
-        written.append(path)
+    if script is not None:
+        written.append(write_text(script[1], script[0]))
     files = [path.relative_to(session.path.parent).as_posix() for path in dict.fromkeys(written)]
     return Answer({"files": files, "findings": [str(f) for f in findings], "rounded": rounding})
 
@@ -144,7 +159,7 @@ def _write_simulation(session: Session, project: Project, ending: str) -> Path:
     if ending not in SIMULATIONS:
         raise ArgumentError(f"unknown format {ending!r} of a simulation")
     simulation = project.simulation(session.require_view().now.parameters)
-    return write_simulation(simulation, session.path.parent / f"simulation{ending}")
+    return write_simulation(simulation, writable(session.path.parent, f"simulation{ending}"))
 
 
 def _result(session: Session, project: Project) -> Result:
@@ -161,14 +176,10 @@ def _write_stored_report(project: Project, folder: Path) -> Path:
     """Write the report on an earlier run, as `kennfeld report` does."""
     from kennfeld.report import from_folder
 
-    path = folder / "report.html"
-    write_whole(path, from_folder(project, folder))
-    return path
+    return write_text(from_folder(project, folder), folder / "report.html")
 
 
 def _write_report(project: Project, result: Result | None, findings: Sequence[Finding], folder: Path) -> Path:
     from kennfeld.report import document
 
-    path = folder / "report.html"
-    write_whole(path, document(project, result, findings))
-    return path
+    return write_text(document(project, result, findings), folder / "report.html")

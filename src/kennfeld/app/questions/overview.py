@@ -27,7 +27,7 @@ def overview(session: Session) -> dict[str, Any]:
         "undo": session.history.undoable,
         "redo": session.history.redoable,
         "findings": [_finding(finding) for finding in session.findings],
-        "code": [{"file": code.file, "digest": code.digest} for code in session.undecided],
+        "code": [{"file": each.file, "digest": each.digest, "text": each.text} for each in session.undecided],
         "job": {
             "state": job.state,
             "message": job.message,

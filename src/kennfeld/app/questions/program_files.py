@@ -5,13 +5,14 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from kennfeld.app.folders import plain_name
+from kennfeld.app.folders import writable
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.files import ARCHIVE
 from kennfeld.ascet.parser import scan_esdl
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import read_source
+from kennfeld.output_paths import plain_name
 from kennfeld.project.schema import COMPONENTS, is_esdl_file
 
 APPLICATION = ".app"
@@ -90,13 +91,14 @@ def place_by_package(folder: Path, root: Path, names: Iterable[str]) -> list[str
     Raises:
         InputError: a file of the same name and another content exists in its package.
     """
-    base = root if root.resolve().is_relative_to(folder.resolve()) else folder
+    base = folder / root.resolve().relative_to(folder.resolve()) if _is_inside(root, folder) else folder
     findings: list[Finding] = []
     result = []
     for name in names:
         file = _DroppedFile.read(folder, name)
         parts = [plain_name(part) for part in file.package.split(".")] if file.package else []
-        target = base.joinpath(*parts, file.own_name) if parts else folder / name
+        place = base.joinpath(*parts, plain_name(file.own_name)) if parts else folder / name
+        target = writable(folder, place.relative_to(folder))
         label = target.resolve().relative_to(folder.resolve()).as_posix()
         if target != folder / name and not _moved(folder / name, target):
             message = "exists with another content, which was kept"
@@ -105,6 +107,10 @@ def place_by_package(folder: Path, root: Path, names: Iterable[str]) -> list[str
     if findings:
         raise InputError(findings)
     return result
+
+
+def _is_inside(root: Path, folder: Path) -> bool:
+    return root.resolve().is_relative_to(folder.resolve())
 
 
 def _moved(path: Path, target: Path) -> bool:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given
+from kennfeld.app.folders import writable
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText
 from kennfeld.errors import Finding, InputError, Location
@@ -95,6 +96,7 @@ def set_text(session: Session, given: Given) -> Answer:
     file = str(given["file"]) or session.path.name
     if file not in (session.path.name, session.formula_file):
         raise InputError.of(Location(file[:200]), "is not a file of this project")
+    writable(session.path.parent, file)
     session.do(SetText(str(given["title"]), file, str(given["text"])), str(given.get("drag", "")))
     return Answer()
 

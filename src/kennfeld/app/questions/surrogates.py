@@ -1,5 +1,6 @@
 """The data-driven models of the project: their quality, their training, and where they hold."""
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -124,7 +125,7 @@ def new_surrogate(session: Session, given: Given) -> Answer:
     if not name.isidentifier():
         raise ArgumentError(f"name={name!r} must be a name that formula text can call, such as engine")
     path = folder / f"{name}.toml"
-    if path.exists() or name in session.settings.get("surrogates", {}):
+    if os.path.lexists(path) or name in session.settings.get("surrogates", {}):
         raise ArgumentError(f"{path.name} exists already; choose another name")
     document = ProjectDocument("", path, TrainingFile)
     entry: dict[str, Any] = {"inputs": [str(each) for each in given["inputs"]], "output": str(given["output"])}

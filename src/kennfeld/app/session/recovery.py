@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.app.session.state import Restore, SessionState
 from kennfeld.atomic_files import write_whole
+from kennfeld.output_paths import below
 
 FOLDER = ".kennfeld"  # beside the project file
 
@@ -16,6 +17,7 @@ class Recovery:
     """The unsaved edits of one project file."""
 
     def __init__(self, project: Path) -> None:
+        self._project = project
         self.path = project.parent / FOLDER / f"{project.stem}.unsaved.json"
 
     def write(self, saved: SessionState, state: SessionState) -> None:
@@ -28,7 +30,7 @@ class Recovery:
             name: {"shape": list(np.shape(v)), "values": np.ravel(v).tolist()} for name, v in state.values.items()
         }
         with suppress(OSError):
-            self.path.parent.mkdir(exist_ok=True)
+            below(self._project.parent, self.path).parent.mkdir(exist_ok=True)
             write_whole(self.path, json.dumps({"texts": texts, "values": values}))
 
     def read(self, saved: SessionState) -> Restore | None:
@@ -50,4 +52,4 @@ class Recovery:
     def remove(self) -> None:
         """Forget the edits."""
         with suppress(OSError):
-            self.path.unlink(missing_ok=True)
+            below(self._project.parent, self.path).unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from kennfeld.errors import InputError
 from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.result import Checkpoint
+from kennfeld.output_paths import below
 from kennfeld.project.checkpoints import ResumePoints, Saves
 
 INTERVAL = 2.0  # s between checkpoints without `save_every`
@@ -60,7 +61,7 @@ class RunCheckpoints:
         """Forget the checkpoints, unless they are those of the results folder."""
         if not self.every:
             with suppress(OSError):
-                shutil.rmtree(self.folder)
+                shutil.rmtree(below(self.project.parent, self.folder))
 
 
 def _has_converged(state: Checkpoint) -> bool:

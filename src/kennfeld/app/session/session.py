@@ -15,7 +15,6 @@ import numpy as np
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.evidence import Evidence
-from kennfeld.app.session.foreign_code import ForeignCode, undecided_code
 from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
@@ -31,17 +30,19 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read as read_parameters
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.dask_runner import DaskRunner
+from kennfeld.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_state import FileVersion, opened_files
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
-from kennfeld.models.code_consent import allow
+from kennfeld.models.code_consent import ConsentRequest, allow
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.result import Result, TraceLine
+from kennfeld.output_paths import within
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
 from kennfeld.project import Project
+from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument
 
 _T = TypeVar("_T")  # Python 3.11
@@ -167,7 +168,7 @@ class Session:
         self.findings: tuple[Finding, ...] = ()
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
-        self.undecided: tuple[ForeignCode, ...] = ()  # code that may not run yet, so that nothing is evaluated
+        self.undecided: tuple[ConsentRequest, ...] = ()  # what may not run or be used yet
         self._files: list[FileVersion] = []  # that the project was read from
         self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last edit
@@ -256,6 +257,7 @@ class Session:
         points = self.checkpoints.points().states if resume else {}
         joins = self.project.is_partitioned or bool(self.project.file.cluster.scheduler)
         cluster = self.project.cluster_address if joins else None
+        self._require_scheduler(cluster)
         task = RunTask(problem, options, None if validation else self.checkpoints, points, validation, cluster)
         self.job = Job("running", "compiling", time.monotonic(), problem=problem)
         self._running = RunJob(task, self._put)
@@ -323,8 +325,11 @@ class Session:
 
     def _unsaved(self) -> dict[str, str]:
         """Return the texts that differ from the saved ones, as they are read from files: without mark and with LF."""
-        edited = {n: text for n, text in self.state.texts.items() if text != self.saved.texts.get(n)}
+        edited = self._edited_texts()
         return {name: text.removeprefix("\ufeff").replace("\r\n", "\n") for name, text in edited.items()}
+
+    def _edited_texts(self) -> dict[str, str]:
+        return {name: text for name, text in self.state.texts.items() if text != self.saved.texts.get(name)}
 
     def text_of(self, file: str) -> str:
         """Return the text of a file of the project as edited, or as it is on disk."""
@@ -383,12 +388,13 @@ class Session:
             self._name_values(values)
         folder = self.path.parent
         try:
-            for name, text in self.state.texts.items():
-                if text != self.saved.texts.get(name):
-                    write_whole(folder / name, text.encode())
+            targets = {within(folder, name): text for name, text in self._edited_texts().items()}
+            target = within(folder, VALUES)
+            for path, text in targets.items():
+                write_whole(path, text.encode())
             if values is not None:
-                write_parameters(values, folder / VALUES)
-                self._files = [file.now() if file.path == folder / VALUES else file for file in self._files]
+                write_parameters(values, target)
+                self._files = [file.now() if file.path == target else file for file in self._files]
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
             raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
@@ -465,10 +471,10 @@ class Session:
         self._assemble()
 
     def allow_code(self, digests: Collection[str]) -> None:
-        """Keep that the user allows to run files with these contents, and evaluate the project."""
-        for code in self.undecided:
-            if code.digest and code.digest in digests:
-                allow(code.digest)
+        """Keep that the user allows files with these contents to run, or these addresses, and evaluate the project."""
+        for request in self.undecided:
+            if request.digest in digests:
+                allow(request.digest)
         self.refresh()
 
     def _assemble(self) -> None:
@@ -482,8 +488,9 @@ class Session:
         self.revision = self.text_revision = next(_REVISIONS)
         self.undecided = ()
         try:
-            project = self._with_data(Project.read(self.path, self._unsaved()))
+            project = Project.read(self.path, self._unsaved())
             self._require_consent(project)
+            project = self._with_data(project)
             self.project, self.findings = project, tuple(project.check())
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
@@ -493,11 +500,25 @@ class Session:
             self._evaluate()
 
     def _require_consent(self, project: Project) -> None:
-        """Raise `InputError` if the function runs code that the user has not allowed."""
+        """Raise `InputError` if the project runs code, or reads from addresses, that the user has not allowed.
+
+        The scheduler is asked for at the same time; it is joined by runs only.
+        """
         file = self.formula_file
-        self.undecided = undecided_code(project.file, self.text_of(file) if file else None)
-        if self.undecided:
-            raise InputError(code.finding for code in self.undecided)
+        requests = consent_requests(project.file, self.text_of(file) if file else None)
+        undecided = [request for request in requests if not request.is_allowed]
+        scheduler = scheduler_request(project.file, project.cluster_address)
+        joins = [scheduler] if scheduler is not None and not scheduler.is_allowed else []
+        self.undecided = (*undecided, *joins)
+        if undecided:
+            raise InputError(request.finding for request in self.undecided)
+
+    def _require_scheduler(self, address: ClusterAddress | None) -> None:
+        """Raise `InputError` if the user has not allowed the scheduler of the project."""
+        assert self.project is not None
+        request = scheduler_request(self.project.file, address)
+        if request is not None and not request.is_allowed:
+            raise InputError([request.finding])
 
     def _with_data(self, project: Project) -> Project:
         """Return a project that reads its recordings again only if they have changed; an excerpt, if in partitions."""
@@ -522,6 +543,7 @@ class Session:
         if address is None or not self.project.is_partitioned:
             yield self.project
             return
+        self._require_scheduler(address)
         runner = DaskRunner.start(address)
         try:
             yield self.project.evaluated_by(runner)

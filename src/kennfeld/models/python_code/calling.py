@@ -4,17 +4,18 @@ import ctypes
 import threading
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from importlib.util import module_from_spec, spec_from_file_location
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
 from kennfeld.arrays import Float
-from kennfeld.content_digest import digest_of
 from kennfeld.errors import InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.models.python_code.evaluation import NumberFunction, PythonEvaluation
+from kennfeld.models.python_code.loaded_files import find_loaded_files
+from kennfeld.models.python_code.sibling_imports import run_module
 
 _THREADS: Final = 64  # whose calls are recorded apart
 _LOADING: Final = "running the file"
@@ -88,19 +89,17 @@ def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int)
     """Run a Python file and return its function.
 
     Raises:
-        InputError: the file has changed since it was read, or fails.
+        InputError: a file has changed since the project was read, or running it fails.
     """
-    content = Path(path).read_bytes()
-    if digest_of(content) != digest:
-        raise InputError.of(Location(path), "the file has changed since the project was read", "Run again.")
-    spec = spec_from_file_location(f"kennfeld_function_{digest[:16]}", path)
-    if spec is None or spec.loader is None:
-        raise InputError.of(Location(path), "the file cannot be loaded")
-    module = module_from_spec(spec)
+    with convert_errors(path, "the file cannot be read"):
+        files = find_loaded_files(Path(path))
+    if files.source_digest != digest:
+        changed = "the file, or a module that it loads, has changed since the project was read"
+        raise InputError.of(Location(path), changed, "Run again.")
     record = CallRecord(Path(path).name, [name, _LOADING], _THREADS)
     try:
         with record.during(_LOADING):
-            spec.loader.exec_module(module)
+            module = run_module(files)
         function: Callable[..., Any] = getattr(module, name)
     except (Exception, SystemExit) as error:
         raise InputError.of(Location(path), f"running it failed: {error!r:.200}", "Correct it.") from error

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.file_errors import convert_errors
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, FunctionSummary, ModelFunction, as_model
 from kennfeld.models.python_code.calling import function_of_file, living_function
+from kennfeld.models.python_code.loaded_files import digest_of_code
 from kennfeld.models.python_code.reading import PythonFunction, function_names, read_python_function
 from kennfeld.models.python_code.translation import UntranslatableError, translate
 
@@ -30,7 +32,9 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
     try:
         write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]] = translate(source).write
     except UntranslatableError as error:
-        called = function_of_file(path, function, source.digest, len(source.inputs), len(outputs))
+        with convert_errors(path, "the file cannot be read"):
+            digest = digest_of_code(path)
+        called = function_of_file(path, function, digest, len(source.inputs), len(outputs))
         write, remarks = _PythonCall(called).write, (_remark(source, error),)
     return ModelFunction(name or function, source.inputs, outputs, write, source=str(path), remarks=remarks)
 

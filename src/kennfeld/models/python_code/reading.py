@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from kennfeld.content_digest import digest_of
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
@@ -22,7 +21,6 @@ class PythonFunction:
 
     Attributes:
         path: the file.
-        digest: digest of its contents.
         tree: the function.
         inputs: its arguments with their defaults.
         results: names of its results.
@@ -32,7 +30,6 @@ class PythonFunction:
     """
 
     path: Path
-    digest: str
     tree: ast.FunctionDef
     inputs: tuple[FunctionInput, ...]
     results: tuple[str, ...]
@@ -47,7 +44,7 @@ def read_python_function(path: Path, name: str) -> PythonFunction:
     Raises:
         InputError: the file is not Python or has no such function, or its arguments are not numbers.
     """
-    content, tree, functions = _read(path)
+    tree, functions = _read(path)
     if name not in functions:
         listed = f"The file has {', '.join(list(functions)[:8])}." if functions else "The file has no functions."
         raise InputError.of(Location(path.name), f"no function {name}", nearest(name, functions) or listed)
@@ -58,7 +55,7 @@ def read_python_function(path: Path, name: str) -> PythonFunction:
     results = _results(function, path, findings)
     findings.finish()
     modules = dict(_modules(tree))
-    return PythonFunction(path, digest_of(content), function, inputs, results, constants, modules, functions)
+    return PythonFunction(path, function, inputs, results, constants, modules, functions)
 
 
 def function_names(path: Path) -> list[str]:
@@ -67,14 +64,14 @@ def function_names(path: Path) -> list[str]:
     Raises:
         InputError: the file is not Python.
     """
-    return list(_read(path)[2])
+    return list(_read(path)[1])
 
 
-def _read(path: Path) -> tuple[bytes, ast.Module, dict[str, ast.FunctionDef]]:
+def _read(path: Path) -> tuple[ast.Module, dict[str, ast.FunctionDef]]:
     with convert_errors(path, "the file cannot be read"):
         content = path.read_bytes()
     tree = _parsed(content, path)
-    return content, tree, {item.name: item for item in tree.body if isinstance(item, ast.FunctionDef)}
+    return tree, {item.name: item for item in tree.body if isinstance(item, ast.FunctionDef)}
 
 
 def _parsed(content: bytes, path: Path) -> ast.Module:

@@ -11,6 +11,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
+from kennfeld.output_paths import within
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schemas import DIRECTIVE, PROJECT_SCHEMA, schema_text
 
@@ -84,7 +85,7 @@ def _complete(folder: Path, name: str, settings: str) -> None:
     """Write missing files, each completely or not at all; the project file, which identifies the demo, comes first."""
     contents = {PROJECT: lambda: settings, PROJECT_SCHEMA: lambda: schema_text(PROJECT_SCHEMA)} | _module(name).FILES
     for file, make in contents.items():
-        path = folder / file
+        path = within(folder, file)
         content = None if path.exists() else make()
         if isinstance(content, ParameterSet):
             write_parameters(content, path)
