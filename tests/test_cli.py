@@ -115,6 +115,7 @@ class TestHelp:
             "diff",
             "merge",
             "surrogate",
+            "cache",
             "schema",
             "completion",
         ]

@@ -10,7 +10,7 @@ import click
 from kennfeld import __version__
 from kennfeld.errors import InputError, KennfeldError
 from kennfeld.task_runner import WorkersDiedError
-from kennfeld.terminal import editor_commands, file_commands, project_commands
+from kennfeld.terminal import cache_commands, editor_commands, file_commands, project_commands
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.shell_completion import COMPLETE, register_powershell
@@ -53,6 +53,7 @@ for command in (
     app.add_command(command)
 surrogate.add_command(project_commands.train)
 app.add_command(surrogate)
+app.add_command(cache_commands.cache)
 app.add_command(editor_commands.schema)
 app.add_command(editor_commands.completion)
 

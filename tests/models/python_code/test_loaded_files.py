@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from kennfeld.app.session.function_source import FunctionSource
 from kennfeld.errors import InputError
 from kennfeld.graph.external_function import evaluate_points
 from kennfeld.models.code_consent import content_digest
@@ -74,6 +75,20 @@ def test_a_changed_module_is_another_function(main: Path) -> None:
     before = value(main, 1.0)
     (main.parent / "pkg/inner.py").write_text("TWO = 22\n")
     assert value(main, 1.0) == before + 20
+
+
+def test_changed_data_are_another_function(main: Path) -> None:
+    before = value(main, 1.0)
+    (main.parent / "table.csv").write_text("107")
+    assert value(main, 1.0) == before + 7
+
+
+def test_the_app_reads_a_function_again_if_a_module_beside_it_changes(main: Path) -> None:
+    source = FunctionSource(main.parent, "main.py:f")
+    first = source.read()
+    assert source.read() is first
+    (main.parent / "pkg/inner.py").write_text("TWO = 22\n")
+    assert source.read() is not first
 
 
 def test_two_folders_may_have_modules_of_the_same_name(tmp_path: Path) -> None:

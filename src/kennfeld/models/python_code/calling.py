@@ -14,7 +14,7 @@ from kennfeld.file_errors import convert_errors
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.machine_code.call_record import CallRecord
 from kennfeld.models.python_code.evaluation import NumberFunction, PythonEvaluation
-from kennfeld.models.python_code.loaded_files import find_loaded_files
+from kennfeld.models.python_code.loaded_files import LoadedFiles, find_loaded_files
 from kennfeld.models.python_code.sibling_imports import run_module
 
 _THREADS: Final = 64  # whose calls are recorded apart
@@ -57,9 +57,9 @@ class LoadedPython:
                 slopes[number * inputs + argument] = slope
 
 
-def function_of_file(path: Path, name: str, digest: str, inputs: int, outputs: int) -> ExternalFunction:
-    """Return a function of a Python file, which runs when the function is loaded."""
-    arguments = (str(path.resolve()), name, digest, inputs, outputs)
+def function_of_file(files: LoadedFiles, name: str, inputs: int, outputs: int) -> ExternalFunction:
+    """Return a function of a Python file, which runs when the function is loaded; with other data it is another one."""
+    arguments = (str(files.path), name, files.source_digest, inputs, outputs, files.digest)
     return ExternalFunction(name, inputs, outputs, f"{_MODULE}:load_from_file", arguments, batched=True)
 
 
@@ -85,8 +85,16 @@ def load_living(name: str, number: int) -> LoadedPython:
     return LoadedPython(_living[number])
 
 
-def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int) -> LoadedPython:
+def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int, whole: str) -> LoadedPython:
     """Run a Python file and return its function.
+
+    Args:
+        path: the file.
+        name: the name of the function.
+        digest: of the code; data may change meanwhile, as code may write files.
+        inputs: number of arguments.
+        outputs: number of results.
+        whole: digest of code and data, as they were found; it tells functions apart.
 
     Raises:
         InputError: a file has changed since the project was read, or running it fails.
@@ -99,7 +107,7 @@ def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int)
     record = CallRecord(Path(path).name, [name, _LOADING], _THREADS)
     try:
         with record.during(_LOADING):
-            module = run_module(files)
+            module = run_module(files, whole)
         function: Callable[..., Any] = getattr(module, name)
     except (Exception, SystemExit) as error:
         raise InputError.of(Location(path), f"running it failed: {error!r:.200}", "Correct it.") from error

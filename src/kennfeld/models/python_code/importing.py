@@ -7,12 +7,13 @@ from typing import Any
 
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.file_state import note_opened
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.external_function import ExternalFunction
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionInput, FunctionOutput, FunctionSummary, ModelFunction, as_model
 from kennfeld.models.python_code.calling import function_of_file, living_function
-from kennfeld.models.python_code.loaded_files import digest_of_code
+from kennfeld.models.python_code.loaded_files import find_loaded_files
 from kennfeld.models.python_code.reading import PythonFunction, function_names, read_python_function
 from kennfeld.models.python_code.translation import UntranslatableError, translate
 
@@ -33,8 +34,10 @@ def read_function(path: Path, function: str, name: str = "", step: float | None 
         write: Callable[[GraphBuilder, Sequence[int]], Sequence[int]] = translate(source).write
     except UntranslatableError as error:
         with convert_errors(path, "the file cannot be read"):
-            digest = digest_of_code(path)
-        called = function_of_file(path, function, digest, len(source.inputs), len(outputs))
+            files = find_loaded_files(path)
+        for file in (path.parent, *files.others):
+            note_opened(file)
+        called = function_of_file(files, function, len(source.inputs), len(outputs))
         write, remarks = _PythonCall(called).write, (_remark(source, error),)
     return ModelFunction(name or function, source.inputs, outputs, write, source=str(path), remarks=remarks)
 

@@ -122,11 +122,6 @@ def digest_of_loaded(path: Path) -> str:
     return find_loaded_files(path).digest
 
 
-def digest_of_code(path: Path) -> str:
-    """Return the digest of a Python file with the modules that it loads. Raises `OSError`."""
-    return find_loaded_files(path).source_digest
-
-
 def _parsed(content: bytes) -> ast.Module:
     try:
         return ast.parse(content)

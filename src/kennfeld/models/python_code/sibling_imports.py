@@ -21,10 +21,10 @@ from kennfeld.models.python_code.loaded_files import LoadedFiles
 _PREFIX = "kennfeld_function_"
 
 
-def run_module(files: LoadedFiles) -> ModuleType:
-    """Run a file and return it as a module. Whatever its code raises passes through."""
+def run_module(files: LoadedFiles, digest: str) -> ModuleType:
+    """Run a file and return it as a module, named after a digest. Whatever its code raises passes through."""
     _FINDER.install()
-    name = f"{_PREFIX}{files.source_digest[:32]}"
+    name = f"{_PREFIX}{digest[:32]}"
     _FINDER.files[name] = files
     spec = spec_from_loader(name, _ContentLoader(name, files.path, files.content), is_package=True)
     assert spec is not None
