@@ -34,6 +34,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         axes: group axes, including those without a table.
         others: further variants of members and texts.
         origin: what a format keeps of the file that the set was read from, so that it can update that file.
+        unstated: the aspects that the format of that file cannot state, such as `extrapolation`.
 
     Raises:
         ArgumentError: a name occurs twice, or tables disagree on a group axis.
@@ -49,6 +50,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     axes: tuple[Axis, ...] = ()  # group axes, those without a table included
     others: tuple[Parameter | Text, ...] = ()  # further variants of what is in parameters and texts
     origin: object | None = None
+    unstated: frozenset[str] = frozenset()
 
     def __init__(
         self,
@@ -57,6 +59,7 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         axes: Iterable[Axis] = (),
         others: Iterable[Parameter | Text] = (),
         origin: object | None = None,
+        unstated: Iterable[str] = (),
     ) -> None:
         members, notes, rest = tuple(parameters), tuple(texts), tuple(others)
         by_name: dict[str, Parameter] = {}
@@ -69,7 +72,8 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             if (item.name, item.variant) in seen:
                 raise ArgumentError(f"parameter {item.name} is defined twice in the variant {item.variant!r}")
             seen.add((item.name, item.variant))
-        vars(self).update(parameters=members, texts=notes, others=rest, origin=origin, _by_name=by_name)
+        vars(self).update(parameters=members, texts=notes, others=rest, origin=origin, unstated=frozenset(unstated))
+        vars(self)["_by_name"] = by_name
         vars(self)["axes"] = _group_axes(members, axes)
 
     def __getitem__(self, name: str | tuple[str, str]) -> Parameter:
@@ -174,17 +178,50 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         """Return the named parameters alone, in the order of `names`."""
         chosen = [self[name] for name in names]
         others = [item for item in self.others if item.name in {member.name for member in chosen}]
-        return ParameterSet(chosen, others=others, origin=self.origin)
+        return ParameterSet(chosen, others=others, origin=self.origin, unstated=self.unstated)
 
     def from_origin(self, origin: object | None) -> "ParameterSet":
         """Return the set with another origin: the file that a save is to update."""
-        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin)
+        return ParameterSet(self.parameters, self.texts, self.axes, self.others, origin, self.unstated)
+
+    def read_without(self, unstated: Iterable[str]) -> "ParameterSet":
+        """Return the set as one that was read from a format which cannot state some aspects."""
+        return ParameterSet(self.parameters, self.texts, self.axes, self.others, self.origin, unstated)
+
+    def completed(self, known: "ParameterSet") -> "ParameterSet":
+        """Return the set with what its format cannot state taken from the parameters of the same names in another set.
+
+        They keep their values, their breakpoints and all that their file says.
+        """
+        if not self.unstated:
+            return self
+        members = [self._completed(each, known[each.name]) if each.name in known else each for each in self.parameters]
+        return ParameterSet(members, self.texts, self.axes, self.others, self.origin)
+
+    def _completed(self, own: Parameter, known: Parameter) -> Parameter:
+        changes: dict[str, Any] = {
+            name: getattr(known, name) for name in ("unit", "description") if not getattr(own, name)
+        }
+        if len(own.axes) == len(known.axes):
+            changes["axes"] = tuple(map(self._completed_axis, own.axes, known.axes))
+            changes |= {"extrapolation": known.extrapolation} if "extrapolation" in self.unstated else {}
+        if own.values.shape == known.values.shape:
+            bounds = ("lower", "upper") if "bounds" in self.unstated and not own.limited else ()
+            locks = ("locked",) if "locks" in self.unstated else ()
+            changes |= {name: getattr(known, name) for name in (*bounds, *locks)}
+        return own.changed(**changes)
+
+    def _completed_axis(self, own: Axis, known: Axis) -> Axis:
+        changes = {name: getattr(known, name) for name in ("input", "unit") if not getattr(own, name)}
+        if "free axes" in self.unstated and np.array_equal(own.breakpoints, known.breakpoints):
+            changes |= {name: getattr(known, name) for name in ("free", "min_distance", "range")}
+        return own.changed(**changes)
 
     def without(self, names: Collection[str]) -> "ParameterSet":
         """Return all but the named parameters; group axes stay."""
         kept = [member for member in self.parameters if member.name not in names]
         others = [item for item in self.others if item.name not in names]
-        return ParameterSet(kept, self.texts, self.axes, others, self.origin)
+        return ParameterSet(kept, self.texts, self.axes, others, self.origin, self.unstated)
 
     def to_frame(self) -> Any:
         """Return all values as a DataFrame of pandas, one row per value.

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -245,7 +246,8 @@ def _read_content(path: Path, a2l: str | Path | None = None) -> ReadResult:
     for known in sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT):
         if known.recognises(source):
             with no_collection():
-                return known.read(source)
+                content = known.read(source)
+            return replace(content, parameters=content.parameters.read_without(known.unstated))
     raise InputError([_unrecognised_file(path, source)])
 
 

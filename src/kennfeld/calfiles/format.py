@@ -139,6 +139,11 @@ class Format:
     modules: tuple[str, str, str]
     lacks: tuple[str, ...] = ()
 
+    @property
+    def unstated(self) -> tuple[str, ...]:
+        """The aspects that a file of this format cannot state; control units have a rule of their own beyond axes."""
+        return self.lacks or ("extrapolation", "locks", "free axes")
+
     def _function(self, verb: str) -> Callable[..., Any]:
         module = self.modules[("recognises", "read", "write").index(verb)]
         function: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), f"{verb}_{self.key}")

@@ -303,6 +303,26 @@ class Project:
 
         return Saves(results_folder(self.path, folder), self.path)
 
+    def read_values(self, path: str | Path) -> ParameterSet:
+        """Read a calibration file, an image by the A2L file of the project's own images.
+
+        What its format cannot state, such as extrapolation, is that of the project once the values are simulated.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
+        from kennfeld.calfiles import read
+        from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
+
+        path, calibration = Path(path), self.file.calibration
+        own = path.with_suffix(".a2l")
+        if path.suffix.lower() not in IMAGE_ENDINGS or own.is_file():
+            return read(path)
+        beside = (str(Path(name).with_suffix(".a2l")) for name in calibration.files if name.endswith(IMAGE_ENDINGS))
+        named = calibration.descriptions.values() or beside
+        known = {self.file.folder / name for name in named if (self.file.folder / name).is_file()}
+        return read(path, next(iter(known)) if len(known) == 1 else None)
+
     def simulate(
         self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
     ) -> list[Dataset]:

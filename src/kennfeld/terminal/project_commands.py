@@ -334,12 +334,11 @@ def simulate(
     path: Path, parameters: Path | None, output: Path | None, by_file: bool, as_json: bool, trust: bool
 ) -> int:
     """Evaluate the function over all datasets."""
-    from kennfeld.calfiles import read
     from kennfeld.project.results import output_file, write_simulation
 
     target = output_file(path, output or path.parent / "simulation.parquet")
-    values = None if parameters is None else read(parameters)
     with _open(path, trust=trust) as project:
+        values = None if parameters is None else project.read_values(parameters)
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts)
         written = write_simulation(simulation, target, follow=output is not None)

@@ -1,0 +1,91 @@
+"""What the format of a calibration file cannot state stays as the project has it, whatever the format."""
+
+import numpy as np
+import pytest
+
+from kennfeld import Curve, ParameterSet, read_parameters
+from kennfeld.parameters import Axis
+from kennfeld.project import Project
+
+TOML = """\
+model.file = "f.kf"
+[[dataset]]
+files = "d.csv"
+[[criterion]]
+node = "y"
+target = "m"
+[parameters.C]
+x = { input = "x", breakpoints = [0, 5, 10] }
+initial = [0, 1, 3]
+bounds = [-1, 9]
+extrapolation = "linear"
+lock = [{ x = [0, 0] }]
+"""
+FORMATS = (".json", ".dcm", ".cdfx", ".csv", ".xlsx", ".mat", ".m")
+
+
+@pytest.fixture
+def project(tmp_path):
+    (tmp_path / "f.kf").write_text("input x[rpm]\ny = C(x)\n", encoding="utf-8")
+    (tmp_path / "d.csv").write_text("x,m\n-5,0\n5,1\n15,5\n", encoding="utf-8")
+    (tmp_path / "kennfeld.toml").write_text(TOML, encoding="utf-8")
+    return Project.read(tmp_path / "kennfeld.toml")
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_values_of_any_format_are_simulated_alike(project, ending):
+    file = project.path.with_name(f"values{ending}")
+    project.problem().parameters.save(file)
+    [simulated] = project.simulate(project.read_values(file))
+    np.testing.assert_array_equal(simulated["y"].values, [-1.0, 1.0, 5.0])
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_set_is_completed_to_what_it_was(project, ending):
+    file = project.path.with_name(f"values{ending}")
+    whole = project.problem().parameters
+    whole.save(file)
+    completed = read_parameters(file).completed(whole)["C"]
+    for name in ("axes", "extrapolation", "lower", "upper", "locked", "unit"):
+        np.testing.assert_array_equal(getattr(completed, name), getattr(whole["C"], name))
+
+
+def test_what_a_file_states_counts(project):
+    file = project.path.with_name("values.json")
+    clipped = Curve("C", Axis([0.0, 5.0, 10.0], input="x"), [0.0, 1.0, 3.0])
+    ParameterSet([clipped]).save(file)
+    [simulated] = project.simulate(project.read_values(file))
+    np.testing.assert_array_equal(simulated["y"].values, [0.0, 1.0, 3.0])
+
+
+def test_a_set_from_python_is_taken_as_it_is(project):
+    clipped = ParameterSet([Curve("C", Axis([0.0, 5.0, 10.0], input="x"), [0.0, 1.0, 3.0])])
+    [simulated] = project.simulate(clipped)
+    np.testing.assert_array_equal(simulated["y"].values, [0.0, 1.0, 3.0])
+    assert clipped.completed(project.problem().parameters) is clipped
+
+
+def test_other_breakpoints_keep_what_belongs_to_the_old_ones(project):
+    file = project.path.with_name("values.dcm")
+    ParameterSet([Curve("C", [0.0, 10.0], [0.0, 3.0])]).save(file)
+    [simulated] = project.simulate(project.read_values(file))
+    np.testing.assert_allclose(simulated["y"].values, [-1.5, 1.5, 4.5])
+
+
+def test_an_image_is_read_by_the_description_of_the_project(project):
+    from tests.calfiles.a2l_files import axis, hex_file, label, layout, method, module
+
+    folder = project.path.parent
+    blocks = (
+        layout("FNC_VALUES 1 UBYTE COLUMN_DIR DIRECT"),
+        method("CM", "RAT_FUNC", "COEFFS 0 100 0 0 0 1"),
+        label("CURVE", axis("FIX_AXIS", 3, "FIX_AXIS_PAR_DIST 0 5 3"), name="C", conversion="CM", limits="0 2.5"),
+    )
+    (folder / "ecu.a2l").write_bytes(module(*blocks))
+    (folder / "ecu.hex").write_bytes(hex_file({0x1000: bytes([0, 100, 200])}))
+    (folder / "delivery").mkdir()
+    (folder / "delivery" / "new.hex").write_bytes(hex_file({0x1000: bytes([0, 50, 150])}))
+    project.path.write_text(f'calibration.initial = "ecu.hex"\n{TOML.replace("initial = [0, 1, 3]", "")}', "utf-8")
+    again = Project.read(project.path)
+    [simulated] = again.simulate(again.read_values(folder / "delivery" / "new.hex"))
+    np.testing.assert_allclose(simulated["y"].values, [-0.5, 0.5, 2.5])
