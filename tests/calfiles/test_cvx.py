@@ -131,10 +131,6 @@ def test_a_table_whose_group_axis_is_not_named_is_left_aside_with_a_remark(cvx):
         (",K\nCURVE\n,,1,2,3\n" + X2, "line 5 (K): the row has 3 values, but the x axis has 2"),
         (",K\nMAP\n\n,,1,2\n" + X2 + Y2, "MAP has 1 row of values, but its axis requires 2"),
         (",K\nMAP\n\n,,1,2\n,,3\n" + X2 + Y2, "line 7 (K): the row has 1 value, but the x axis has 2"),
-        (
-            ",K\nX_AXIS_PTS,,2,1\n",
-            "X_AXIS_PTS is not strictly increasing: breakpoint 2 (1) does not exceed breakpoint 1 (2)",
-        ),
         (",K\nX_AXIS_PTS\n", "X_AXIS_PTS has no breakpoints"),
         (",K\nVALUE,,1\n\n,K\nVALUE,,2\n", "K is already defined in line 4, with other values"),
         (',K\nVALUE,,1\n\n,K\nASCII,,"2"\n', "is already defined in line"),

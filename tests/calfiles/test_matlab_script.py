@@ -103,10 +103,6 @@ def test_the_body_of_a_function_counts_its_other_functions_do_not(script):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (
-            "M.x = [1 1];\nM.values = [2 3];\n",
-            "start.m line 1 (M): M.x is not strictly increasing: breakpoint 2 is 1 after 1",
-        ),
         ("M.x = [1 2 3];\nM.y = [1 2];\nM.values = [2 3];\n", "has values of size 1 x 2, but its axes require 3 x 2"),
         ("M.x = [1 2];\nM.y = 'a';\nM.values = [2 3];\n", "M.y contains no numbers"),
         ("M.x = 'a';\nM.values = [2 3];\n", "M.x contains no numbers. Assign numbers in brackets."),

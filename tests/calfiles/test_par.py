@@ -124,10 +124,23 @@ def test_integers_without_physical_values_are_reported(par):
     )
 
 
+def test_an_axis_that_falls_is_turned_and_written_as_it_was(par, tmp_path):
+    map_text = "Map [FLOAT(32),(2,2)] 1 ; 1\r\n: 2 ; 2\r\n: 3 ; 3\r\n: 4 ; 4\r\n"
+    content = f"CANape PAR V3.1: ~ 0 0 \r\n{map_text}X : 5 ; 5\r\nX : 4 ; 4\r\nY : 0 ; 0\r\nY : 1 ; 1\r\n"
+    values = read(par(content))
+    assert values["Map"].axes[0].breakpoints.tolist() == [4, 5]
+    assert values["Map"].values.tolist() == [[2, 4], [1, 3]]
+    write(values, tmp_path / "same.par")
+    assert (tmp_path / "same.par").read_bytes() == content.encode("cp1252")
+    write(values.with_parameters(values["Map"].with_values([[9, 4], [1, 3]])), tmp_path / "new.par")
+    assert ": 9.0 ; 9.0" in (tmp_path / "new.par").read_text("cp1252")
+    assert read(tmp_path / "new.par")["Map"].values.tolist() == [[9, 4], [1, 3]]
+
+
 def test_what_cannot_be_read_is_skipped_with_a_warning(par):
     path = par(
         "CANape PAR V3.1: ~ 0 0 \r\nWords [UINT(8),(1,2)] 0 ; OFF\r\n: 1 ; ON\r\nnot a label\r\n"
-        "Falling [FLOAT(32),(1,2)] 0 ; 0\r\n: 1 ; 1\r\nX : 5 ; 5\r\nX : 4 ; 4\r\nKp [FLOAT(32)] 1 ; 1\r\n"
+        "Falling [FLOAT(32),(1,2)] 0 ; 0\r\n: 1 ; 1\r\nX : 5 ; 5\r\nX : 5 ; 5\r\nKp [FLOAT(32)] 1 ; 1\r\n"
     )
     assert list(read(path)) == ["Kp"]
     assert [f.message.partition(":")[0] for f in describe(path).findings] == [

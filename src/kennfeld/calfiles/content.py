@@ -55,6 +55,16 @@ def drop_trailing_ones(sizes: tuple[int, ...]) -> tuple[int, ...]:
     return sizes
 
 
+def in_rising_order(points: Float) -> tuple[Float, bool]:
+    """Return breakpoints that fall in the opposite order, and True; others as they are.
+
+    >>> in_rising_order(np.array([-130.0, -140.0]))[0].tolist()
+    [-140.0, -130.0]
+    """
+    falls = points.size > 1 and bool(np.all(points[1:] < points[:-1]))
+    return (points[::-1], True) if falls else (points, False)
+
+
 def describe_fall(points: Float) -> str:
     """Return the first breakpoint that is not above the one before; empty if they increase."""
     for at in np.flatnonzero(points[1:] <= points[:-1]):

@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
-from kennfeld.calfiles.content import describe_fall, drop_trailing_ones
+from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import Element, has_root, parse_xml
 from kennfeld.formatting import count_labels, count_noun, size_text
@@ -26,6 +26,7 @@ _WORDS: dict[str, TextKind] = {"ASCII": "text", "BOOLEAN": "boolean"}  # categor
 _BLOCKS = ("VAL_BLK", "VALUE_ARRAY", "BOOLEAN_ARRAY")
 _TABLES = {"CURVE": 1, "CURVE_AXIS": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 _MAX_DIMENSIONS = 4
+_CORRECT = "Correct its breakpoints."
 
 
 def recognises_cdfx(text: str) -> bool:
@@ -90,6 +91,7 @@ class _CdfxReader:
         self.groups: dict[str, Axis] = {}
         self.positions: dict[str, _Positions] = {}
         self.broken: set[str] = set()  # axes with a finding of their own
+        self.falling_groups: set[str] = set()
         self.numeric_booleans: dict[str, None] = {}
         self.taken: dict[Key, tuple[int, object]] = {}  # each name and variant: its line, what it holds
 
@@ -114,14 +116,18 @@ class _CdfxReader:
             self.findings.warning(instance.line, instance.name, message)
 
     def _take_group(self, instance: Instance, values: Values | None) -> None:
-        points = None if values is None else np.array(values.numbers)
+        points, falls = (None, False) if values is None else in_rising_order(np.array(values.numbers))
         fault = "has no breakpoints" if points is None else _points_fault(points)
         if fault or points is None:
             self.broken.add(instance.name)
-            if values is not None or _is_empty(instance.value):
+            if points is not None and points.size:
+                self._skip(instance, f"COM_AXIS {fault}", _CORRECT)
+            elif values is not None or _is_empty(instance.value):
                 self._wrong(instance, f"COM_AXIS {fault}")
             return
         axis = Axis(points, unit=instance.unit, name=instance.name)
+        if falls:
+            self.falling_groups.add(instance.name)
         if self._is_new(instance, axis):
             self.groups[instance.name] = axis
 
@@ -216,7 +222,8 @@ class _CdfxReader:
             self._wrong(instance, f"{instance.category} {message}")
             return None
         sizes = values.shape[::-1] if len(values.shape) == dimensions else (0,) * dimensions
-        candidates = [self._axis(instance, direction, size) for direction, size in enumerate(sizes)]
+        falling: list[int] = []
+        candidates = [self._axis(instance, direction, size, falling) for direction, size in enumerate(sizes)]
         axes = [axis for axis in candidates if axis is not None]
         if len(axes) < dimensions:
             return None
@@ -226,9 +233,10 @@ class _CdfxReader:
             required = size_text(map(len, axes))
             self._wrong(instance, f"{instance.category} has {size} values, but its axes require {required}")
             return None
-        return parameter(instance.name, array, axes, **instance.labels)
+        return parameter(instance.name, np.flip(array, tuple(falling)), axes, **instance.labels)
 
-    def _axis(self, instance: Instance, direction: int, size: int) -> Axis | None:
+    def _axis(self, instance: Instance, direction: int, size: int, falling: list[int]) -> Axis | None:
+        """Return an axis of a table, and note in `falling` if the file has its greatest breakpoint first."""
         cont = instance.axes[direction]
         reference = cont.line_of("SW-INSTANCE-REF").strip()
         category = cont.line_of("CATEGORY").strip().upper()
@@ -240,6 +248,9 @@ class _CdfxReader:
         points = None if values is None else np.array(values.numbers)
         if category in ("RES_AXIS", "CURVE_AXIS") or reference in self.positions:
             return self._resolved(instance, direction, reference, points, size)
+        points, falls = (None, reference in self.falling_groups) if points is None else in_rising_order(points)
+        if falls:
+            falling.append(direction)
         if reference:
             return self._referred(instance, direction, reference, points)
         if points is None:
@@ -248,8 +259,10 @@ class _CdfxReader:
             return None
         fault = _points_fault(points)
         if fault:
-            remedy = "Each breakpoint must be greater than the previous one." if points.size else ""
-            self.findings.error(cont.line, instance.name, f"the {letter} axis {fault}", remedy)
+            if points.size:
+                self._skip(instance, f"the {letter} axis {fault}", _CORRECT)
+            else:
+                self.findings.error(cont.line, instance.name, f"the {letter} axis {fault}")
             return None
         return Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"))
 
@@ -269,7 +282,7 @@ class _CdfxReader:
             return group.changed(unit=unit)
         fault = _points_fault(points)
         if fault:
-            self.findings.error(cont.line, instance.name, f"the {letter} axis {fault}")
+            self._skip(instance, f"the {letter} axis {fault}", _CORRECT)
             return None
         message = f"has other {letter} breakpoints than the group axis {reference}; kept as an axis of its own"
         self.findings.warning(cont.line, instance.name, message)
@@ -306,7 +319,7 @@ def _points_fault(points: Float) -> str:
     fall = describe_fall(points)
     if not points.size:
         return "has no breakpoints"
-    return f"is not strictly increasing: {fall}" if fall else ""
+    return f"neither rises nor falls: {fall}" if fall else ""
 
 
 def _positions(instance: Instance, values: Values) -> _Positions | None:

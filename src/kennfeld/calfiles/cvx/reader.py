@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import ItemCollector, describe_fall, parse_float
+from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.formatting import count_noun
@@ -202,17 +202,26 @@ class _CvxReader:
         self.groups: dict[str, Axis] = {}  # group axes, each in its first variant
         self.groups_folded: dict[str, Axis] = {}
         self.items = ItemCollector(findings)
+        self.falling: list[Axis] = []  # axes whose breakpoints fall in the file
+        self.skipped: set[tuple[str, str]] = set()  # kinds and names of axes that cannot be read
 
     def take_axis(self, record: _Record) -> None:
         points = self._numbers(record, [record.row, *record.rows])
         if points is None:
             return
-        if not points.size or (fall := describe_fall(points)):
-            message = f"is not strictly increasing: {fall}" if points.size else "has no breakpoints"
-            self._wrong(record, f"{record.kind} {message}")
+        if not points.size:
+            self._wrong(record, f"{record.kind} has no breakpoints")
+            return
+        points, falls = in_rising_order(points)
+        if fall := describe_fall(points):
+            message = f"{record.kind} neither rises nor falls: {fall}; skipped with the tables over it"
+            self.findings.warning(record.row.line, record.name, message, "Correct its breakpoints.")
+            self.skipped.add((record.kind, record.name.casefold()))
             return
         is_group = record.kind == "AXIS_PTS"
         axis = Axis(points, unit=record.unit, name=record.name if is_group else "")
+        if falls:
+            self.falling.append(axis)
         first, known = self.axes.setdefault((record.kind, record.name, record.variant), (record, axis))
         for variant in (record.variant, ""):
             self.folded.setdefault((record.kind, record.name.casefold(), variant), axis)
@@ -282,7 +291,9 @@ class _CvxReader:
         if values is None:
             return None
         shaped = values.reshape(count, -1).T if len(own) == 2 else values
-        return parameter(record.name, shaped, own, unit=record.unit, **record.labels)
+        falling = tuple(i for i, axis in enumerate(own) if any(axis is each for each in self.falling))
+        turned = np.flip(shaped, falling)
+        return parameter(record.name, turned, own, unit=record.unit, **record.labels)
 
     def _axis(self, record: _Record, letter: str, cell: int) -> Axis | None:
         name = record.row.cells[cell] if cell < len(record.row.cells) else ""
@@ -295,6 +306,8 @@ class _CvxReader:
             axis = exact[1] if exact else self.folded.get((kind, record.name.casefold(), variant))
             if axis is not None:
                 return axis
+        if {(kind, record.name.casefold()), ("AXIS_PTS", name.casefold())} & self.skipped:
+            return None
         width = max((len(row.values) for row in record.rows), default=0)
         sizes = {len(axis) for axis in self.groups.values()}
         if (width if letter == "X" else len(record.rows)) in sizes | {size + 1 for size in sizes if letter == "Y"}:

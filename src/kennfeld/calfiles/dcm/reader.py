@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import ItemCollector, describe_fall, parse_float
+from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float
 from kennfeld.calfiles.dcm.lines import DcmBlock, DcmLines, split_blocks, unquote
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
@@ -35,7 +35,8 @@ class _Numbers:
 class Dcm:
     """A DCM file as read: its text, its blocks and their content.
 
-    `keys` gives name and variant for the line in which a block begins; blocks that hold no numbers have none.
+    `keys` gives name and variant for the line in which a block begins; blocks that hold no numbers have none. `falling`
+    has the axes, by number, that the block of a line writes from the greatest breakpoint to the least.
     """
 
     source: CalibrationSource
@@ -44,14 +45,18 @@ class Dcm:
     items: Mapping[Key, Item]
     axes: Mapping[str, Axis]
     criteria: Set[str]
+    falling: Mapping[int, tuple[int, ...]]
 
 
 def read_dcm(source: CalibrationSource) -> ReadResult:
     """Return the parameters of a DCM file, version 1.x or 2.x.
 
-    Maps are stored by y in the file and turned here, so that `values[i, j]` is x index i, y index j. Of a label with
-    several variants the first one counts. Raises `InputError` with all findings; text axes and text tables are skipped
-    with a warning, and stay in the file when it is written again.
+    Maps are stored by y in the file and turned here, so that `values[i, j]` is x index i, y index j; so are axes that
+    fall. Of a label with several variants the first one counts. Text axes, text tables and axes that neither rise nor
+    fall are skipped with a warning, and stay in the file when it is written again.
+
+    Raises:
+        InputError: with all findings.
     """
     findings = FileFindings(source.name)
     lines = split_blocks(source.text, findings)
@@ -65,7 +70,7 @@ def read_dcm(source: CalibrationSource) -> ReadResult:
             reader.take(block)
     items = reader.tie_items()
     warnings = findings.finish()
-    origin = Dcm(source, tuple(lines.blocks), reader.keys, items, reader.axes, lines.criteria)
+    origin = Dcm(source, tuple(lines.blocks), reader.keys, items, reader.axes, lines.criteria, reader.falling)
     return ReadResult(f"DCM {lines.version}", build_set(items, reader.axes.values(), origin), warnings)
 
 
@@ -116,10 +121,13 @@ class _DcmReader:
         self.axes: dict[str, Axis] = {}
         self.axis_blocks: dict[str, DcmBlock] = {}
         self.keys: dict[int, Key] = {}  # of the block that begins in a line
+        self.falling: dict[int, tuple[int, ...]] = {}  # axes of the block that begins in a line
+        self.skipped_axes: dict[str, int] = {}  # lines of group axes that cannot be read
 
     def take_axis(self, block: DcmBlock) -> None:
         points = self._axis_points(block, 0)
         if points is None:
+            self.skipped_axes.setdefault(block.name, block.line)
             return
         axis = self.axes.setdefault(block.name, Axis(points, unit=block.text_of("EINHEIT_X"), name=block.name))
         first = self.axis_blocks.setdefault(block.name, block)
@@ -194,20 +202,29 @@ class _DcmReader:
         if len(points) != size:
             message = f"has {count_noun(len(points), f'{letter} breakpoint')}, but its header states {size}"
             self.findings.error(numbers.line, block.name, message)
-        elif fall := describe_fall(points):
-            remedy = "Each breakpoint must be greater than the previous one."
-            message = f"the {letter} axis is not strictly increasing: {fall}"
-            self.findings.error(numbers.line, block.name, message, remedy)
-        else:
-            return points
-        return None
+            return None
+        rising, falls = in_rising_order(points)
+        if fall := describe_fall(rising):
+            message = f"the {letter} axis neither rises nor falls: {fall}; skipped"
+            self.findings.warning(numbers.line, block.name, message, "Correct its breakpoints.")
+            return None
+        if falls:
+            self.falling[block.line] = (*self.falling.get(block.line, ()), direction)
+        return rising
 
     def _points_elsewhere(self, block: DcmBlock, direction: int, group: Axis | None) -> Float | None:
         """Return breakpoints of a table without any: DCM 1.x stores them in a distribution, if at all."""
         assert block.sizes is not None
         if group is not None and len(group) == block.sizes[direction]:
+            if self.axis_blocks[group.name].line in self.falling:
+                self.falling[block.line] = (*self.falling.get(block.line, ()), direction)
             return group.breakpoints
         letter, keyword = _AXES[direction][:2]
+        reference = block.rest_of(_AXES[direction][3])
+        if reference in self.skipped_axes:
+            message = f"skipped, as its {letter} axis {reference} in line {self.skipped_axes[reference]} is"
+            self.findings.warning(block.line, block.name, message)
+            return None
         if self.version.startswith("1") and block.keyword.startswith(("FEST", "GRUPPEN")):
             message = f"{block.keyword} of DCM 1.x has no {letter} breakpoints in the file; skipped"
             self.findings.warning(block.line, block.name, message, "Export it as DCM 2.0.")
@@ -220,7 +237,8 @@ class _DcmReader:
         if numbers is None or not self._has_complete_rows(block, numbers):
             return None
         if len(numbers.values) == prod(sizes):
-            return numbers.values.reshape(sizes[::-1]).T
+            values = numbers.values.reshape(sizes[::-1]).T
+            return np.flip(values, self.falling.get(block.line, ()))
         stated = f"{' x '.join(map(str, sizes))} = {prod(sizes)}" if len(sizes) > 1 else str(prod(sizes))
         message = f"has {count_noun(len(numbers.values), 'value')}, but its header states {stated}"
         self.findings.error(block.line, block.name, message)

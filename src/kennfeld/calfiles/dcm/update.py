@@ -17,7 +17,7 @@ from kennfeld.calfiles.dcm.reader import Dcm, VariantValue, variant_values
 from kennfeld.calfiles.dcm.writer import axis_block, check_storable, item_block, quote, shares_block, whole_text
 from kennfeld.calfiles.format import Item, Key, WriteResult
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter, Text
+from kennfeld.parameters import Axis, Parameter, Text
 
 _WORD = re.compile(r"\S+")
 _AXES = ("ST/X", "ST/Y")
@@ -75,7 +75,12 @@ class _DcmUpdate:
             return iter(())
         if len(before) != len(axis):
             return self._rewrite(block, axis_block(axis))
-        return self._replace(block, {"ST/X": (before.breakpoints, axis.breakpoints)}, {})
+        return self._replace(block, {"ST/X": self._as_written(block, 0, before, axis)}, {})
+
+    def _as_written(self, block: DcmBlock, direction: int, before: Axis, now: Axis) -> tuple[Float, Float]:
+        """Return the old and the new breakpoints in the order of the file."""
+        step = -1 if direction in self.dcm.falling.get(block.line, ()) else 1
+        return before.breakpoints[::step], now.breakpoints[::step]
 
     def _with_item(self, block: DcmBlock, key: Key) -> Iterator[str]:
         before, now = self.dcm.items[key], self.now[key]
@@ -95,9 +100,10 @@ class _DcmUpdate:
                 line = _line_of(block, "TEXT")
                 texts[line] = _replace_text(self.text[line - 1], now.text)
         elif isinstance(now, Parameter) and isinstance(before, Parameter):
-            numbers["WERT"] = (before.values.T.ravel(), now.values.T.ravel())
-            for word, old, new in zip(_AXES, before.axes, now.axes, strict=False):
-                numbers[word] = (old.breakpoints, new.breakpoints)
+            falling = self.dcm.falling.get(block.line, ())
+            numbers["WERT"] = (np.flip(before.values, falling).T.ravel(), np.flip(now.values, falling).T.ravel())
+            for direction, (word, old, new) in enumerate(zip(_AXES, before.axes, now.axes, strict=False)):
+                numbers[word] = self._as_written(block, direction, old, new)
         return self._replace(block, numbers, texts)
 
     def _description_line(self, block: DcmBlock, description: str) -> dict[int, str]:

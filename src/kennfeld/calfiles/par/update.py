@@ -81,9 +81,12 @@ class _ParUpdate:
             self.findings.error(0, item.name, "is a {}, but a {} in the file".format(*shapes), _OTHER_FORMAT)
         else:
             label = self.par.labels[item.name]
-            self._replace(label, "", before.values.T.ravel(), item.values.T.ravel())
-            for letter, old, new in zip(AXES, before.axes, item.axes, strict=False):
-                self._replace(label, letter, old.breakpoints, new.breakpoints)
+            falling = self.par.falling.get(item.name, ())
+            values = (np.flip(each.values, falling).T.ravel() for each in (before, item))
+            self._replace(label, "", *values)
+            for number, (old, new) in enumerate(zip(before.axes, item.axes, strict=True)):
+                step = -1 if number in falling else 1
+                self._replace(label, AXES[number], old.breakpoints[::step], new.breakpoints[::step])
 
     def _take_text(self, item: Parameter | Text, before: Parameter | Text) -> None:
         if not isinstance(item, Text) or not isinstance(before, Text):
