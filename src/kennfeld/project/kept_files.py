@@ -1,4 +1,4 @@
-"""What is kept on disk between runs only to save time: recordings that were read, and compiled code."""
+"""Files that are kept between runs only to save time: recordings that were read, and compiled code."""
 
 from collections.abc import Iterator
 from contextlib import suppress
