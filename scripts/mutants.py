@@ -17,18 +17,18 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path, PurePosixPath
 from queue import SimpleQueue
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from mutations import Mutation, mutations
+from mutations import Mutation, candidates, is_fault
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "kennfeld"
@@ -64,17 +64,25 @@ def draw(
     count: int, seed: int, tests_by_line: dict[Path, dict[int, list[str]]], costs: dict[str, float], cpu: float
 ) -> list[Mutant]:
     """Return mutants of lines drawn from all lines of the package that can be mutated."""
+    mutants = []
+    for path, mutation in islice(faults(seed), count):
+        executing = tests_by_line.get(path, {}).get(mutation.line, [])
+        tests = in_order(executing, path, costs, cpu)
+        mutants.append(Mutant(path, mutation, tests, len(executing) - len(tests)))
+    return mutants
+
+
+def faults(seed: int) -> Iterator[tuple[Path, Mutation]]:
+    """Yield one mutation of each line of the package that can be mutated, in random order."""
     by_line: dict[tuple[Path, int], list[Mutation]] = {}
     for path in sorted(PACKAGE.rglob("*.py")):
-        for mutation in mutations(path.read_text(encoding="utf-8")):
+        for mutation in candidates(path.read_text(encoding="utf-8")):
             by_line.setdefault((path, mutation.line), []).append(mutation)
     generator = random.Random(seed)
-    mutants = []
-    for path, line in generator.sample(sorted(by_line), count):
-        candidates = tests_by_line.get(path, {}).get(line, [])
-        tests = in_order(candidates, path, costs, cpu)
-        mutants.append(Mutant(path, generator.choice(by_line[path, line]), tests, len(candidates) - len(tests)))
-    return mutants
+    for path, line in generator.sample(sorted(by_line), len(by_line)):
+        source = path.read_text(encoding="utf-8")
+        if of_line := [mutation for mutation in by_line[path, line] if is_fault(mutation, source)]:
+            yield path, generator.choice(of_line)
 
 
 def in_order(tests: Sequence[str], path: Path, costs: dict[str, float], cpu: float) -> tuple[str, ...]:
