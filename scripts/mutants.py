@@ -3,8 +3,9 @@
     python -m pytest --cost --cov --cov-context=test
     python scripts/mutants.py --count 100 --seed 0
 
-Lines of the package are drawn at random. In a copy, an operator, a constant or a condition of each is changed; then the
-tests that execute the line run until one fails: those that mirror the module, then the others, the cheapest first.
+Lines of the package are drawn at random. In a copy of the project, an operator, a constant or a condition of each is
+changed; then the tests that execute the line run until one fails: those that mirror the module, then the others, the
+cheapest first.
 Which tests execute it is read from the data of the coverage run, and what they cost from its table. `--cpu` bounds what
 the tests of a mutant cost in total.
 """
@@ -123,10 +124,10 @@ def _tests(contexts: Iterable[str]) -> list[str]:
 
 
 def is_caught(mutant: Mutant, copy: Path, costs: dict[str, float]) -> bool:
-    """Run the tests of a mutant on a copy of the package; a mutant that no test executes is not caught."""
+    """Run the tests of a mutant on a copy of the project; a mutant that no test executes is not caught."""
     near = [test for test in mutant.tests if mirrors(test, mutant.path)]
     source = mutant.path.read_text(encoding="utf-8")
-    target = copy / mutant.path.relative_to(PACKAGE.parent)
+    target = copy / mutant.path.relative_to(ROOT)
     target.write_text(mutant.mutation.apply(source), encoding="utf-8")
     try:
         return any(fails(tests, copy, costs) for tests in (near, mutant.tests[len(near) :]) if tests)
@@ -135,17 +136,17 @@ def is_caught(mutant: Mutant, copy: Path, costs: dict[str, float]) -> bool:
 
 
 def fails(tests: Sequence[str], copy: Path, costs: dict[str, float]) -> bool:
-    """Return whether one of the tests fails, or runs without end, on a copy of the package."""
+    """Return whether one of the tests of a copy of the project fails, or runs without end."""
     selected = copy / "tests.txt"
     selected.write_text("\n".join(tests), encoding="utf-8")
-    paths = os.pathsep.join([str(copy), str(Path(__file__).parent)])
+    paths = os.pathsep.join([str(copy / "src"), str(copy / "scripts")])
     environment = os.environ | {"PYTHONPATH": paths, SELECTED: str(selected), "KENNFELD_CACHE": str(copy / "cache")}
     options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-p", Path(__file__).stem, "-m", "slow or not slow"]
     files = sorted({test.partition("::")[0] for test in tests})
     try:
         run = subprocess.run(
             [sys.executable, "-m", "pytest", *options, *files],
-            cwd=ROOT,
+            cwd=copy,
             env=environment,
             timeout=START + SLOWER * sum(costs.get(test, 0.0) for test in tests),
             stdout=subprocess.DEVNULL,
@@ -176,12 +177,15 @@ def outcome(mutant: Mutant, caught: bool) -> str:
 
 @contextmanager
 def copies(count: int) -> Any:
-    """Yield a queue of copies of the package, one for each process."""
+    """Yield a queue of copies of the project, one for each process."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
     with tempfile.TemporaryDirectory() as folder:
         queue: SimpleQueue[Path] = SimpleQueue()
         for k in range(count):
             copy = Path(folder) / str(k)
-            shutil.copytree(PACKAGE, copy / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
+            for name in filter(None, listed.split("\0")):
+                (copy / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(ROOT / name, copy / name)
             queue.put(copy)
         yield queue
 
