@@ -3,8 +3,9 @@
     python -m pytest --cost --cov --cov-context=test
     python scripts/mutants.py --count 100 --seed 0
 
-Lines of the package are drawn at random. In a copy, an operator, a constant or a condition of each is changed; then the
-tests that execute the line run until one fails: those that mirror the module, then the others, the cheapest first.
+Lines of the package are drawn at random. In a copy of the project, an operator, a constant or a condition of each is
+changed; then the tests that execute the line run until one fails: those that mirror the module, then the others, the
+cheapest first.
 Which tests execute it is read from the data of the coverage run, and what they cost from its table. `--cpu` bounds what
 the tests of a mutant cost in total.
 """
@@ -17,18 +18,18 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path, PurePosixPath
 from queue import SimpleQueue
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from mutations import Mutation, mutations
+from mutations import Mutation, candidates, is_fault
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "kennfeld"
@@ -64,17 +65,25 @@ def draw(
     count: int, seed: int, tests_by_line: dict[Path, dict[int, list[str]]], costs: dict[str, float], cpu: float
 ) -> list[Mutant]:
     """Return mutants of lines drawn from all lines of the package that can be mutated."""
+    mutants = []
+    for path, mutation in islice(faults(seed), count):
+        executing = tests_by_line.get(path, {}).get(mutation.line, [])
+        tests = in_order(executing, path, costs, cpu)
+        mutants.append(Mutant(path, mutation, tests, len(executing) - len(tests)))
+    return mutants
+
+
+def faults(seed: int) -> Iterator[tuple[Path, Mutation]]:
+    """Yield one mutation of each line of the package that can be mutated, in random order."""
     by_line: dict[tuple[Path, int], list[Mutation]] = {}
     for path in sorted(PACKAGE.rglob("*.py")):
-        for mutation in mutations(path.read_text(encoding="utf-8")):
+        for mutation in candidates(path.read_text(encoding="utf-8")):
             by_line.setdefault((path, mutation.line), []).append(mutation)
     generator = random.Random(seed)
-    mutants = []
-    for path, line in generator.sample(sorted(by_line), count):
-        candidates = tests_by_line.get(path, {}).get(line, [])
-        tests = in_order(candidates, path, costs, cpu)
-        mutants.append(Mutant(path, generator.choice(by_line[path, line]), tests, len(candidates) - len(tests)))
-    return mutants
+    for path, line in generator.sample(sorted(by_line), len(by_line)):
+        source = path.read_text(encoding="utf-8")
+        if of_line := [mutation for mutation in by_line[path, line] if is_fault(mutation, source)]:
+            yield path, generator.choice(of_line)
 
 
 def in_order(tests: Sequence[str], path: Path, costs: dict[str, float], cpu: float) -> tuple[str, ...]:
@@ -115,10 +124,10 @@ def _tests(contexts: Iterable[str]) -> list[str]:
 
 
 def is_caught(mutant: Mutant, copy: Path, costs: dict[str, float]) -> bool:
-    """Run the tests of a mutant on a copy of the package; a mutant that no test executes is not caught."""
+    """Run the tests of a mutant on a copy of the project; a mutant that no test executes is not caught."""
     near = [test for test in mutant.tests if mirrors(test, mutant.path)]
     source = mutant.path.read_text(encoding="utf-8")
-    target = copy / mutant.path.relative_to(PACKAGE.parent)
+    target = copy / mutant.path.relative_to(ROOT)
     target.write_text(mutant.mutation.apply(source), encoding="utf-8")
     try:
         return any(fails(tests, copy, costs) for tests in (near, mutant.tests[len(near) :]) if tests)
@@ -127,17 +136,17 @@ def is_caught(mutant: Mutant, copy: Path, costs: dict[str, float]) -> bool:
 
 
 def fails(tests: Sequence[str], copy: Path, costs: dict[str, float]) -> bool:
-    """Return whether one of the tests fails, or runs without end, on a copy of the package."""
+    """Return whether one of the tests of a copy of the project fails, or runs without end."""
     selected = copy / "tests.txt"
     selected.write_text("\n".join(tests), encoding="utf-8")
-    paths = os.pathsep.join([str(copy), str(Path(__file__).parent)])
+    paths = os.pathsep.join([str(copy / "src"), str(copy / "scripts")])
     environment = os.environ | {"PYTHONPATH": paths, SELECTED: str(selected), "KENNFELD_CACHE": str(copy / "cache")}
     options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-p", Path(__file__).stem, "-m", "slow or not slow"]
     files = sorted({test.partition("::")[0] for test in tests})
     try:
         run = subprocess.run(
             [sys.executable, "-m", "pytest", *options, *files],
-            cwd=ROOT,
+            cwd=copy,
             env=environment,
             timeout=START + SLOWER * sum(costs.get(test, 0.0) for test in tests),
             stdout=subprocess.DEVNULL,
@@ -168,12 +177,15 @@ def outcome(mutant: Mutant, caught: bool) -> str:
 
 @contextmanager
 def copies(count: int) -> Any:
-    """Yield a queue of copies of the package, one for each process."""
+    """Yield a queue of copies of the project, one for each process."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout
     with tempfile.TemporaryDirectory() as folder:
         queue: SimpleQueue[Path] = SimpleQueue()
         for k in range(count):
             copy = Path(folder) / str(k)
-            shutil.copytree(PACKAGE, copy / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
+            for name in filter(None, listed.split("\0")):
+                (copy / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(ROOT / name, copy / name)
             queue.put(copy)
         yield queue
 

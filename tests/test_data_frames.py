@@ -1,11 +1,12 @@
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 import kennfeld as kf
 
-pandas = pytest.importorskip("pandas")
+pytestmark = pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is not installed")
 
 
 def test_a_curve_is_a_column_over_its_breakpoints():

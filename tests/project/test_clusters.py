@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from importlib import import_module
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -43,7 +44,9 @@ from tests.project.partitioned_projects import (
 )
 from tests.report.report_projects import Page
 
-pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
+pytestmark = pytest.mark.skipif(
+    find_spec("distributed") is None, reason="dask.distributed is not installed: pip install kennfeld[cluster]"
+)
 
 
 def assert_same_bits(result, serial):

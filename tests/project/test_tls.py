@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from importlib import import_module
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -11,8 +12,12 @@ from kennfeld.cli import run
 from tests.project.cluster_processes import SIZE, Cluster, calibrate, values_of, write_short
 from tests.project.partitioned_projects import in_partitions
 
-pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install kennfeld[cluster]")
-pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="the program openssl is not installed")
+pytestmark = [
+    pytest.mark.skipif(
+        find_spec("distributed") is None, reason="dask.distributed is not installed: pip install kennfeld[cluster]"
+    ),
+    pytest.mark.skipif(shutil.which("openssl") is None, reason="the program openssl is not installed"),
+]
 
 KEYS = ("tls_authority", "tls_certificate", "tls_key")
 RIGHT = ("authority.pem", "own.pem", "own-key.pem")

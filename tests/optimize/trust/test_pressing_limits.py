@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linprog
 
 import kennfeld as kf
 from kennfeld.constraints import Limit, Shape
@@ -64,7 +64,7 @@ def held_by_linear_program(rows, gradient):
     bounds = [(None, None)] * size + [(0, 1)] * count
     inside = np.hstack([rows, np.eye(count)])
     level = np.concatenate([gradient, np.zeros(count)])[None]
-    end = linprog(objective, inside, np.zeros(count), level, [0.0], bounds)
+    end = scipy.optimize.linprog(objective, inside, np.zeros(count), level, [0.0], bounds)
     return end.x[size:] < 0.5
 
 
