@@ -136,3 +136,9 @@ def test_continuous_states_cannot_be_printed_without_their_solver():
     model = formula("solver ode4\nx = integrator(u)")
     with pytest.raises(ValueError, match="needs a solver"):
         to_text(model.equations)
+
+
+@pytest.mark.parametrize("limits", ["-b, b", "b", "-inf, b"])
+def test_a_limited_start_is_printed_and_read_again_as_it_is(limits):
+    equations = formula(f"solver ode2\ny = integrator(u, a, {limits})\nscalar a\nscalar b").equations
+    assert formula(to_text(equations, solver="ode2")).equations == equations

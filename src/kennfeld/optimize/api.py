@@ -196,7 +196,7 @@ def simulate(model: Model | str, data: Data, parameters: Start, channels: Mappin
     finer = _on_step(function, [replace(dataset, scored=None, warmup=0.0)], inputs)[0]
     bound = bind_inputs(finer, graph, channels, function.step)
     nodes = NodeSimulator(graph, values).dataset(bound, values)
-    skipped = SkippedSamples.of(bound, channels, restarts=bool(graph.states))
+    skipped = SkippedSamples.of(bound, channels, restarts=bool(graph.states), recorded=finer.scored)
     if skipped is not None:
         nodes = replace(nodes, findings=(skipped.finding(dataset_location(dataset)),))
         warn(nodes.findings)

@@ -25,7 +25,7 @@ _OF_SHORT_LAGS = (
 )
 
 
-class _Pair(NamedTuple):
+class _OrderedPair(NamedTuple):
     """Two nodes of which the first must not exceed the second, and what they are."""
 
     low: int
@@ -92,7 +92,7 @@ def find_crossed(problem: Problem, parameters: ParameterSet) -> Iterator[Finding
             yield Finding(_first_use(problem, names), message, remedy, severity="warning")
 
 
-def _pairs(graph: Graph) -> Iterator[_Pair]:
+def _pairs(graph: Graph) -> Iterator[_OrderedPair]:
     """Yield the limits of `min(max(x, low), high)` and the thresholds of each hysteresis."""
     nodes = graph.nodes
     for op, args, _ in nodes:
@@ -100,12 +100,12 @@ def _pairs(graph: Graph) -> Iterator[_Pair]:
             low, high = nodes[args[0]].args[1], args[1]
             if nodes[low].op == nodes[high].op == "mul" and nodes[low].args[1] == nodes[high].args[1]:
                 low, high = nodes[low].args[0], nodes[high].args[0]  # rates of a limiter, times the step
-            yield _Pair(low, high, "limits")
+            yield _OrderedPair(low, high, "limits")
         elif op == "select" and (pair := _thresholds(nodes, args)) is not None:
             yield pair
 
 
-def _thresholds(nodes: Sequence[Node], args: Sequence[int]) -> _Pair | None:
+def _thresholds(nodes: Sequence[Node], args: Sequence[int]) -> _OrderedPair | None:
     """Return off and on of `if(x >= on, 1, if(x <= off, 0, before))`, None for other selections."""
     above, one, other = (nodes[at] for at in args)
     if above.op != "ge" or one.payload != 1.0 or other.op != "select":
@@ -113,7 +113,7 @@ def _thresholds(nodes: Sequence[Node], args: Sequence[int]) -> _Pair | None:
     below, zero, before = (nodes[at] for at in other.args)
     if below.op != "le" or zero.payload != 0.0 or before.op != "state" or below.args[0] != above.args[0]:
         return None
-    return _Pair(below.args[1], above.args[1], "thresholds of a hysteresis")
+    return _OrderedPair(below.args[1], above.args[1], "thresholds of a hysteresis")
 
 
 def _looked_up(graph: Graph, nodes: Sequence[int]) -> set[str]:

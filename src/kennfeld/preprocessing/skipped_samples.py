@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from kennfeld.dataset import Dataset
+from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
@@ -58,17 +58,30 @@ class SkippedSamples:
     restarts: bool
 
     @classmethod
-    def of(cls, bound: BoundDataset, channels: Mapping[str, str], *, restarts: bool) -> "SkippedSamples | None":
-        """Return the samples of a bound dataset that are not kept, None if all are; `channels` names the inputs."""
-        dataset, kept = bound.dataset, np.zeros(bound.dataset.samples, dtype=bool)
-        kept[bound.kept] = True
-        if kept.all():
+    def of(
+        cls, bound: BoundDataset, channels: Mapping[str, str], *, restarts: bool, recorded: Bool | None = None
+    ) -> "SkippedSamples | None":
+        """Return the samples of a bound dataset that are not kept, None if all are.
+
+        Args:
+            bound: the dataset.
+            channels: the channel of each input that has another name.
+            restarts: if the model has states.
+            recorded: the samples of the data among those of a finer step of the model.
+        """
+        dataset, skips = bound.dataset, np.ones(bound.dataset.samples, dtype=bool)
+        skips[bound.kept] = False
+        here = slice(None) if recorded is None else recorded
+        skips, time = skips[here], None if dataset.time is None else dataset.time[here]
+        if not skips.any():
             return None
-        missing = {channels.get(n, n): int(np.count_nonzero(~np.isfinite(x) & ~kept)) for n, x in bound.inputs.items()}
+        missing = {
+            channels.get(n, n): int(np.count_nonzero(skips & ~np.isfinite(x[here]))) for n, x in bound.inputs.items()
+        }
         inputs = {name: count for name, count in missing.items() if count}
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], kept, [True]]).astype(np.int8)))
-        gaps = tuple(_gap(dataset, int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)[:MAX_GAPS])
-        return cls(dataset.name, kept.size, int(np.count_nonzero(~kept)), inputs, edges.size // 2, gaps, restarts)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], skips, [False]]).astype(np.int8)))
+        gaps = tuple(_gap(time, int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)[:MAX_GAPS])
+        return cls(dataset.name, skips.size, int(np.count_nonzero(skips)), inputs, edges.size // 2, gaps, restarts)
 
     def joined(self, other: "SkippedSamples | None") -> "SkippedSamples":
         """Return both together, without the places of the gaps."""
@@ -99,6 +112,6 @@ class SkippedSamples:
         return {name: value for name, value in asdict(self).items() if name not in ("dataset", "restarts")}
 
 
-def _gap(dataset: Dataset, first: int, last: int) -> Gap:
-    begin, end = (None, None) if dataset.time is None else (float(dataset.time[first]), float(dataset.time[last]))
+def _gap(time: Float | None, first: int, last: int) -> Gap:
+    begin, end = (None, None) if time is None else (float(time[first]), float(time[last]))
     return Gap(first + 1, last + 1, begin, end)

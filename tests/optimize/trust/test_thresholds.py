@@ -31,7 +31,8 @@ def start(on, off):
 
 def test_a_descent_says_that_the_cost_jumps():
     result = kf.calibrate(TEXT, relay_data()[1], start(8.0, 2.0), target="z")
-    (warning,) = result.warnings
+    warning, short = result.warnings
+    assert "time constant of PT1 that depends on T is below 5 steps" in short.message
     assert warning.message == "y (>=, <=) jumps depending on on, off; derivatives do not account for that"
     assert warning.remedy == 'Write method = "global", and bounds for on, off.'
     sentences = [direction.sentence for direction in result.trust.directions]
