@@ -211,7 +211,9 @@ class OpenPage:
                     return
 
 
-def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None], project: Path | None = None) -> None:
+def serve(
+    workspace: AppWorkspace, port: int, ready: Callable[[str], None], project: Path | None = None, ticket: str = ""
+) -> None:
     """Serve a workspace on the loopback interface until Ctrl-C.
 
     Args:
@@ -219,6 +221,7 @@ def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None], proj
         port: 0 takes that of the last server of the project if it is free, else any free one.
         ready: called with the address to open once the server accepts connections.
         project: the project that the server was started with.
+        ticket: a token that opens one page, in place of that of the address.
     """
     known = known_server(project)
     listener = _listener(port or (known.port if known else 0), fallback=not port)
@@ -227,7 +230,7 @@ def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None], proj
     token, key = new_token(), known.key if known is not None and known.port == port else new_token()
     remember_server(project, KnownServer(port, key))
     own = Server(workspace, key)
-    guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key))
+    guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key), ticket=ticket)
     config = uvicorn.Config(
         guarded, log_level="error", ws="websockets-sansio", ws_max_size=MAX_MESSAGE, lifespan="on", server_header=False
     )
