@@ -2,8 +2,9 @@
 
 The printed address carries a random token. The first request swaps it for a cookie that scripts cannot read and other
 sites cannot send. The browser that the command opens gets a token of its own, which opens one page, from a file that
-only the user can read: other users see the arguments of all programs. `Host` must be one of the server's own names, so that a name which an attacker lets point to this
-machine is refused (DNS rebinding); `Origin` must be the server itself, so that another page cannot open the socket.
+only the user can read: other users see the arguments of all programs. `Host` must be one of the server's own names, so
+that a name which an attacker lets point to this machine is refused (DNS rebinding); `Origin` must be the server itself,
+so that another page cannot open the socket.
 """
 
 import asyncio
