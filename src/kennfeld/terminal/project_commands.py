@@ -20,12 +20,23 @@ from kennfeld.terminal.command_line import (
     PATH,
     WRONG_INPUT,
     argument,
+    as_json,
     only_problems,
     option,
+    optional_project_file,
     project_file,
     trusted,
 )
-from kennfeld.terminal.output import align, is_quiet, print_findings, print_lines, print_progress, print_values
+from kennfeld.terminal.output import (
+    align,
+    findings_json,
+    is_quiet,
+    print_findings,
+    print_lines,
+    print_progress,
+    print_values,
+)
+from kennfeld.terminal.project_argument import find_project
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
@@ -69,7 +80,7 @@ def demo(name: str, folder: Path | None) -> int:
 
 
 @click.command
-@argument("path", "[PROJECT]", "The project file.", required=False)
+@optional_project_file
 @option("--port", "Port of the server.", "N", "a free one", type=click.IntRange(0, 65535), default=0)
 @option("--no-browser", "Do not open the browser.")
 def app(path: Path | None, port: int, no_browser: bool) -> int:
@@ -87,20 +98,25 @@ def app(path: Path | None, port: int, no_browser: bool) -> int:
 @project_file
 @option("--no-run", "Run no code of FMUs and Python files; name the checks that would need it.")
 @trusted
-def check(path: Path, no_run: bool, trust: bool) -> int:
+@as_json
+def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
     """Report all problems of a project or training file.
 
-    Each is printed on stderr, with location and fix. Nothing is fitted, and no scheduler is joined.
+    The first 20 are printed on stderr, with location and fix; --json prints all on stdout. Nothing is fitted, and no
+    scheduler is joined.
     """
     from kennfeld.optimize.projection import movable
     from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
-        return _check_training(path)
+        return _check_training(path, as_json)
     with _open(path, trust=trust, run=not no_run, connect=False) as project:
-        findings = project.check()
-        verdict = _print_warnings(findings if not no_run else [*findings, *_unchecked(project)])
+        findings = project.check() if not no_run else [*project.check(), *_unchecked(project)]
+        verdict = _print_warnings([] if as_json and not _has_errors(findings) else findings)
         problem = project.problem()
+    if as_json:
+        print_lines(findings_json(findings))
+        return DONE
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
     if problem.partitions is not None:
         samples = [f"{problem.partitions.samples} training samples in {len(problem.partitions.training)} partitions"]
@@ -159,11 +175,18 @@ def _unchecked(project: "Project") -> Iterator[Finding]:
         yield from unchecked_code(project.problem().graph.nodes, project.path)
 
 
-def _check_training(path: Path) -> int:
+def _has_errors(findings: Sequence[Finding]) -> bool:
+    return any(finding.severity == "error" for finding in findings)
+
+
+def _check_training(path: Path, as_json: bool) -> int:
     from kennfeld.project.surrogate_training import read_training
 
     training = read_training(path)
     datasets, findings = training.check()
+    if as_json and not _has_errors(findings):
+        print_lines(findings_json(findings))
+        return DONE
     verdict = _print_warnings(findings)
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
     print_lines(f"{path}: a training file, {verdict}")
@@ -430,7 +453,7 @@ def train(path: Path) -> int:
     from kennfeld.terminal.progress import Interrupt
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
-    training = read_training(path)
+    training = read_training(find_project(path, "a training file"))
     try:
         with Interrupt() as interrupt:
             surrogate = training.train(print_lines, interrupt.stopped)
