@@ -255,8 +255,7 @@ def _trace(path: Path) -> tuple[TraceLine, ...]:
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     try:
-        return tuple(
-            TraceLine(**{name: kind(original_cell(row[name])) for name, kind in kinds.items()}) for row in rows
-        )  # type: ignore[operator]
+        cells = [{name: original_cell(row[name]) for name in kinds} for row in rows]
+        return tuple(TraceLine(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in cells)  # type: ignore[operator]
     except (ValueError, KeyError, TypeError):
         raise InputError.of(Location(str(path)), "not a valid trace file", AGAIN) from None

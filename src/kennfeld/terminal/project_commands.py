@@ -66,10 +66,12 @@ def _demo_names(context: click.Context, parameter: click.Parameter, incomplete: 
 def demo(name: str, folder: Path | None) -> int:
     """Write an example project with its data, and calibrate it."""
     from kennfeld.project import Project
-    from kennfeld.project.demo import closing, prepare, projects, write
+    from kennfeld.project.demo import all_or_none, closing, prepare, projects, write
 
-    path = write(name, folder or Path(f"kennfeld-demo-{name}"))
-    prepare(name, path.parent, print_lines)
+    target = folder or Path(f"kennfeld-demo-{name}")
+    with all_or_none(target):
+        path = write(name, target)
+        prepare(name, path.parent, print_lines)
     status = DONE
     for file, results in projects(name):
         status = max(status, _calibrate(Project.read(path.with_name(file)), path.parent / results))
@@ -322,7 +324,8 @@ def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) 
 
 def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
     from kennfeld.analysis.cross_validation import cross_validate
-    from kennfeld.project.results import RESULT, write_text, write_validation
+    from kennfeld.project.fallback import write_validation_somewhere
+    from kennfeld.project.results import RESULT, write_text
     from kennfeld.report import from_folder
     from kennfeld.terminal.progress import Interrupt, display
 
@@ -333,11 +336,16 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     except KeyboardInterrupt:
         return _stop()
     print_lines("", *align(validation.table()), "", *validation.summary(), *validation.conclusions())
-    written = [write_validation(validation.as_json(), folder)]
-    if (folder / RESULT).is_file():
+    findings = Findings()
+    written = [*write_validation_somewhere(validation.as_json(), folder, findings)]
+    if not findings.has_errors and (folder / RESULT).is_file():
         written.append(write_text(from_folder(project, folder), folder / "report.html"))
-    print_lines(f"Written to {', '.join(map(str, written))}")
-    return INTERRUPTED if interrupt.pressed else DONE
+    print_findings(*findings)
+    if written:
+        print_lines(f"Written to {', '.join(map(str, written))}")
+    if interrupt.pressed:
+        return INTERRUPTED
+    return WRONG_INPUT if findings.has_errors else DONE
 
 
 @click.command
@@ -448,8 +456,8 @@ def train(path: Path) -> int:
 
     Ctrl-C, SIGTERM and SIGHUP stop the training; the best surrogate so far is written.
     """
+    from kennfeld.project.fallback import write_surrogate_somewhere
     from kennfeld.project.surrogate_training import read_training
-    from kennfeld.surrogate.surrogate_file import write_surrogate
     from kennfeld.terminal.progress import Interrupt
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
@@ -457,13 +465,18 @@ def train(path: Path) -> int:
     try:
         with Interrupt() as interrupt:
             surrogate = training.train(print_lines, interrupt.stopped)
-            write_surrogate(surrogate, training.target)
+            findings = Findings()
+            written = write_surrogate_somewhere(surrogate, training.target, findings)
     except KeyboardInterrupt:
         return _stop()
     stability = getattr(surrogate, "stability", "")
     print_lines(describe_surrogate(surrogate), *([stability] if stability else []))
     print_lines("", *align(quality_table(surrogate)), "")
-    print_lines(f"Written to {training.target}")
+    print_findings(*findings)
+    if written is not None:
+        print_lines(f"Written to {written}")
+    if findings.has_errors:
+        return WRONG_INPUT
     if interrupt.pressed:
         message = "the training was stopped; the surrogate is the best so far"
         print_findings(Finding(Location(training.target.name), message, "Train again.", severity="warning"))

@@ -52,7 +52,7 @@ class Server:
         @contextlib.asynccontextmanager
         async def lifespan(_: Starlette) -> Any:
             self._loop = asyncio.get_running_loop()
-            self.workspace.subscribe(self._push_from_thread, lambda: self._executor.submit(self.workspace.pump))
+            self.workspace.subscribe(self._push_from_thread, self._pump_from_thread)
             watch = asyncio.create_task(self._watch())
             yield
             watch.cancel()
@@ -120,8 +120,12 @@ class Server:
     async def _in_session(self, work: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
+    def _pump_from_thread(self) -> None:
+        with contextlib.suppress(RuntimeError):  # the server has ended, and a run that it ends reports so
+            self._executor.submit(self.workspace.pump)
+
     def _push_from_thread(self, topic: str, answer: Answer) -> None:
-        if self._loop is not None:
+        if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._push, topic, answer)
 
     def _push(self, topic: str, answer: Answer) -> None:
