@@ -8,6 +8,8 @@ import pytest
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.errors import InputError
+from tests.app.browser import browser_page
+from tests.app.serving import served
 from tests.project.hostile_projects import write_project
 
 
@@ -135,3 +137,21 @@ def test_files_of_a_recovery_without_their_beginning_are_compared(project: Path)
     session = Session(project)
     ask(session, "recover")
     assert [each["file"] for each in ask(session, "save")["conflicts"]] == ["kennfeld.toml"]
+
+
+@pytest.mark.slow
+def test_the_page_shows_both_texts_and_asks(project: Path) -> None:
+    with served(project) as server, browser_page(f"http://{server.host}/?token={server.token}") as page:
+        with server.page() as other:
+            other.ask("set-keys", title="seed", changes=[[["optimizer", "seed"], 5]])
+        project.write_text(f"{project.read_text('utf-8')}# theirs\n", encoding="utf-8")
+        page.wait_for_selector("#changed-on-disk")
+        page.click("#save")
+        dialog = page.locator(".conflicts")
+        dialog.wait_for()
+        assert "# theirs" in dialog.inner_text()
+        assert "seed = 5" in dialog.inner_text()
+        assert "seed" not in project.read_text("utf-8")
+        page.click("#replace-disk")
+        dialog.wait_for(state="detached")
+        assert "seed = 5" in project.read_text("utf-8")
