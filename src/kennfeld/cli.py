@@ -12,12 +12,14 @@ from kennfeld.errors import InputError, KennfeldError
 from kennfeld.task_runner import WorkersDiedError
 from kennfeld.terminal import cache_commands, editor_commands, file_commands, project_commands
 from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
-from kennfeld.terminal.output import print_findings
+from kennfeld.terminal.output import findings_json, print_findings, print_values
 from kennfeld.terminal.shell_completion import COMPLETE, register_powershell
 from kennfeld.terminal.signals import end_like_ctrl_c
 from kennfeld.terminal.watched_commands import call_limit
 from kennfeld.threads import let_blas_threads_sleep
 from kennfeld.watch_folder import WATCHER
+
+JSON = "--json"
 
 
 class _Commands(click.Group):
@@ -92,8 +94,11 @@ def _run_safely(arguments: Sequence[str]) -> int:
 def run(arguments: Sequence[str]) -> int:
     """Run a command line in this process and return its exit status.
 
-    0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C, SIGTERM or SIGHUP.
+    0 done, 1 not converged or files differ, 2 wrong input, 130 after Ctrl-C, SIGTERM or SIGHUP. `help COMMAND` is the
+    same as `COMMAND --help`.
     """
+    if list(arguments[:1]) == ["help"]:
+        arguments = [*arguments[1:], "--help"]
     try:
         return app(list(arguments) or ["--help"], prog_name="kennfeld", standalone_mode=False) or DONE
     except WorkersDiedError as error:
@@ -102,6 +107,8 @@ def run(arguments: Sequence[str]) -> int:
         print_findings(*(worker_findings() or error.findings))
     except InputError as error:
         print_findings(*error.findings)
+        if JSON in arguments:
+            print_values(findings_json(error.findings))
     except KennfeldError as error:
         print_findings(str(error))
     except click.ClickException as error:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from kennfeld.app.answer import Answer
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
 from kennfeld.errors import ArgumentError, InputError
+from kennfeld.optimize.result import Checkpoint, StartResult
 from kennfeld.project import Project
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
@@ -127,3 +129,21 @@ def test_the_outcome_says_what_the_command_line_says(exhaust: Path) -> None:
     assert head["quality"] == result.table()
     assert head["message"] == result.message
     assert head["smoothness"] == [{"parameter": "MapSettled", "factors": dict(result.smoothness["MapSettled"])}]
+
+
+@pytest.mark.parametrize("every", [0, 1])
+def test_finished_starts_of_a_run_that_died_can_be_resumed(torque: Path, every: int) -> None:
+    session = Session(torque)
+    set_keys(session, starts=2, save_every=every or None)
+    ask(session, "save")
+    saves = session.checkpoints.saves()
+    ended = StartResult(1, "converged", "", 2.0, 1.0, 3, 4)
+    values = {name: session.parameters[name].values for name in session.require_view().model.problem.free_names}
+    saves.keep(Checkpoint(1, 0, 3, "", 1.0, values, ended), session.parameters)
+    assert ask(session, "outcome").head["resumable"].startswith("A run was interrupted: 1 of 2 starts finished, ")
+    saves.keep(Checkpoint(2, 0, 3, "", 1.0, values, replace(ended, start=2)), session.parameters)
+    resumable = ask(session, "outcome").head["resumable"]
+    # with save_every, the files of a whole run stay
+    assert resumable.startswith("A run was interrupted: 2 of 2 starts finished, ") if every == 0 else resumable == ""
+    session.job.state = "failed"
+    assert ask(session, "outcome").head["resumable"]

@@ -2,6 +2,11 @@
 
 import io
 import json
+import os
+import re
+import subprocess
+import sys
+import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -193,3 +198,32 @@ def test_a_port_that_is_taken_is_refused_in_one_line(server: Served, tmp_path: P
 
     with pytest.raises(InputError, match=f"port {server.port} cannot be used"):
         launch(None, server.port, browser=False)
+
+
+def test_a_run_that_reports_after_the_server_has_ended_is_no_error() -> None:
+    from kennfeld.app.server.server import Server
+    from kennfeld.app.workspace import AppWorkspace
+
+    server = Server(AppWorkspace())
+    server._executor.shutdown()
+    server._pump_from_thread()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_sigterm_during_a_run_prints_nothing(tmp_path: Path) -> None:
+    path = write("exhaust", tmp_path / "exhaust")
+    line = [sys.executable, "-m", "kennfeld", "app", str(path), "--no-browser"]
+    environment = {**os.environ, "HOME": str(tmp_path)}
+    process = subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    match = re.fullmatch(r"Kennfeld runs at http://127\.0\.0\.1:(\d+)/\?token=(\S+)\n", process.stdout.readline())
+    assert match is not None
+    server = Served(int(match[1]), match[2], process)  # type: ignore[arg-type]
+    with server.page() as page:
+        page.ask("set-keys", title="long", changes=[[["optimizer", "starts"], 50]])
+        page.ask("run")
+        time.sleep(1.0)
+        process.terminate()
+        _, err = process.communicate(timeout=60)
+    assert err == ""

@@ -1,6 +1,7 @@
 """A result whose folder cannot be written goes to another place."""
 
 import json
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -10,7 +11,11 @@ from kennfeld import InputError, calibrate, read_parameters
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Findings, Location
 from kennfeld.project import fallback, folder_replacement
-from kennfeld.project.fallback import write_somewhere
+from kennfeld.project.fallback import write_somewhere, write_surrogate_somewhere, write_validation_somewhere
+from kennfeld.project.results import require_room
+from kennfeld.rbf import Expansion
+from kennfeld.surrogate import StaticSurrogate
+from kennfeld.surrogate.surrogate_file import read_surrogate
 from tests.project.simulated_datasets import SimulatedDatasets
 
 
@@ -121,3 +126,37 @@ def test_what_cannot_be_simulated_is_kept_too(result, tmp_path, temporary):
     (path,) = write_somewhere(result, Broken(), tmp_path / "results", {}, None, told)
     assert path.name == "parameters.json"
     assert "model: cannot be simulated. Written to" in str(next(iter(told)))
+
+
+def test_a_cross_validation_is_written_elsewhere_if_its_folder_is_gone(tmp_path):
+    (tmp_path / "results").write_text("a file", encoding="utf-8")
+    findings = Findings()
+    [path] = write_validation_somewhere({"folds": []}, tmp_path / "results", findings)
+    assert json.loads(path.read_text(encoding="utf-8")) == {"folds": []}
+    [finding] = findings
+    assert finding.remedy == f"Written to {path.parent} instead."
+    shutil.rmtree(path.parent)
+
+
+def test_a_surrogate_is_written_elsewhere_if_its_folder_is_gone(tmp_path):
+    bell = Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]])
+    surrogate = StaticSurrogate("bell", ("x",), "y", (), bell)
+    findings = Findings()
+    path = write_surrogate_somewhere(surrogate, tmp_path / "gone" / "engine.json", findings)
+    assert read_surrogate(path).name == "bell"
+    assert "cannot be written" in str(*findings)
+    shutil.rmtree(path.parent)
+    assert write_surrogate_somewhere(surrogate, tmp_path / "engine.json", Findings()) == tmp_path / "engine.json"
+
+
+def test_a_results_folder_that_vanishes_during_the_run_costs_nothing(tmp_path, monkeypatch):
+    result = calibrate("y = a * x", {"x": [0.0, 1, 2], "t": [0.0, 1, 2]}, {"a": 0.0}, target="t")
+    (tmp_path / "results").mkdir()
+    require_room(tmp_path / "results")
+    (tmp_path / "results").rmdir()
+    (tmp_path / "results").write_text("a file", encoding="utf-8")
+    findings = Findings()
+    written = write_somewhere(result, Line(), tmp_path / "results", {}, None, findings)
+    assert "result.json" in {path.name for path in written}
+    assert findings.has_errors
+    shutil.rmtree(written[0].parent)

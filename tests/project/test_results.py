@@ -10,7 +10,15 @@ import pyarrow.parquet
 import pytest
 
 from kennfeld import Axis, Curve, Dataset, InputError, Map, ParameterSet, Scalar, calibrate, read, read_parameters
-from kennfeld.project.results import COLUMNS, read_shifts, require_room, write, write_simulation, write_text
+from kennfeld.project.results import (
+    COLUMNS,
+    read_shifts,
+    require_room,
+    write,
+    write_simulation,
+    write_text,
+    write_trust,
+)
 from tests.project.simulated_datasets import SimulatedDatasets
 
 FILES = ["parameters.json", "parameters.dcm", "trace.csv", "trust.csv", "simulation.parquet", "result.json"]
@@ -149,6 +157,35 @@ def test_a_simulation_can_be_csv(tmp_path):
     assert lines[0].replace('"', "") == "dataset,file,piece,time,y,Torque"
     assert lines[1].replace('"', "") == "bench,,1,,1,1.5"
     assert len(lines) == 6
+
+
+@pytest.mark.parametrize("begin", ["=", "+", "-", "@"])
+def test_no_cell_of_a_csv_file_is_a_formula(tmp_path, begin):
+    name = f"{begin}cmd|' /C calc'!A0"
+    data = Dataset.of(name, {name: [-1.0, 2.0]})
+    path = write_simulation(SimulatedDatasets(data), tmp_path / "simulation.csv")
+    scalar = Scalar(name, -1.0, unit=name)
+    trust = calibrate("y = K * x", {"x": [1.0, 2.0], "t": [-1.0, -2.0]}, {"K": 1.0}, target="t").trust
+    renamed = replace(
+        trust,
+        **{
+            key: {name: getattr(trust, key)["K"]}
+            for key in ("columns", "deviation", "scatter", "samples", "informed", "by_smoothness")
+        },
+    )
+    write_trust(renamed, ParameterSet([scalar]), tmp_path / "trust.csv")
+    for file in (path, tmp_path / "trust.csv"):
+        with file.open(encoding="utf-8", newline="") as stream:
+            cells = [cell for row in csv.reader(stream) for cell in row]
+        assert f"'{name}" in cells
+        formulas = [cell for cell in cells if cell.startswith(("=", "+", "-", "@"))]
+        assert [float(cell) for cell in formulas]  # numbers stay numbers
+
+
+def test_a_parquet_file_keeps_names_as_they_are(tmp_path):
+    path = write_simulation(SimulatedDatasets(Dataset.of("=a", {"=b": [1.0]})), tmp_path / "simulation.parquet")
+    table = pyarrow.parquet.read_table(path).to_pydict()
+    assert (table["dataset"], table["=b"]) == (["=a"], [1.0])
 
 
 def test_a_node_that_is_called_like_our_own_columns_gets_another_name(tmp_path):

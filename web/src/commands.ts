@@ -4,6 +4,7 @@ import { signal } from "@preact/signals";
 import { accept } from "./comparison";
 import { allKeys, jump, panel, togglePanel } from "./navigation";
 import { outcome, resume, run, running, view } from "./runs";
+import { save } from "./saving";
 import { move, open, request, screen, state, toggleTheme, type Screen } from "./store";
 
 export interface Command { title: string; hint?: string; keys: string[]; run: () => void; enabled?: () => boolean }
@@ -19,7 +20,7 @@ export const COMMANDS: Command[] = [
   { title: "Stop and keep the best", keys: ["Shift", "F5"], run: () => void request("stop"), enabled: running },
   { title: "Undo", keys: ["Ctrl", "Z"], run: () => void move("undo"), enabled: () => state.value.undo !== "" },
   { title: "Redo", keys: ["Ctrl", "Y"], run: () => void move("redo"), enabled: () => state.value.redo !== "" },
-  { title: "Save", keys: ["Ctrl", "S"], run: () => void request("save"), enabled: () => state.value.unsaved.length > 0 },
+  { title: "Save", keys: ["Ctrl", "S"], run: () => void save(), enabled: () => state.value.unsaved.length > 0 },
   { title: "Export", keys: ["Ctrl", "E"], run: () => { screen.value = "results"; } },
   { title: "Accept the last run", keys: [], run: () => accept(), enabled: () => state.value.runs.length > 0 },
   { title: "Resume an interrupted run", keys: [], run: resume, enabled: () => !running() && outcome.value.resumable !== "" },

@@ -6,6 +6,7 @@ import { overlay } from "./commands";
 import { MISSING, count, significant, signed } from "./drawing/numbers";
 import { Icon, Logo } from "./icons";
 import { run } from "./runs";
+import { save } from "./saving";
 import { valueAt } from "./settings";
 import { connected, failure, isRunning, message, move, request, screen, state, toggleTheme, type Score, type Screen } from "./store";
 
@@ -30,7 +31,7 @@ export function Header() {
         <button class="btn bare icon" id="redo" title={redo ? `Redo: ${redo} (Ctrl+Y)` : "Redo (Ctrl+Y)"} aria-label="Redo" disabled={!redo} onClick={() => move("redo")}><Icon name="redo" /></button>
       </div>
       <div class="set">
-        <button class="btn" id="save" title="Save kennfeld.toml (Ctrl+S)" disabled={!unsaved.length} onClick={() => request("save")}>Save</button>
+        <button class="btn" id="save" title="Save kennfeld.toml (Ctrl+S)" disabled={!unsaved.length} onClick={() => void save()}>Save</button>
         <button class="btn" id="export" title="Export values, report, script (Ctrl+E)" onClick={() => { screen.value = "results"; }}>Export</button>
       </div>
       <div class="set" style={{ gap: "6px", marginLeft: "auto" }}>

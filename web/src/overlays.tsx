@@ -5,12 +5,14 @@ import { CodeConsent } from "./code-consent";
 import { COMMANDS, overlay, searchable, type Command } from "./commands";
 import { Icon } from "./icons";
 import { foreign } from "./restart";
+import { conflicts, save, takeDisk } from "./saving";
 import { connected, request, screen, state } from "./store";
 
 export function Overlays() {
   return (
     <>
       <Notices />
+      <Conflicts />
       {overlay.value === "palette" && <Palette />}
       {overlay.value === "keys" && <Keys />}
     </>
@@ -85,6 +87,41 @@ function Notices() {
       {recoverable && <div class="note warn"><span class="grow">Kennfeld ended without saving. Its edits were kept.</span><button class="btn small" onClick={() => request("recover")}>Recover</button><button class="btn bare small" onClick={() => request("recover", { discard: true })}>Discard</button></div>}
       {screen.value !== "function" && <CodeConsent />}
       {changedOnDisk && <div class="note warn" id="changed-on-disk"><span class="grow">Another program has changed the files of this project.</span><button class="btn small" onClick={() => request("reload")}>Show the change</button></div>}
+    </div>
+  );
+}
+
+/** Lines of a text that another one lacks are marked. */
+function Text({ title, text, other }: { title: string; text: string; other: string }) {
+  const lines = new Set(other.split("\n"));
+  return (
+    <section class="grow">
+      <h3>{title}</h3>
+      <pre class="conflict">{text.split("\n").map((line, index) => (lines.has(line) ? <span key={index}>{line}{"\n"}</span> : <mark key={index}>{line}{"\n"}</mark>))}</pre>
+    </section>
+  );
+}
+
+/** Both texts of each file that another program has changed, and what to do. */
+function Conflicts() {
+  if (conflicts.value.length === 0 || state.value.project === null) return null;
+  return (
+    <div class="over conflicts" role="dialog" aria-label="Changed by another program">
+      <div class="head"><h2>Another program has changed {conflicts.value.map((each) => each.file).join(", ")}</h2></div>
+      <div class="pad">
+        <p class="q">Nothing has been saved. With yours, the other changes are lost. With those on disk, yours can be brought back by Undo.</p>
+        {conflicts.value.filter((each) => each.own !== "").map((each) => (
+          <div class="row" key={each.file}>
+            <Text title={`${each.file} on disk`} text={each.disk} other={each.own} />
+            <Text title="Yours" text={each.own} other={each.disk} />
+          </div>
+        ))}
+        <div class="go">
+          <button class="btn primary" id="take-disk" onClick={takeDisk}>Take those on disk</button>
+          <button class="btn" id="replace-disk" onClick={() => save(true)}>Replace them with yours</button>
+          <button class="btn bare" id="keep-both" onClick={() => { conflicts.value = []; }}>Cancel</button>
+        </div>
+      </div>
     </div>
   );
 }

@@ -60,7 +60,7 @@ export interface AppState {
   redo: string;
   scores: Score[];
   findings: Finding[];
-  code: { file: string; digest: string }[]; // files whose code has not been allowed to run
+  code: { file: string; digest: string; text: string }[]; // files whose code, and addresses that, have not been allowed
   job: { state: string; message: string; seconds: number; run: number; iterations: number };
   training: { state: "idle" | "running" | "trained" | "failed" | "stopped"; file: string; seconds: number; lines: string[] }; // of a surrogate
   parameters: Parameter[];

@@ -1,12 +1,26 @@
 """Start of the app: serve a project and open the page in the browser."""
 
 import webbrowser
+from contextlib import suppress
+from html import escape
 from pathlib import Path
+from urllib.parse import urlsplit, urlunsplit
 
+from kennfeld.app.server.restart import servers_folder
+from kennfeld.app.server.security import TICKET, new_token
 from kennfeld.app.server.server import serve
 from kennfeld.app.workspace import AppWorkspace
+from kennfeld.atomic_files import write_whole
 from kennfeld.errors import InputError, Location
 from kennfeld.models.code_consent import allowed_only
+
+REDIRECT = """<!doctype html>
+<meta charset="utf-8">
+<meta name="referrer" content="no-referrer">
+<meta http-equiv="refresh" content="0;url={address}">
+<title>Kennfeld</title>
+<p><a href="{address}">Open Kennfeld</a></p>
+"""
 
 
 def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
@@ -25,17 +39,45 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
 
 
 def _launch(workspace: AppWorkspace, path: Path | None, port: int, browser: bool) -> None:
+    ticket, redirects = new_token(), list[Path]()
+
     def ready(address: str) -> None:
         print(f"Kennfeld runs at {address}", flush=True)
         if browser:
-            webbrowser.open(address)
+            with suppress(OSError):  # the address is printed
+                redirects.append(write_redirect(address, ticket))
+                webbrowser.open(redirects[0].as_uri())
 
     try:
-        serve(workspace, port, ready, path)
+        serve(workspace, port, ready, path, ticket)
     except OSError as error:
         message = f"port {port} cannot be used: {error.strerror or error}"
         raise InputError.of(Location("--port"), message, "Name another one, or 0 for a free one.") from None
     except KeyboardInterrupt:
         pass
     finally:
+        for redirect in redirects:
+            with suppress(OSError):
+                redirect.unlink(missing_ok=True)
         workspace.close()
+
+
+def write_redirect(address: str, ticket: str) -> Path:
+    """Write a page that leads to the app, which only the user can read, and return its path.
+
+    The browser is given its path: other users see the arguments of a program, where the address with its token would
+    stand.
+
+    Args:
+        address: the address of the app.
+        ticket: the token that opens one page.
+
+    Raises:
+        OSError: the folder of the user cannot be written.
+    """
+    folder = servers_folder()
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    parts = urlsplit(address)._replace(query=f"{TICKET}={ticket}")
+    path = folder / f"open-{parts.port}.html"
+    write_whole(path, REDIRECT.format(address=escape(urlunsplit(parts))), private=True)
+    return path.resolve()

@@ -16,7 +16,7 @@ from kennfeld.app.session.session import Session
 from kennfeld.app.session.summary import summarise_session
 from kennfeld.errors import ArgumentError, InputError, Location
 from kennfeld.output_paths import plain_name
-from kennfeld.project.demo import prepare, write
+from kennfeld.project.demo import all_or_none, prepare, write
 from kennfeld.project.schemas import PROJECT_SCHEMA, directive, schema_text
 
 UPLOAD_ENDING = ".upload.part"
@@ -176,8 +176,10 @@ def _remove_parts(folder: Path) -> None:
 def _demo(workspace: AppWorkspace, given: Given) -> Answer:
     """Write a demo into the working directory, unless it is there, and open it."""
     name = str(given["name"])
-    path = write(name, Path(f"kennfeld-demo-{name}"))
-    prepare(name, path.parent, lambda line: None)
+    folder = Path(f"kennfeld-demo-{name}")
+    with all_or_none(folder):
+        path = write(name, folder)
+        prepare(name, path.parent, lambda line: None)
     workspace.open(path)
     return Answer()
 

@@ -6,12 +6,15 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.optimize.result import Result
-from kennfeld.project.results import ResultSource, write
+from kennfeld.project.results import ResultSource, write, write_validation
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 
 def write_somewhere(
@@ -35,9 +38,47 @@ def write_somewhere(
     written = _write_temporary(
         lambda temporary: write(result, project, temporary, documents, further)
     ) or _write_temporary(lambda temporary: (_write_values(result, project, temporary),))
-    remedy = f"Written to {written[0].parent} instead." if written else "A temporary folder cannot be written either."
-    findings.add(*(replace(reason, remedy=remedy) for reason in reasons))
+    findings.add(*_elsewhere(InputError(reasons), written))
     return written
+
+
+def write_validation_somewhere(validation: Mapping[str, Any], folder: Path, findings: Findings) -> tuple[Path, ...]:
+    """Write a cross-validation like `results.write_validation`; if that fails, into a new temporary folder.
+
+    Returns the paths of the files, none if nothing could be written. Adds the reasons to `findings` as errors.
+    """
+    try:
+        return (write_validation(validation, folder),)
+    except InputError as error:
+        written = _write_temporary(lambda temporary: (write_validation(validation, temporary),))
+        findings.add(*_elsewhere(error, written))
+        return written
+
+
+def write_surrogate_somewhere(surrogate: "Surrogate", path: Path, findings: Findings) -> Path | None:
+    """Write a surrogate; if that fails, into a new temporary folder.
+
+    Returns the path, None if it could not be written. Adds the reasons to `findings` as errors.
+    """
+    from kennfeld.surrogate.surrogate_file import write_surrogate
+
+    def attempt(temporary: Path) -> tuple[Path, ...]:
+        write_surrogate(surrogate, temporary / path.name)
+        return (temporary / path.name,)
+
+    try:
+        write_surrogate(surrogate, path)
+    except InputError as error:
+        written = _write_temporary(attempt)
+        findings.add(*_elsewhere(error, written))
+        return written[0] if written else None
+    return path
+
+
+def _elsewhere(error: InputError, written: tuple[Path, ...]) -> list[Finding]:
+    """Return why something was not written where it should, and where it is."""
+    remedy = f"Written to {written[0].parent} instead." if written else "A temporary folder cannot be written either."
+    return [replace(reason, remedy=remedy) for reason in error.findings]
 
 
 def _write_temporary(attempt: Callable[[Path], tuple[Path, ...]]) -> tuple[Path, ...]:

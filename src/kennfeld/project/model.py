@@ -260,7 +260,8 @@ def _with_node(model: Model, text: str, location: Location, findings: Findings) 
     if _NAME.fullmatch(text):
         candidates = [name for name in model.graph.names if _NAME.fullmatch(name)]
         shown = list(model.graph.outputs[:12]) if model.values else candidates[-8:]
-        remedy = nearest(text, candidates) or f"The function has {', '.join(shown)}."
+        nodes = f"The function has {', '.join(shown)}." if shown else "The function has no named nodes."
+        remedy = nearest(text, candidates) or nodes
         findings.error(location, f"unknown node {text}", remedy)
         return model
     try:
@@ -287,7 +288,8 @@ def find_undefined(function: ProjectModel, known: Collection[str]) -> Iterator[F
             message = f"undefined name {name}: not {kinds} of any file or section"
             others = FUNCTIONS if count else (*function.graph.inputs, *function.graph.names)
             guess = nearest(name, [*known, *others])
-            remedy = f"{guess} Or define it: {lines[0]} {', '.join(lines[1:])}.".strip()
+            define = "Or define it" if guess else "Define it"
+            remedy = f"{guess} {define}: {lines[0]} {', '.join(lines[1:])}.".strip()
             yield Finding(function.place(name), message, remedy, "\n".join(lines))
 
 

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, fields, replace
 from pathlib import Path
@@ -23,6 +23,7 @@ from kennfeld.free_axes import free_axes
 from kennfeld.output_paths import below
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS
+from kennfeld.project.csv_cells import neutral_cell
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests
 from kennfeld.project.simulation import SimulatedPart, Simulation
@@ -82,17 +83,21 @@ def _lines(
     leverage: Float | None,
 ) -> Iterator[list[Any]]:
     for at in np.ndindex(values.shape):
-        place = [points[i] for points, i in zip(breakpoints, at, strict=True)]
+        place = [_cell(points[i]) for points, i in zip(breakpoints, at, strict=True)]
         yield [
-            name,
+            neutral_cell(name),
             *(place + [""] * (len(AXIS_LETTERS) - len(place))),
             float(values[at]),
-            unit,
+            neutral_cell(unit),
             *(_number(array[at]) for array in (trust.deviation[name], trust.scatter[name])),
             int(trust.samples[name][at]),
             "" if leverage is None else _number(leverage[at]),
             *(int(flags[name][at]) for flags in (trust.informed, trust.by_smoothness)),
         ]
+
+
+def _cell(value: float | str) -> float | str:
+    return neutral_cell(value) if isinstance(value, str) else value
 
 
 def _number(value: Any) -> float | str:
@@ -297,15 +302,16 @@ def _write_trace(trace: Sequence["TraceLine"], path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(field.name for field in fields(TraceLine))
-        writer.writerows(astuple(line) for line in trace)
+        writer.writerows([_cell(value) for value in astuple(line)] for line in trace)
 
 
 def _save(simulation: Simulation, path: Path) -> None:
     """Write the columns dataset, file, piece (from 1), time, then the channels; null if a dataset lacks one."""
-    schema = _schema(simulation.units)
+    text = neutral_cell if path.suffix.lower() == ".csv" else str
+    schema = _schema({text(name): unit for name, unit in simulation.units.items()})
     with _table_writer(path, schema) as writer:
         for parts in _batches(simulation.parts()):
-            writer.write_table(_table(parts, simulation, schema))
+            writer.write_table(_table(parts, simulation, schema, text))
 
 
 def _table_writer(path: Path, schema: Any) -> Any:
@@ -347,13 +353,15 @@ def _schema(units: Mapping[str, str]) -> Any:
     return pa.schema(parts)
 
 
-def _table(parts: Sequence[SimulatedPart], simulation: Simulation, schema: Any) -> Any:
+def _table(parts: Sequence[SimulatedPart], simulation: Simulation, schema: Any, text: Callable[[str], str]) -> Any:
     import pyarrow as pa
 
     datasets = [part.data for part in parts]
     columns = [
-        _names([(data.name, data.samples) for data in datasets]),
-        _names([span for data in datasets for span in _file_spans(data, simulation.files)]),
+        _names([(text(data.name), data.samples) for data in datasets]),
+        _names(
+            [(name and text(name), count) for each in datasets for name, count in _file_spans(each, simulation.files)]
+        ),
         _numbers([part.piece + _pieces(part.data) for part in parts]),
         _numbers([_nan_column(data) if data.time is None else data.time for data in datasets]),
     ]

@@ -23,6 +23,7 @@ from kennfeld.optimize.result import Result, Seconds, StartResult, TraceLine
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.trust.trust import Trust
 from kennfeld.parameter_set import ParameterSet
+from kennfeld.project.csv_cells import original_cell
 from kennfeld.project.folder_replacement import finish_interrupted
 from kennfeld.project.manifest import KEY, require_one_run
 from kennfeld.project.manifest import RUN_AGAIN as AGAIN
@@ -105,7 +106,7 @@ def _tables(folder: Path, parameters: ParameterSet) -> dict[str, Any]:
     if not path.is_file():
         return {}
     with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+        rows = [row | {"parameter": original_cell(row["parameter"])} for row in csv.DictReader(file)]
     arrays: dict[str, dict[str, Any]] = {column: {} for column in COLUMNS}
     for name, group in groupby(rows, key=lambda row: row["parameter"]):
         lines = list(group)
@@ -254,6 +255,7 @@ def _trace(path: Path) -> tuple[TraceLine, ...]:
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     try:
-        return tuple(TraceLine(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in rows)  # type: ignore[operator]
+        cells = [{name: original_cell(row[name]) for name in kinds} for row in rows]
+        return tuple(TraceLine(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in cells)  # type: ignore[operator]
     except (ValueError, KeyError, TypeError):
         raise InputError.of(Location(str(path)), "not a valid trace file", AGAIN) from None

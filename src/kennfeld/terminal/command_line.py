@@ -11,6 +11,7 @@ from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.output_paths import named
 from kennfeld.terminal.output import quiet
+from kennfeld.terminal.project_argument import find_project
 
 DONE, NOT_CONVERGED, DIFFERENT, WRONG_INPUT, INTERRUPTED = 0, 1, 1, 2, 130
 PATH = click.Path(path_type=Path)
@@ -93,7 +94,13 @@ def _be_quiet(context: click.Context, parameter: click.Parameter, value: bool) -
         context.with_resource(quiet())
 
 
-project_file = argument("path", "PROJECT", "The project file, kennfeld.toml.")
+def _find_project(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
+    return None if path is None else find_project(path)
+
+
+_PROJECT = "The project file, or the folder of a kennfeld.toml."
+project_file = argument("path", "PROJECT", _PROJECT, callback=_find_project)
+optional_project_file = argument("path", "[PROJECT]", _PROJECT, required=False, callback=_find_project)
 description_file = option(
     "--a2l",
     "A2L file that describes an image (.hex, .s19) or a .par.",

@@ -4,16 +4,21 @@ from pathlib import Path
 
 import click
 
+from kennfeld.errors import InputError, Location
 from kennfeld.terminal.command_line import DONE, PATH, argument, force, option, require_new
 from kennfeld.terminal.output import print_lines, print_values
 from kennfeld.terminal.shell_completion import SHELLS, completion_script
 
+_SHELLS = f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}"
+
 
 @click.command
-@argument("shell", "SHELL", f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}.", type=click.Choice(SHELLS))
+@argument("shell", "SHELL", f"{_SHELLS}.", type=click.Choice(SHELLS), required=False)
 @click.pass_context
-def completion(context: click.Context, shell: str) -> int:
+def completion(context: click.Context, shell: str | None) -> int:
     """Print the script by which a shell completes commands, options and files."""
+    if shell is None:
+        raise InputError.of(Location("completion"), "requires the name of a shell", f"Name {_SHELLS}.")
     print_values(*completion_script(context.find_root().command, shell).splitlines())
     return DONE
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from kennfeld.errors import InputError, Location
+from kennfeld.formatting import nearest
 from kennfeld.garbage_collection import no_collection
 from kennfeld.terminal import command_line
 from kennfeld.terminal.command_line import DIFFERENT, DONE, PATH, argument, option, require_new
@@ -90,6 +91,7 @@ def convert(
     is_simulink = source.suffix.lower() in (".slx", ".mdl", ".slxp")
     is_program = source.suffix.lower() == ".app" or (source.suffix.lower() in (".esdl", ".axl", ".amd") and is_formula)
     companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
+    _require_known_ending(target, [".kf"])
     require_new(force, target, *companion)
     if is_program:
         from kennfeld.models.ascet.formula_export import write_esdl_formula
@@ -112,6 +114,16 @@ def convert(
     print_findings(*calfiles.write(parameters, target, image, a2l), *calfiles.losses(parameters, target))
     print_lines(f"Written to {target}")
     return DONE
+
+
+def _require_known_ending(target: Path, others: Sequence[str] = ()) -> None:
+    """Raise `InputError` if no format has the ending of a file to write."""
+    from kennfeld.calfiles import endings
+
+    known, ending = [*endings(), *others], target.suffix.lower()
+    if ending not in known:
+        message = f"unknown ending {ending}" if ending else "the name has no ending, which selects the format"
+        raise InputError.of(Location(str(target)), message, nearest(ending, known) or f"Known are {', '.join(known)}.")
 
 
 def _read_fmu_values(source: Path, is_formula: bool) -> "ParameterSet":
@@ -177,6 +189,7 @@ def merge(sources: Sequence[Path], target: Path, a2l: Path | None, force: bool) 
     if len(sources) < 2:
         message = f"needs at least two files, got only {sources[0]}"
         raise InputError.of(Location("merge"), message, "Name another file.")
+    _require_known_ending(target)
     require_new(force, target)
     sets, remarks = calfiles.read_several(sources, a2l)
     print_findings(*remarks)

@@ -1,5 +1,6 @@
 """Print lines on stdout and findings on stderr; lay out tables of text to fit the terminal."""
 
+import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,6 +12,8 @@ from typing import TextIO
 from kennfeld.errors import Finding, Location, is_plain, visible
 
 COLUMN_GAP = "  "
+MAX_FINDINGS = 20  # that are printed at once
+SEVERITIES = ("error", "warning", "remark")
 UNLIMITED_WIDTH = 10_000  # characters, without a terminal
 
 
@@ -56,11 +59,31 @@ def print_progress(line: str) -> None:
 
 
 def print_findings(*problems: Finding | str) -> None:
-    """Print problems on stderr, each in one line, followed by its excerpt; no remarks if quiet."""
-    for problem in problems:
-        finding = problem if isinstance(problem, Finding) else Finding(Location(), problem)
-        if not (is_quiet() and finding.severity == "remark"):
-            print_always(finding)
+    """Print problems on stderr, each in one line, followed by its excerpt; no remarks if quiet.
+
+    Of very many, the first ones are printed, errors before warnings, and how many more there are.
+    """
+    findings = [each if isinstance(each, Finding) else Finding(Location(), each) for each in problems]
+    findings = [each for each in findings if not (is_quiet() and each.severity == "remark")]
+    if len(findings) > MAX_FINDINGS:
+        findings.sort(key=lambda each: SEVERITIES.index(each.severity))
+    for finding in findings[:MAX_FINDINGS]:
+        print_always(finding)
+    if len(findings) > MAX_FINDINGS:
+        _print(sys.stderr, [f"and {len(findings) - MAX_FINDINGS} more"])
+
+
+def findings_json(findings: Iterable[Finding]) -> str:
+    """Return findings as JSON: a list of severity, file, line, column, path, message, remedy and excerpt."""
+    rows = [
+        {
+            "severity": each.severity,
+            **{key: getattr(each.location, key) for key in ("file", "line", "column", "path")},
+            **{key: getattr(each, key) for key in ("message", "remedy", "excerpt")},
+        }
+        for each in findings
+    ]
+    return json.dumps({"findings": rows}, indent=2, ensure_ascii=False)
 
 
 def print_always(finding: Finding) -> None:

@@ -24,10 +24,20 @@ from kennfeld.terminal.command_line import (
     as_json,
     only_problems,
     option,
+    optional_project_file,
     project_file,
     trusted,
 )
-from kennfeld.terminal.output import align, is_quiet, print_findings, print_lines, print_progress, print_values
+from kennfeld.terminal.output import (
+    align,
+    findings_json,
+    is_quiet,
+    print_findings,
+    print_lines,
+    print_progress,
+    print_values,
+)
+from kennfeld.terminal.project_argument import find_project
 
 if TYPE_CHECKING:
     from kennfeld.analysis.extrapolation import Extrapolation
@@ -58,10 +68,12 @@ def _demo_names(context: click.Context, parameter: click.Parameter, incomplete: 
 def demo(name: str, folder: Path | None) -> int:
     """Write an example project with its data, and calibrate it."""
     from kennfeld.project import Project
-    from kennfeld.project.demo import closing, prepare, projects, write
+    from kennfeld.project.demo import all_or_none, closing, prepare, projects, write
 
-    path = write(name, folder or Path(f"kennfeld-demo-{name}"))
-    prepare(name, path.parent, print_lines)
+    target = folder or Path(f"kennfeld-demo-{name}")
+    with all_or_none(target):
+        path = write(name, target)
+        prepare(name, path.parent, print_lines)
     status = DONE
     for file, results in projects(name):
         status = max(status, _calibrate(Project.read(path.with_name(file)), path.parent / results))
@@ -72,7 +84,7 @@ def demo(name: str, folder: Path | None) -> int:
 
 
 @click.command
-@argument("path", "[PROJECT]", "The project file.", required=False)
+@optional_project_file
 @option("--port", "Port of the server.", "N", "a free one", type=click.IntRange(0, 65535), default=0)
 @option("--no-browser", "Do not open the browser.")
 def app(path: Path | None, port: int, no_browser: bool) -> int:
@@ -90,20 +102,25 @@ def app(path: Path | None, port: int, no_browser: bool) -> int:
 @project_file
 @option("--no-run", "Run no code of FMUs and Python files; name the checks that would need it.")
 @trusted
-def check(path: Path, no_run: bool, trust: bool) -> int:
+@as_json
+def check(path: Path, no_run: bool, trust: bool, as_json: bool) -> int:
     """Report all problems of a project or training file.
 
-    Each is printed on stderr, with location and fix. Nothing is fitted, and no scheduler is joined.
+    The first 20 are printed on stderr, with location and fix; --json prints all on stdout. Nothing is fitted, and no
+    scheduler is joined.
     """
     from kennfeld.optimize.projection import movable
     from kennfeld.project.toml_file import is_training, read_toml
 
     if is_training(read_toml(path)):
-        return _check_training(path)
+        return _check_training(path, as_json)
     with _open(path, trust=trust, run=not no_run, connect=False) as project:
-        findings = project.check()
-        verdict = _print_warnings(findings if not no_run else [*findings, *_unchecked(project)])
+        findings = project.check() if not no_run else [*project.check(), *_unchecked(project)]
+        verdict = _print_warnings([] if as_json and not _has_errors(findings) else findings)
         problem = project.problem()
+    if as_json:
+        print_lines(findings_json(findings))
+        return DONE
     samples = [f"{data.counting.sum()} {data.use} samples in {data.name}" for data in problem.datasets]
     if problem.partitions is not None:
         samples = [f"{problem.partitions.samples} training samples in {len(problem.partitions.training)} partitions"]
@@ -162,11 +179,18 @@ def _unchecked(project: "Project") -> Iterator[Finding]:
         yield from unchecked_code(project.problem().graph.nodes, project.path)
 
 
-def _check_training(path: Path) -> int:
+def _has_errors(findings: Sequence[Finding]) -> bool:
+    return any(finding.severity == "error" for finding in findings)
+
+
+def _check_training(path: Path, as_json: bool) -> int:
     from kennfeld.project.surrogate_training import read_training
 
     training = read_training(path)
     datasets, findings = training.check()
+    if as_json and not _has_errors(findings):
+        print_lines(findings_json(findings))
+        return DONE
     verdict = _print_warnings(findings)
     samples = [f"{data.samples} {data.use} samples in {data.name}" for data in datasets]
     print_lines(f"{path}: a training file, {verdict}")
@@ -302,7 +326,8 @@ def _print_paths(project: "Project", result: "Result", written: Sequence[Path]) 
 
 def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) -> int:
     from kennfeld.analysis.cross_validation import cross_validate
-    from kennfeld.project.results import RESULT, write_text, write_validation
+    from kennfeld.project.fallback import write_validation_somewhere
+    from kennfeld.project.results import RESULT, write_text
     from kennfeld.report import from_folder
     from kennfeld.terminal.progress import Interrupt, display
 
@@ -313,11 +338,16 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     except KeyboardInterrupt:
         return _stop()
     print_lines("", *align(validation.table()), "", *validation.summary(), *validation.conclusions())
-    written = [write_validation(validation.as_json(), folder)]
-    if (folder / RESULT).is_file():
+    findings = Findings()
+    written = [*write_validation_somewhere(validation.as_json(), folder, findings)]
+    if not findings.has_errors and (folder / RESULT).is_file():
         written.append(write_text(from_folder(project, folder), folder / "report.html"))
-    print_lines(f"Written to {', '.join(map(str, written))}")
-    return INTERRUPTED if interrupt.pressed else DONE
+    print_findings(*findings)
+    if written:
+        print_lines(f"Written to {', '.join(map(str, written))}")
+    if interrupt.pressed:
+        return INTERRUPTED
+    return WRONG_INPUT if findings.has_errors else DONE
 
 
 @click.command
@@ -446,21 +476,26 @@ def train(path: Path) -> int:
 
     Ctrl-C, SIGTERM and SIGHUP stop the training; the best surrogate so far is written.
     """
+    from kennfeld.project.fallback import write_surrogate_somewhere
     from kennfeld.project.surrogate_training import read_training
-    from kennfeld.surrogate.surrogate_file import write_surrogate
     from kennfeld.terminal.progress import Interrupt
     from kennfeld.terminal.surrogate_lines import describe_surrogate, notes_on, quality_table
 
-    training = read_training(path)
+    training = read_training(find_project(path, "a training file"))
     try:
         with Interrupt() as interrupt:
             surrogate = training.train(print_lines, interrupt.stopped, print_findings)
-            write_surrogate(surrogate, training.target)
+            findings = Findings()
+            written = write_surrogate_somewhere(surrogate, training.target, findings)
     except KeyboardInterrupt:
         return _stop()
     print_lines(describe_surrogate(surrogate), *notes_on(surrogate))
     print_lines("", *align(quality_table(surrogate)), "")
-    print_lines(f"Written to {training.target}")
+    print_findings(*findings)
+    if written is not None:
+        print_lines(f"Written to {written}")
+    if findings.has_errors:
+        return WRONG_INPUT
     if interrupt.pressed:
         message = "the training was stopped; the surrogate is the best so far"
         print_findings(Finding(Location(training.target.name), message, "Train again.", severity="warning"))

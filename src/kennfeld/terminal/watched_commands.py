@@ -31,6 +31,7 @@ def _limit_of_project(path: Path) -> float | None:
     """Return the limit of a project; None if it calls no foreign code, or cannot be read."""
     import tomllib
 
+    path = path / "kennfeld.toml" if path.is_dir() else path
     try:
         tables = tomllib.loads(path.read_text("utf-8-sig"))
         model = tables.get("model", {})

@@ -101,7 +101,7 @@ def outcome(session: Session, given: Given) -> Answer:
     last = session.runs[-1].result if session.runs else None
     return Answer(
         {
-            "resumable": session.checkpoints.describe() if idle else "",
+            "resumable": session.resumable if idle else "",
             "result": None if last is None else _outcome(session, last),
             "validation": None if session.validation is None else _folds(session.validation),
         }

@@ -22,6 +22,8 @@ def settings(session: Session, given: Given) -> Answer:
     text, file = session.state.texts[session.path.name], session.formula_file
     known = file in session.state.texts or (session.path.parent / file).is_file()
     function = session.text_of(file) if file and known else ""
+    if function:
+        session.note_shown(file, function)
     return Answer({"settings": _plain(session.settings), "text": text, "file": file, "function": function})
 
 
@@ -102,8 +104,15 @@ def set_text(session: Session, given: Given) -> Answer:
 
 
 def save(session: Session, given: Given) -> Answer:
-    """Write what was edited to the files of the project."""
-    session.save()
+    """Write what was edited to the files of the project.
+
+    Files that another program has changed since they were read are replaced only with `force`; without it, nothing is
+    written, and the answer has them as `conflicts`, each with its text on disk and that of the session.
+    """
+    conflicts = [] if given.get("force") else session.conflicts
+    if conflicts:
+        return Answer({"conflicts": [{"file": c.file, "disk": c.disk, "own": c.own} for c in conflicts]})
+    session.save(replace=bool(given.get("force")))
     return Answer()
 
 

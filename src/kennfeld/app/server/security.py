@@ -1,8 +1,10 @@
 """Who may talk to the server: the browser that opened the address it printed, and nobody else.
 
 The printed address carries a random token. The first request swaps it for a cookie that scripts cannot read and other
-sites cannot send. `Host` must be one of the server's own names, so that a name which an attacker lets point to this
-machine is refused (DNS rebinding); `Origin` must be the server itself, so that another page cannot open the socket.
+sites cannot send. The browser that the command opens gets a token of its own, which opens one page, from a file that
+only the user can read: other users see the arguments of all programs. `Host` must be one of the server's own names, so
+that a name which an attacker lets point to this machine is refused (DNS rebinding); `Origin` must be the server itself,
+so that another page cannot open the socket.
 """
 
 import asyncio
@@ -32,6 +34,7 @@ HEADERS = (
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 )
+TICKET = "open"  # key of the token that opens one page
 POLICY_VIOLATION = 1008  # close code of a socket
 NORMAL_CLOSURE = 1000
 MAX_BODY = 2000  # bytes of a request before a page is let in
@@ -48,6 +51,7 @@ class RequestGuard:
         nonce: marks the style sheets that the page makes itself.
         handshake: lets pages in that were open before the server was restarted.
         hosts: names of the server in addition to those of the loopback interface.
+        ticket: a token that opens one page; empty for none.
     """
 
     def __init__(
@@ -58,7 +62,9 @@ class RequestGuard:
         nonce: str,
         handshake: Handshake,
         hosts: tuple[str, ...] = (),
+        ticket: str = "",
     ) -> None:
+        self._ticket = ticket
         self._application, self._token, self._handshake = application, token, handshake
         self._headers = ((b"content-security-policy", POLICY.format(nonce=nonce).encode()), *HEADERS)
         self._cookie = f"kennfeld-{port}"
@@ -73,8 +79,11 @@ class RequestGuard:
             await _refuse(scope, receive, send, 421, "This address is not served here.")
         elif not self._is_own_origin(scope, headers):
             await _refuse(scope, receive, send, 403, "Requests from other pages are refused.")
-        elif scope["type"] == "http" and scope["path"] == "/" and self._has_token(scope):
+        elif scope["type"] == "http" and scope["path"] == "/" and _has_query(scope, "token", self._token):
             await _redirect(send, self._cookie, self._token)
+        elif scope["type"] == "http" and scope["path"] == "/" and _has_query(scope, TICKET, self._ticket):
+            self._ticket = ""
+            await _welcome(send, self._cookie, self._token)
         elif scope["path"] == "/again" and scope["type"] == "websocket":
             await self._challenge(receive, send)
         elif scope["path"] == "/again" and scope["method"] == "POST":
@@ -122,10 +131,6 @@ class RequestGuard:
         scheme, _, host = origin.lower().partition("://")
         return scheme in ("http", "https") and host == headers["host"].lower()
 
-    def _has_token(self, scope: Scope) -> bool:
-        name, _, value = scope["query_string"].decode("latin-1").partition("=")
-        return name == "token" and secrets.compare_digest(value.encode("latin-1"), self._token.encode())
-
     def _has_cookie(self, headers: MutableMapping[str, str]) -> bool:
         try:
             cookie = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
@@ -134,6 +139,11 @@ class RequestGuard:
         return cookie is not None and secrets.compare_digest(
             cookie.value.encode("latin-1", "replace"), self._token.encode()
         )
+
+
+def _has_query(scope: Scope, key: str, secret: str) -> bool:
+    name, _, value = scope["query_string"].decode("latin-1").partition("=")
+    return bool(secret) and name == key and secrets.compare_digest(value.encode("latin-1"), secret.encode())
 
 
 def new_token() -> str:
@@ -172,6 +182,14 @@ async def _redirect(send: Send, cookie: str, token: str) -> None:
     headers = [(b"location", b"/"), (b"set-cookie", value), (b"cache-control", b"no-store"), *HEADERS]
     await send({"type": "http.response.start", "status": 303, "headers": headers})
     await send({"type": "http.response.body", "body": b""})
+
+
+async def _welcome(send: Send, cookie: str, token: str) -> None:
+    """Swap the token of a file for a cookie; the page itself goes on, as browsers send no such cookie for a file."""
+    kind = (b"content-type", b"text/html; charset=utf-8")
+    headers = [kind, (b"set-cookie", _cookie_header(cookie, token)), (b"cache-control", b"no-store"), *HEADERS]
+    await send({"type": "http.response.start", "status": 200, "headers": headers})
+    await send({"type": "http.response.body", "body": b'<!doctype html><meta http-equiv="refresh" content="0;url=/">'})
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:

@@ -52,7 +52,7 @@ class Server:
         @contextlib.asynccontextmanager
         async def lifespan(_: Starlette) -> Any:
             self._loop = asyncio.get_running_loop()
-            self.workspace.subscribe(self._push_from_thread, lambda: self._executor.submit(self.workspace.pump))
+            self.workspace.subscribe(self._push_from_thread, self._pump_from_thread)
             watch = asyncio.create_task(self._watch())
             yield
             watch.cancel()
@@ -120,8 +120,12 @@ class Server:
     async def _in_session(self, work: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._executor, work)
 
+    def _pump_from_thread(self) -> None:
+        with contextlib.suppress(RuntimeError):  # the server has ended, and a run that it ends reports so
+            self._executor.submit(self.workspace.pump)
+
     def _push_from_thread(self, topic: str, answer: Answer) -> None:
-        if self._loop is not None:
+        if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._push, topic, answer)
 
     def _push(self, topic: str, answer: Answer) -> None:
@@ -211,7 +215,9 @@ class OpenPage:
                     return
 
 
-def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None], project: Path | None = None) -> None:
+def serve(
+    workspace: AppWorkspace, port: int, ready: Callable[[str], None], project: Path | None = None, ticket: str = ""
+) -> None:
     """Serve a workspace on the loopback interface until Ctrl-C.
 
     Args:
@@ -219,6 +225,7 @@ def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None], proj
         port: 0 takes that of the last server of the project if it is free, else any free one.
         ready: called with the address to open once the server accepts connections.
         project: the project that the server was started with.
+        ticket: a token that opens one page, in place of that of the address.
     """
     known = known_server(project)
     listener = _listener(port or (known.port if known else 0), fallback=not port)
@@ -227,7 +234,7 @@ def serve(workspace: AppWorkspace, port: int, ready: Callable[[str], None], proj
     token, key = new_token(), known.key if known is not None and known.port == port else new_token()
     remember_server(project, KnownServer(port, key))
     own = Server(workspace, key)
-    guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key))
+    guarded = RequestGuard(own.application(), port, token, own.nonce, Handshake(port, key), ticket=ticket)
     config = uvicorn.Config(
         guarded, log_level="error", ws="websockets-sansio", ws_max_size=MAX_MESSAGE, lifespan="on", server_header=False
     )

@@ -1,6 +1,7 @@
 """Unsaved edits on disk, so that a crash loses nothing."""
 
 import json
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -8,9 +9,18 @@ import numpy as np
 
 from kennfeld.app.session.state import Restore, SessionState
 from kennfeld.atomic_files import write_whole
-from kennfeld.output_paths import below
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.output_paths import below, within
 
 FOLDER = ".kennfeld"  # beside the project file
+
+
+@dataclass(frozen=True)
+class KeptEdits:
+    """Edits of a session that ended without saving, and the texts of files from which they began."""
+
+    edits: Restore
+    known: Mapping[str, str | None]
 
 
 class Recovery:
@@ -20,8 +30,14 @@ class Recovery:
         self._project = project
         self.path = project.parent / FOLDER / f"{project.stem}.unsaved.json"
 
-    def write(self, saved: SessionState, state: SessionState) -> None:
-        """Keep what differs from the saved state. A folder that cannot be written is not an error."""
+    def write(self, saved: SessionState, state: SessionState, known: Mapping[str, str | None]) -> None:
+        """Keep what differs from the saved state. A folder that cannot be written is not an error.
+
+        Args:
+            saved: the state that was saved last.
+            state: the present one.
+            known: the texts of files from which the edits began.
+        """
         if state == saved:
             self.remove()
             return
@@ -29,20 +45,33 @@ class Recovery:
         values = {
             name: {"shape": list(np.shape(v)), "values": np.ravel(v).tolist()} for name, v in state.values.items()
         }
+        content = {"texts": texts, "values": values, "known": dict(known)}
         with suppress(OSError):
             below(self._project.parent, self.path).parent.mkdir(exist_ok=True)
-            write_whole(self.path, json.dumps({"texts": texts, "values": values}))
+            write_whole(self.path, json.dumps(content))
 
-    def read(self, saved: SessionState) -> Restore | None:
-        """Return the command that brings the edits back; None if there are none, or the file is damaged."""
+    def read(self) -> "KeptEdits | None":
+        """Return the edits; None if there are none, or the file is damaged.
+
+        The file may come from a stranger: only the project file and formula files within its folder are edited.
+        """
         try:
             kept = json.loads(self.path.read_text(encoding="utf-8"))
-            texts = {str(name): str(text) for name, text in kept["texts"].items() if name in saved.texts}
+            texts = {str(name): str(text) for name, text in kept["texts"].items() if self._is_edited(str(name))}
             tables = kept["values"].items()
             values = {str(name): np.array(v["values"], dtype=np.float64).reshape(v["shape"]) for name, v in tables}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            known = {str(name): None if text is None else str(text) for name, text in kept.get("known", {}).items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
-        return Restore("Recovered unsaved edits", texts, values) if texts or values else None
+        if not texts and not values:
+            return None
+        return KeptEdits(Restore("Recovered unsaved edits", texts, values), {**dict.fromkeys(texts), **known})
+
+    def _is_edited(self, name: str) -> bool:
+        with suppress(OSError):
+            within(self._project.parent, name)
+            return name == self._project.name or name.lower().endswith(".kf")
+        return False
 
     @property
     def exists(self) -> bool:

@@ -44,17 +44,25 @@ class RunCheckpoints:
         """Return the checkpoint of each start. Raises `InputError` if there is none."""
         return self.saves().resume_points()
 
-    def describe(self) -> str:
-        """Return a sentence on an interrupted run; empty if there is none, or if it converged."""
+    def describe(self, starts: int = 1, died: bool = False) -> str:
+        """Return a sentence on an interrupted run; empty if there is none, or if all its starts have converged.
+
+        Args:
+            starts: number of starts of the project.
+            died: the process of the last run ended unexpectedly, so that even converged starts have no result.
+        """
         try:
             states = self.points().states
         except (InputError, OSError):
             return ""
-        open_ends = [state for state in states.values() if not _has_converged(state)]
-        if not open_ends:
+        finished = sum(_has_converged(state) for state in states.values())
+        # without `save_every`, what a run leaves was not taken over
+        complete = finished == len(states) >= starts and self.every > 0 and not died
+        if complete:
             return ""
-        last = max(open_ends, key=lambda state: state.iteration)
-        several = f"{count_noun(len(open_ends), 'start')} of {len(states)}, " if len(states) > 1 else ""
+        last = max(states.values(), key=lambda state: state.iteration)
+        number = max(starts, len(states))
+        several = f"{finished} of {count_noun(number, 'start')} finished, " if number > 1 else ""
         return f"A run was interrupted: {several}{count_noun(last.iteration, 'iteration')}, cost {last.cost:.5g}."
 
     def remove(self) -> None:

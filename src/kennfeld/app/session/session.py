@@ -15,6 +15,7 @@ import numpy as np
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.session.evidence import Evidence
+from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk
 from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
@@ -164,12 +165,13 @@ class Session:
         self._changed = changed
         self.history = History(SessionState({path.name: read_exactly(path)}))
         self.saved = self.history.state
+        self._files = FilesOnDisk(path.parent, self.saved.texts, VALUES)
         self.project: Project | None = None
         self.findings: tuple[Finding, ...] = ()
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
         self.undecided: tuple[ConsentRequest, ...] = ()  # what may not run or be used yet
-        self._files: list[FileVersion] = []  # that the project was read from
+        self._opened: list[FileVersion] = []  # the files that the project was read from
         self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last edit
         self.revision = next(_REVISIONS)  # changes with the values and the texts
@@ -227,9 +229,10 @@ class Session:
     def _change(self, change: Callable[[], _T]) -> _T:
         """Change the history, recompute what depends on the state, and keep unsaved edits."""
         before, outcome = self.state, change()
+        self._files.note(self.state.texts)
         self._follow(before)
         if not self.recoverable:
-            self.recovery.write(self.saved, self.state)
+            self.recovery.write(self.saved, self.state, self._files.known)
         return outcome
 
     def run(self, *, resume: bool = False, workers: int | None = None, validation: Validation | None = None) -> None:
@@ -266,6 +269,12 @@ class Session:
     def checkpoints(self) -> RunCheckpoints:
         """Where runs are kept, so that an interrupted one can be resumed."""
         return RunCheckpoints(self.path, 0 if self.project is None else self.project.file.optimizer.save_every)
+
+    @property
+    def resumable(self) -> str:
+        """A sentence on an interrupted run that can be resumed; empty if there is none."""
+        starts = 1 if self.project is None else self.project.file.optimizer.starts
+        return self.checkpoints.describe(starts, died=self.job.state == "failed")
 
     def stop(self) -> None:
         """Stop the running calibration at its best values."""
@@ -331,6 +340,11 @@ class Session:
     def _edited_texts(self) -> dict[str, str]:
         return {name: text for name, text in self.state.texts.items() if text != self.saved.texts.get(name)}
 
+    def note_shown(self, file: str, text: str) -> None:
+        """Note the text of a file that a page shows, from which its edits begin."""
+        if file not in self.state.texts:
+            self._files.known[file] = text
+
     def text_of(self, file: str) -> str:
         """Return the text of a file of the project as edited, or as it is on disk."""
         return self.state.texts.get(file) or read_exactly(self.path.parent / file)
@@ -375,14 +389,28 @@ class Session:
                 names += read_parameters(self.path.parent / file)
         return names
 
-    def save(self) -> None:
+    @property
+    def conflicts(self) -> list[Conflict]:
+        """The files that saving would replace although another program has changed them since they were read."""
+        names, values = [*self._edited_texts()], self._changed_values()
+        if values is not None:
+            names += [VALUES, *([self.path.name] if self._naming(values) else [])]
+        return self._files.conflicts(names, self.state.texts)
+
+    def save(self, *, replace: bool = False) -> None:
         """Write edited texts, and values that differ from the initial files.
 
         Values are written to `VALUES` beside the project, which then is the last of the initial files.
 
+        Args:
+            replace: also write files that another program has changed since they were read.
+
         Raises:
-            InputError: a file cannot be written.
+            InputError: a file cannot be written, or another program has changed it.
         """
+        if not replace and (conflicts := self.conflicts):
+            message = "another program has changed it since it was read"
+            raise InputError(Finding(Location(each.file), message, "Compare both first.") for each in conflicts)
         values = self._changed_values()
         if values is not None:
             self._name_values(values)
@@ -394,31 +422,31 @@ class Session:
                 write_whole(path, text.encode())
             if values is not None:
                 write_parameters(values, target)
-                self._files = [file.now() if file.path == target else file for file in self._files]
+                self._opened = [file.now() if file.path == target else file for file in self._opened]
         except OSError as error:
             message = f"cannot be written: {error.strerror or error}"
             raise InputError.of(Location(str(error.filename or folder)), message, "Check the permissions.") from None
         self.saved = self.state
+        self._files.read(self.state.texts)
         self.revision = self.text_revision = next(_REVISIONS)
         self.recovery.remove()
 
     @property
     def changed_on_disk(self) -> bool:
         """True if another program has changed a text since it was read or saved, or another file of the project."""
-        folder = self.path.parent
-        texts_changed = any(_text_or_none(folder / name) != text for name, text in self.saved.texts.items())
-        return texts_changed or bool(self.changed_files)
+        return self._files.have_changed(self.state.texts) or bool(self.changed_files)
 
     @property
     def changed_files(self) -> list[Path]:
         """The files, but for texts that are edited here, that have changed since the project was read from them."""
         own = {self.path.parent / name for name in self.saved.texts}
-        return [file.path for file in self._files if file.path not in own and not file.is_present]
+        return [file.path for file in self._opened if file.path not in own and not file.is_present]
 
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
         folder = self.path.parent
-        texts = {name: _text_or_none(folder / name) for name in self.saved.texts}
+        texts = {name: _text_or_none(folder / name) for name in self.state.texts}
+        self._files.read(texts)
         self.saved = SessionState({name: text for name, text in texts.items() if text is not None}, self.saved.values)
         if texts != self.state.texts:
             self.do(Restore("Read from disk", texts=texts))
@@ -434,10 +462,11 @@ class Session:
         """Take over the edits of a session that ended without saving, or forget them; nothing if there are none."""
         if not self.recoverable:
             return
-        edits, self.recoverable = None if discard else self.recovery.read(self.saved), False
+        kept, self.recoverable = None if discard else self.recovery.read(), False
         self.recovery.remove()
-        if edits is not None:
-            self.do(edits)
+        if kept is not None:
+            self._files.known.update(kept.known)  # what has changed meanwhile is a conflict
+            self.do(kept.edits)
 
     def _changed_values(self) -> ParameterSet | None:
         """Return the parameters that differ from the initial files; None if there are none."""
@@ -447,6 +476,11 @@ class Session:
 
     def _name_values(self, names: Collection[str]) -> None:
         """Make the file of values the last of the initial files, and remove keys that would override its values."""
+        if changes := self._naming(names):
+            self.history.amend(SetKeys("Saved", self.path.name, changes))
+
+    def _naming(self, names: Collection[str]) -> list[tuple[tuple[str, ...], Any]]:
+        """Return the changes of the project file by which values of these parameters are read from their file."""
         settings = self.settings
         files = settings.get("calibration", {}).get("initial", [])
         files = files if isinstance(files, list) else [files]
@@ -456,8 +490,7 @@ class Session:
         ]
         if VALUES not in files:
             changes.append((("calibration", "initial"), [*files, VALUES]))
-        if changes:
-            self.history.amend(SetKeys("Saved", self.path.name, changes))
+        return changes
 
     def _follow(self, before: SessionState) -> None:
         """Recompute after the state has changed."""
@@ -481,7 +514,7 @@ class Session:
         """Read the project again and build its model; files that change meanwhile are found changed."""
         with opened_files() as opened:
             self._read_project()
-        self._files = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
+        self._opened = [FileVersion.seen(*item) for item in opened.items() if not item[0].is_dir()]
 
     def _read_project(self) -> None:
         self.last = ()

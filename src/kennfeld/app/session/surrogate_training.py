@@ -112,13 +112,16 @@ def main() -> None:
     def send(**message: str) -> None:
         outgoing.write(f"{json.dumps(message)}\n")
 
+    from kennfeld.errors import Findings
+    from kennfeld.project.fallback import write_surrogate_somewhere
     from kennfeld.project.surrogate_training import read_training
-    from kennfeld.surrogate.surrogate_file import write_surrogate
 
     try:
         training = read_training(sys.argv[1])
         surrogate = training.train(lambda line: send(line=line), warn=lambda finding: send(line=f"Warning: {finding}"))
-        write_surrogate(surrogate, training.target)
+        findings = Findings()
+        write_surrogate_somewhere(surrogate, training.target, findings)
+        findings.finish()
     except KennfeldError as error:
         send(failed=str(error))
         return

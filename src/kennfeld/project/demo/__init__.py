@@ -1,5 +1,5 @@
 """Example projects with generated data."""
 
-from kennfeld.project.demo.writing import NAMES, closing, prepare, projects, write
+from kennfeld.project.demo.writing import NAMES, all_or_none, closing, prepare, projects, write
 
-__all__ = ["NAMES", "closing", "prepare", "projects", "write"]
+__all__ = ["NAMES", "all_or_none", "closing", "prepare", "projects", "write"]

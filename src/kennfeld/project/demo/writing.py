@@ -1,6 +1,8 @@
 """Writes a demo project into a folder."""
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
-from kennfeld.output_paths import within
+from kennfeld.output_paths import is_link, within
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project.schemas import DIRECTIVE, PROJECT_SCHEMA, schema_text
 
@@ -30,10 +32,36 @@ def write(name: str, folder: str | Path) -> Path:
         raise InputError.of(Location("demo"), f"unknown demo {name}", remedy)
     target = Path(folder)
     settings = Path(__file__).with_name(f"{name}.toml").read_text(encoding="utf-8")
-    with convert_errors(target, "the demo cannot be written", "Name another folder with --dir."):
+    with convert_errors(target, "the demo cannot be written", "Name another folder with --dir."), all_or_none(target):
         _claim(target, _title(settings))
         _complete(target, name, settings)
     return target / PROJECT
+
+
+@contextmanager
+def all_or_none(folder: Path) -> Iterator[None]:
+    """Remove what the block has written into a folder that was empty, or did not exist, if it raises an exception."""
+    created = [path for path in (folder, *folder.parents) if not path.exists()]
+    new = folder.is_dir() and not is_link(folder) and not any(folder.iterdir())
+    try:
+        yield
+    except BaseException:
+        for path in folder.iterdir() if new else ():
+            _remove(path)
+        if folder in created:
+            shutil.rmtree(folder, ignore_errors=True)
+        for path in created[1:]:
+            with suppress(OSError):
+                path.rmdir()
+        raise
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not is_link(path):
+        shutil.rmtree(path, ignore_errors=True)
+        return
+    with suppress(OSError):
+        path.unlink()
 
 
 def projects(name: str) -> tuple[tuple[str, str], ...]:

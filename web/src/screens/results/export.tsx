@@ -13,6 +13,7 @@ const formats = signal<Formats>({ formats: [], own: [], folder: "", stored: fals
 const picked = signal<Set<string> | null>(null);
 const extras = signal({ report: true, stored: false, script: false, whole: false });
 const simulation = signal("");
+const existing = signal(""); // name of the script that would be replaced
 const exported = signal<Exported>({ files: [], findings: [], rounded: [] });
 
 effect(() => { // what was exported may be the results of a run
@@ -35,9 +36,10 @@ export function ExportPane() {
     if (!next.delete(ending)) next.add(ending);
     picked.value = next;
   };
-  const run = async () => {
-    const reply = await request("export", { formats: [...chosen], ...extras.value, simulation: simulation.value });
-    if (reply !== null) exported.value = reply.head as unknown as Exported;
+  const run = async (force: boolean) => {
+    const reply = await request("export", { formats: [...chosen], ...extras.value, simulation: simulation.value, force });
+    existing.value = String(reply?.head.exists ?? "");
+    if (reply !== null && !existing.value) exported.value = reply.head as unknown as Exported;
   };
   const total = chosen.size + Object.values(extras.value).filter(Boolean).length + Number(Boolean(simulation.value));
   return (
@@ -51,7 +53,8 @@ export function ExportPane() {
         </div>
         <Further section="report" skip={[]} label="title, author and comment of the report" />
         <p class="q cut" title={folder}>into {folder.split(/[\\/]/).slice(-2).join("/")}</p>
-        <div class="go"><button class="btn primary" id="export-files" disabled={!total} onClick={run}>{total === 1 ? "Export 1 file" : "Export"}</button><a class="btn" id="export-folder" href="/project.zip" download title="The folder of the project as it is on disk; unsaved changes are not in it">Folder as ZIP</a></div>
+        <div class="go"><button class="btn primary" id="export-files" disabled={!total} onClick={() => run(false)}>{total === 1 ? "Export 1 file" : "Export"}</button>{existing.value && <button class="btn" id="replace-script" onClick={() => run(true)}>Replace it</button>}<a class="btn" id="export-folder" href="/project.zip" download title="The folder of the project as it is on disk; unsaved changes are not in it">Folder as ZIP</a></div>
+        {existing.value && <p class="note warn">{existing.value} exists already, with another content.</p>}
         {state.value.unsaved.length > 0 && <p class="q">The ZIP holds what is saved.</p>}
         {exported.value.files.length > 0 && <div class="done" id="exported"><p class="good">Written:</p>{exported.value.files.map((path) => <p class="cut"><a href={address(path)} download title={path}>{path.split("/").at(-1)}</a></p>)}</div>}
         {exported.value.findings.map((text) => <p class="note warn">{text}</p>)}

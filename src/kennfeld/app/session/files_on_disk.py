@@ -1,0 +1,65 @@
+"""The files of a project as the session has read or written them last, so that it overwrites nothing unseen.
+
+Another program, or another app, may write the same files. An edit begins from what was read, or what a page showed.
+"""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from kennfeld.lazy_dataclass import dataclass
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A file that another program has changed: its name, its text on disk, and that of the session, if it has one."""
+
+    file: str
+    disk: str
+    own: str
+
+
+class FilesOnDisk:
+    """The texts of files as they were when they were read or written last.
+
+    Args:
+        folder: the folder of the files.
+        texts: files that have been read, by their name relative to the folder.
+        values: a file that is not edited as text, and written as a whole.
+
+    Attributes:
+        known: the texts by name; None for a file that did not exist.
+    """
+
+    def __init__(self, folder: Path, texts: Mapping[str, str], values: str) -> None:
+        self._folder, self._values = folder, values
+        self.known: dict[str, str | None] = {**texts, values: self._text(values)}
+
+    def note(self, names: Iterable[str]) -> None:
+        """Note files that are edited for the first time, as they are on disk."""
+        for name in names:
+            if name not in self.known:
+                self.known[name] = self._text(name)
+
+    def read(self, names: Iterable[str]) -> None:
+        """Note files, and that of the values, as they are on disk now."""
+        self.known.update({name: self._text(name) for name in (*names, self._values)})
+
+    def have_changed(self, names: Iterable[str]) -> bool:
+        """Return if another program has changed one of these files."""
+        return any(self._text(name) != self.known.get(name) for name in names)
+
+    def conflicts(self, names: Iterable[str], texts: Mapping[str, str]) -> list[Conflict]:
+        """Return which of these files another program has changed to something else than the texts."""
+        found = []
+        for name in dict.fromkeys(names):
+            disk = self._text(name)
+            if disk is not None and disk not in (self.known.get(name), texts.get(name)):
+                found.append(Conflict(name, disk, texts.get(name, "")))
+        return found
+
+    def _text(self, name: str) -> str | None:
+        """Return the text of a file, with its line ends; None if it does not exist."""
+        try:
+            return (self._folder / name).read_bytes().decode("utf-8", "replace")
+        except OSError:
+            return None
