@@ -384,7 +384,7 @@ def _likely_exponent(members: Sequence[tuple[Group, float]]) -> int:
     """Return the number of the exponent of a criterion, from its groups and the degrees of freedom used in each."""
     independent = [max(group.count - used, 0.0) / group.persistence for group, used in members]
     pairs = list(zip((group for group, _ in members), independent, strict=True))
-    squares = sum(np.power(g.score, EXPONENTS) * g.squares_by_exponent for g, _ in pairs)
+    squares = np.sum([np.power(g.score, EXPONENTS) * g.squares_by_exponent for g, _ in pairs], axis=0)
     return likely_exponent(squares, sum(n * (g.logarithm + np.log(g.score)) for g, n in pairs), sum(independent))
 
 
