@@ -12,7 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
-from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes, steepness
+from kennfeld.optimize.doubtful_ends import describe_outlier, find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.jumps import find_jumps
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
@@ -23,6 +23,7 @@ from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, p
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.ridges import lower_values
+from kennfeld.optimize.separate_parts import SeparatePart, separate_parts
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
     Iteration,
@@ -103,6 +104,7 @@ class FitRun:
         self.trace: list[TraceLine] = []
         self.best: tuple[float, Float] | None = None  # cost and values of the best accepted step
         self.weights = self.exact.weights
+        self._whole: FitRun | None = None  # of a run over a part of its problem
 
     def with_start(self, problem: Problem) -> "FitRun":
         """Return the same run from other values of its free parameters; nothing is compiled again."""
@@ -164,7 +166,7 @@ class FitRun:
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         scores = scorer.scores(self.problem.parameters, parameters)
-        end = self._check_underflow(end, before, scores.quality)
+        end = self._check_outliers(self._check_underflow(end, before, scores.quality), scores.quality)
         certificate = self._certificate(end, limits)
         sentences = (end.message, remark, _describe_uninformed(informed), self._describe_close_breakpoints(parameters))
         return Result(
@@ -201,8 +203,7 @@ class FitRun:
             return SolverResult(initial, self.objective.cost(initial), "infeasible", remark, 0, 1), ""
         if search is not None:
             return self._within_limits(search(start, limits), limits), remark
-        end = self._leave_saddles(minimise(self._setup, start, limits), limits)
-        end = self._leave_ridges(self._leave_saturation(end, start, limits), limits)
+        end = self._finish_parts(self._search(start, start, limits), start, limits)
         end = enforce_output_limits(self._setup, end, start, limits)
         end = self._follow_simulations(self._restore_faint_values(end, start, limits), start, limits)
         projected, other_remark = project(initial, limits)
@@ -213,6 +214,11 @@ class FitRun:
         end = self._with_derivative_fault(self._check_derivatives(end, limits))
         end = self._within_limits(self._with_rejections(end), limits)
         return self._confirm(end, limits), remark
+
+    def _search(self, values: Float, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search for the lowest cost from some values, also beyond points at which a descent is stuck."""
+        end = self._leave_saddles(minimise(self._setup, values, limits), limits)
+        return self._leave_ridges(self._leave_saturation(end, start, limits), limits)
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
@@ -247,6 +253,9 @@ class FitRun:
 
     def record(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None:
         """Add an accepted step to the trace and report it; `compiled` is the problem of the values if not `exact`."""
+        if self._whole is not None:
+            self._whole.record("part", replace(line, cost=self._whole.objective.cost(values)), values)
+            return
         cost = line.cost - (compiled or self.exact).roughness.cost(values)
         rmse = float(np.sqrt(max(cost, 0.0) / self.weights))
         seconds = time.perf_counter() - self.began
@@ -345,6 +354,39 @@ class FitRun:
             end = ends[-1]
         return end.with_effort_of(ends)
 
+    def _finish_parts(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search again for the values of parts of the problem whose cost is too small to be seen beside the rest.
+
+        If the parts have all values, the search has converged where all of them have.
+        """
+        if end.status not in ("converged", "failed") or self.options.method == "global" or not np.isfinite(end.cost):
+            return end
+        ends, rest = [end], limits.movable
+        for part in separate_parts(self.problem, self.exact.values, limits):
+            run, values = self._over_part(part), ends[-1].values
+            rest, begin = rest & ~part.values, np.where(part.values, start, values)
+            if not run._is_finished(values, begin, own := part.limits(limits, values)):
+                again = run._search(values, begin, own)
+                ends.append(again.moved(again.values, self.objective.cost(again.values)))
+        if len(ends) == 1 or (end.status == "failed" and rest.any()):
+            return end
+        last = next((each for each in ends[1:] if each.status != "converged"), ends[-1])
+        return last.moved(ends[-1].values, ends[-1].cost).with_effort_of(ends)
+
+    def _over_part(self, part: SeparatePart) -> "FitRun":
+        """Return the run over a part of the problem, which reports the cost of the whole."""
+        other = copy(self)
+        other.exact = other.thinned = part.compiled(self.exact)
+        other.objective, other.continuation, other._whole = LeastSquaresObjective(other.exact), None, self
+        return other
+
+    def _is_finished(self, values: Float, start: Float, limits: LinearLimits) -> bool:
+        """Return if the undamped step promises nothing, and not because values have lost their effect."""
+        if not np.array_equal(self.objective.with_effect(values, start), values):
+            return False
+        certificate = certificate_at(self.objective, values, limits)
+        return certificate is None or certificate.predicted_decrease <= self.options.settings.tolerance
+
     def _follow_simulations(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search on along differences of whole simulations if the slopes of called functions mislead."""
         if end.status != "converged" or self.options.method == "global":
@@ -407,6 +449,12 @@ class FitRun:
         if end.status == "infeasible" or not np.isfinite(end.cost):
             return None
         certificate = end.certificate or certificate_at(self.objective, end.values, limits)
+        if certificate is not None and self.options.method != "global":
+            for part in separate_parts(self.problem, self.exact.values, limits):
+                objective = LeastSquaresObjective(part.compiled(self.exact))
+                certificate = certificate.together(
+                    certificate_at(objective, end.values, part.limits(limits, end.values))
+                )
         excess = 0.0 if self.outputs is None else max(self.outputs.measure(end.values).largest, 0.0)
         return certificate and certificate._replace(limits=max(limits.violation(end.values), excess))
 
@@ -445,6 +493,14 @@ class FitRun:
         if end.status != "converged" or not hidden:
             return end
         return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
+
+    def _check_outliers(self, end: SolverResult, quality: Sequence[Quality]) -> SolverResult:
+        """Mark the end as failed if a robust loss of one sample hides those of the others."""
+        robust = {criterion.node for criterion in self.problem.criteria if criterion.loss in ("huber", "soft_l1")}
+        if end.status != "converged" or not robust & self.scored or self.problem.partitions is not None:
+            return end
+        message = describe_outlier(np.square(self.objective.residual(end.values)), quality, robust & self.scored)
+        return replace(end, status="failed", message=message) if message else end
 
     def _with_derivative_fault(self, end: SolverResult) -> SolverResult:
         """Add a sentence on the node and the sample whose derivative made the search fail."""
