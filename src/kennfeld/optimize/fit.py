@@ -12,7 +12,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
-from kennfeld.optimize.doubtful_ends import describe_outlier, find_poor_fits, find_slopes, steepness
+from kennfeld.optimize.doubtful_ends import describe_offsets, describe_outlier, find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.jumps import find_jumps
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
@@ -166,6 +166,7 @@ class FitRun:
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         scores = scorer.scores(self.problem.parameters, parameters)
+        end = self._with_offsets(end)
         end = self._check_outliers(self._check_underflow(end, before, scores.quality), scores.quality)
         certificate = self._certificate(end, limits)
         sentences = (end.message, remark, _describe_uninformed(informed), self._describe_close_breakpoints(parameters))
@@ -493,6 +494,14 @@ class FitRun:
         if end.status != "converged" or not hidden:
             return end
         return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
+
+    def _with_offsets(self, end: SolverResult) -> SolverResult:
+        """Add a sentence on inputs that vary little about a large number, which makes a descent slow."""
+        if end.status != "max_iterations" or self.problem.partitions is not None:
+            return end
+        rows, parts = self.exact.kernel.layout.inputs, self.exact.samples.inputs.parts
+        inputs = {name: parts[row] for name, row in rows.items() if name in self.problem.model.graph.inputs}
+        return replace(end, message=f"{end.message} {describe_offsets(inputs)}".rstrip())
 
     def _check_outliers(self, end: SolverResult, quality: Sequence[Quality]) -> SolverResult:
         """Mark the end as failed if a robust loss of one sample hides those of the others."""
