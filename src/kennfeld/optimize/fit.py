@@ -23,6 +23,7 @@ from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, p
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.ridges import lower_values
+from kennfeld.optimize.runaways import find_runaways
 from kennfeld.optimize.separate_parts import SeparatePart, separate_parts
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
@@ -569,6 +570,7 @@ class FitRun:
             *(() if outweighed else find_poor_fits(quality, self.targeted)),
             *find_slopes(certified, steep, moved=moved, in_steps=bool(self.options.steps)),
             *self._slope_findings(end, limits),
+            *find_runaways(self.exact, self.objective, self.objective.start, end.values),
             *equal,
         )
 
