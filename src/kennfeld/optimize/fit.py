@@ -15,6 +15,7 @@ from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limi
 from kennfeld.optimize.doubtful_ends import describe_offsets, describe_outlier, find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.jumps import find_jumps
+from kennfeld.optimize.kinks import find_kinks, values_at_kinks
 from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
@@ -48,6 +49,7 @@ from kennfeld.threads import blas_threads
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 NOISE_SHARE, MAX_TOLERANCE = 0.05, 3e-5  # see `default_tolerance`
+KINK = 1e-4  # share of the cost that is promised at kinks
 NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 MAX_DEPARTURES = 3  # searches that may start again from a point at which values cannot move
 MAX_LISTED = 5
@@ -220,7 +222,8 @@ class FitRun:
     def _search(self, values: Float, start: Float, limits: LinearLimits) -> SolverResult:
         """Search for the lowest cost from some values, also beyond points at which a descent is stuck."""
         end = self._leave_saddles(minimise(self._setup, values, limits), limits)
-        return self._leave_ridges(self._leave_saturation(end, start, limits), limits)
+        end = self._leave_ridges(self._leave_saturation(end, start, limits), limits)
+        return self._leave_kinks(end, start, limits)
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
@@ -351,6 +354,22 @@ class FitRun:
             if lower is None:
                 break
             ends.append(self._descend(lower, limits))
+            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
+                break
+            end = ends[-1]
+        return end.with_effort_of(ends)
+
+    def _leave_kinks(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search again with the values held that are at a kink, as long as that lowers the cost."""
+        ends, held = [end], np.zeros(start.size, dtype=bool)
+        small = self.objective.uses_qr and self.options.method != "global"
+        while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
+            more = values_at_kinks(self.objective, end.values, start, limits) & ~held
+            if not more.any():
+                break
+            held = held | more
+            lower, upper = (np.where(held, end.values, side) for side in (limits.lower, limits.upper))
+            ends.append(self._descend(end.values, replace(limits, lower=lower, upper=upper)))
             if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
                 break
             end = ends[-1]
@@ -570,9 +589,16 @@ class FitRun:
             *(() if outweighed else find_poor_fits(quality, self.targeted)),
             *find_slopes(certified, steep, moved=moved, in_steps=bool(self.options.steps)),
             *self._slope_findings(end, limits),
+            *self._kink_findings(end, limits),
             *find_runaways(self.exact, self.objective, self.objective.start, end.values),
             *equal,
         )
+
+    def _kink_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
+        """Return a warning about values at kinks."""
+        if self.options.method == "global" or not self.objective.uses_qr or self._is_solved(end, self.objective.start):
+            return ()
+        return find_kinks(self.exact, values_at_kinks(self.objective, end.values, self.objective.start, limits))
 
     def _slope_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
         """Return warnings about slopes that do not describe how the cost changes."""
