@@ -22,6 +22,7 @@ from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
+from kennfeld.optimize.repeats import repeat_findings
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.ridges import lower_values
 from kennfeld.optimize.runaways import find_runaways
@@ -38,7 +39,7 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.optimize.trust.assessment import TrustAssessment
-from kennfeld.optimize.validation import check_fittable
+from kennfeld.optimize.validation import check_fittable, dataset_location
 from kennfeld.optimize.wide_differences import descend_by_differences, find_misleading_slopes, misleading_values
 from kennfeld.optimize.worsening import admissible_share, find_worsening
 from kennfeld.optimize.zero_slopes import departure
@@ -590,6 +591,7 @@ class FitRun:
             *find_slopes(certified, steep, moved=moved, in_steps=bool(self.options.steps)),
             *self._slope_findings(end, limits),
             *self._kink_findings(end, limits),
+            *(() if self.problem.partitions is not None else repeat_findings(self.problem, dataset_location)),
             *find_runaways(self.exact, self.objective, self.objective.start, end.values),
             *equal,
         )

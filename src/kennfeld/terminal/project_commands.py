@@ -263,8 +263,8 @@ def _print_result(
     print_lines(f"{result.status}: {result.message}")
     if is_quiet() and not result.converged:
         print_findings(Finding(Location(), f"{result.status}: {result.message}", severity="warning"))
-    told = {(finding.location, finding.message) for finding in known}
-    print_findings(*(each for each in result.warnings if (each.location, each.message) not in told))
+    told = {finding.message for finding in known}
+    print_findings(*(each for each in result.warnings if each.message not in told))
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     print_lines(*undetermined_lines(result.trust, MORE), *extrapolation_lines(extrapolations))

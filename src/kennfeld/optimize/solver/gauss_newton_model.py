@@ -155,7 +155,7 @@ class GaussNewtonModel:
         """Rows that damp the directions whose effect on the residuals is rounding, by `HOLD`; Float[rows, values]."""
         units = np.sqrt(self.column_scale)
         _, singular, directions = np.linalg.svd(self.r_factor / units)
-        return np.sqrt(HOLD) * directions[singular <= NULL * singular.max(initial=0.0)] * units
+        return np.asarray(np.sqrt(HOLD) * directions[singular <= NULL * singular.max(initial=0.0)] * units)
 
     def geodesic_acceleration(self, factor: Factor, step: Float) -> Float:
         """Return the correction of a step for the curvature of the residuals along it; for objectives that use QR.
