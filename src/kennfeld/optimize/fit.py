@@ -534,8 +534,7 @@ class FitRun:
 
     def _with_derivative_fault(self, end: SolverResult) -> SolverResult:
         """Add a sentence on the node and the sample whose derivative made the search fail."""
-        known = np.isfinite(end.cost) and self.problem.partitions is None
-        if end.status != "failed" or not known or self.objective.sloped(end.values) is not None:
+        if end.status != "failed" or not np.isfinite(end.cost) or self.objective.sloped(end.values) is not None:
             return end
         from kennfeld.optimize.derivative_faults import describe_derivative_fault
 
