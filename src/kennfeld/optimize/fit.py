@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
@@ -108,6 +108,7 @@ class FitRun:
         self.trace: list[TraceLine] = []
         self.best: tuple[float, Float] | None = None  # cost and values of the best accepted step
         self.weights = self.exact.weights
+        self._misled: tuple[Float, Int] | None = None  # the last values, and those of them whose slopes mislead
         self._whole: FitRun | None = None  # of a run over a part of its problem
 
     def with_start(self, problem: Problem) -> "FitRun":
@@ -119,7 +120,7 @@ class FitRun:
         other.objective = LeastSquaresObjective(other.exact)
         other.thinned = other.exact if self.thinned is self.exact else self.thinned.with_start(problem)
         other.continuation = self.continuation and self.continuation.with_start(other.exact)
-        other.trace, other.best = [], None
+        other.trace, other.best, other._misled = [], None, None
         return other
 
     def result(self, search: Search | None = None) -> Result:
@@ -399,7 +400,8 @@ class FitRun:
         """Return the run over a part of the problem, which reports the cost of the whole."""
         other = copy(self)
         other.exact = other.thinned = part.compiled(self.exact)
-        other.objective, other.continuation, other._whole = LeastSquaresObjective(other.exact), None, self
+        other.objective, other.continuation = LeastSquaresObjective(other.exact), None
+        other._whole, other._misled = self, None
         return other
 
     def _is_finished(self, values: Float, start: Float, limits: LinearLimits) -> bool:
@@ -413,10 +415,16 @@ class FitRun:
         """Search on along differences of whole simulations if the slopes of called functions mislead."""
         if end.status != "converged" or self.options.method == "global":
             return end
-        if not misleading_values(self.objective, self.exact, end.values, limits).size or self._is_solved(end, start):
+        if not self._misleading(end.values, limits).size or self._is_solved(end, start):
             return end
         report = partial(self.record, "differences")
         return descend_by_differences(self.exact, end, limits, self.outputs, self.options.settings, report)
+
+    def _misleading(self, values: Float, limits: LinearLimits) -> Int:
+        """Return the `misleading_values`, kept for the next call: they cost a simulation for each value."""
+        if self._misled is None or not np.array_equal(self._misled[0], values):
+            self._misled = values.copy(), misleading_values(self.objective, self.exact, values, limits)
+        return self._misled[1]
 
     def _restore_faint_values(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Reset values to their start if their effect at the end is mere rounding.
@@ -605,7 +613,7 @@ class FitRun:
         """Return warnings about slopes that do not describe how the cost changes."""
         if self.options.method == "global" or self._is_solved(end, self.objective.start):
             return ()
-        return *find_jumps(self.problem), *find_misleading_slopes(self.exact, self.objective, end.values, limits)
+        return *find_jumps(self.problem), *find_misleading_slopes(self.exact, self._misleading(end.values, limits))
 
     def _is_solved(self, end: SolverResult, start: Float) -> bool:
         """Return if the errors at the end are rounding, compared with those at the start."""

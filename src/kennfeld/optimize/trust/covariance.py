@@ -220,7 +220,7 @@ def estimate(
     held, local = _within(TouchedLimits.of(limits, values, measured.curvature), measured, groups, touched)
     if touched is None or not local.seen.any():
         return local
-    without_limits = levenberg_marquardt(LeastSquaresObjective(compiled), values, limits, DATA_ONLY).values
+    without_limits = levenberg_marquardt(measured.objective, values, limits, DATA_ONLY).values
     local = _estimate(measured, local.reduction, _with_noise_of(groups, judge(without_limits)))
     moving = local.reduction.rows(outputs)[:, local.seen]
     pressed = find_active_output_limits(touched, moving, local.spectrum.inverse, local.gradient, local.dispersion)
@@ -327,7 +327,7 @@ class _Measured:
     def __init__(self, compiled: CompiledProblem, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
         self._full = compiled.full(values)
-        objective = LeastSquaresObjective(compiled)
+        self.objective = objective = LeastSquaresObjective(compiled)
         self._faint = objective.faint(values)
         self.rows: Float | None = None
         data: SymmetricMatrix
