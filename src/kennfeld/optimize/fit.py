@@ -12,20 +12,23 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
-from kennfeld.optimize.doubtful_ends import describe_offsets, describe_outlier, find_poor_fits, find_slopes, steepness
-from kennfeld.optimize.equal_neurons import find_equal_neurons
-from kennfeld.optimize.jumps import find_jumps
-from kennfeld.optimize.kinks import find_kinks, values_at_kinks
-from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
+from kennfeld.optimize.doubtful_ends import describe_offsets, describe_outlier
+from kennfeld.optimize.end_warnings import (
+    EndWarnings,
+    describe_close_breakpoints,
+    describe_uninformed,
+    scored_nodes,
+    targeted_nodes,
+)
+from kennfeld.optimize.kinks import values_at_kinks
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, project
 from kennfeld.optimize.quality import Quality, Scorer
-from kennfeld.optimize.repeats import repeat_findings
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.ridges import lower_values
-from kennfeld.optimize.runaways import find_runaways
 from kennfeld.optimize.separate_parts import SeparatePart, separate_parts
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
@@ -39,9 +42,8 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.optimize.trust.assessment import TrustAssessment
-from kennfeld.optimize.validation import check_fittable, dataset_location
-from kennfeld.optimize.wide_differences import descend_by_differences, find_misleading_slopes, misleading_values
-from kennfeld.optimize.worsening import admissible_share, find_worsening
+from kennfeld.optimize.validation import check_fittable
+from kennfeld.optimize.wide_differences import descend_by_differences, misleading_values
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.task_runner import RunnerLostError
@@ -174,7 +176,12 @@ class FitRun:
         end = self._with_offsets(end)
         end = self._check_outliers(self._check_underflow(end, before, scores.quality), scores.quality)
         certificate = self._certificate(end, limits)
-        sentences = (end.message, remark, _describe_uninformed(informed), self._describe_close_breakpoints(parameters))
+        sentences = (
+            end.message,
+            remark,
+            describe_uninformed(informed),
+            describe_close_breakpoints(self.problem, parameters),
+        )
         return Result(
             status=end.status,
             message=" ".join(filter(None, sentences)),
@@ -234,17 +241,6 @@ class FitRun:
             return start, remark
         off = departure(self.exact, start, limits)
         return (start, remark) if off is None else (off.values, " ".join(filter(None, (remark, str(off)))))
-
-    @property
-    def scored(self) -> set[str]:
-        """The nodes of the criteria with a weight."""
-        return {criterion.node for criterion in self.problem.criteria if criterion.weight > 0}
-
-    @property
-    def targeted(self) -> set[str]:
-        """Those of them that are to meet their target, not only to stay below it."""
-        limited = {criterion.node for criterion in self.problem.criteria if criterion.loss == "excess"}
-        return self.scored - limited
 
     @cached_property
     def scorer(self) -> Scorer:
@@ -518,7 +514,7 @@ class FitRun:
 
     def _check_underflow(self, end: SolverResult, before: float, quality: Sequence[Quality]) -> SolverResult:
         """Mark the end as failed if errors remain whose squares underflow, so that the search did not see them."""
-        training = [row for row in quality if row.use == "training" and row.criterion in self.targeted]
+        training = [row for row in quality if row.use == "training" and row.criterion in targeted_nodes(self.problem)]
         hidden = REACHED * before <= end.cost < UNDERFLOW and any(row.max_abs_after > 0 for row in training)
         if end.status != "converged" or not hidden:
             return end
@@ -535,9 +531,10 @@ class FitRun:
     def _check_outliers(self, end: SolverResult, quality: Sequence[Quality]) -> SolverResult:
         """Mark the end as failed if a robust loss of one sample hides those of the others."""
         robust = {criterion.node for criterion in self.problem.criteria if criterion.loss in ("huber", "soft_l1")}
-        if end.status != "converged" or not robust & self.scored or self.problem.partitions is not None:
+        robust &= scored_nodes(self.problem)
+        if end.status != "converged" or not robust or self.problem.partitions is not None:
             return end
-        message = describe_outlier(np.square(self.objective.residual(end.values)), quality, robust & self.scored)
+        message = describe_outlier(np.square(self.objective.residual(end.values)), quality, robust)
         return replace(end, status="failed", message=message) if message else end
 
     def _with_derivative_fault(self, end: SolverResult) -> SolverResult:
@@ -584,36 +581,10 @@ class FitRun:
     ) -> tuple[Finding, ...]:
         if end.status in ("infeasible", "failed"):
             return ()
-        before, after = (self.objective.data_cost(values) for values in (self.objective.start, end.values))
-        outweighed = after > before
-        smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
-        share = admissible_share(self.exact, limits, end.values, before) if smooth else None
-        equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, self.parameters(end.values))
-        moved = not np.array_equal(end.values, self.objective.start)
-        certified = certificate if end.status == "converged" else None
-        steep = steepness(self.exact.residuals, int(limits.movable.sum()))
-        return (
-            *find_worsening(quality, self.scored, outweighed=outweighed, share=share),
-            *(() if outweighed else find_poor_fits(quality, self.targeted)),
-            *find_slopes(certified, steep, moved=moved, in_steps=bool(self.options.steps)),
-            *self._slope_findings(end, limits),
-            *self._kink_findings(end, limits),
-            *(() if self.problem.partitions is not None else repeat_findings(self.problem, dataset_location)),
-            *find_runaways(self.exact, self.objective, self.objective.start, end.values),
-            *equal,
-        )
-
-    def _kink_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
-        """Return a warning about values at kinks."""
-        if self.options.method == "global" or not self.objective.uses_qr or self._is_solved(end, self.objective.start):
-            return ()
-        return find_kinks(self.exact, values_at_kinks(self.objective, end.values, self.objective.start, limits))
-
-    def _slope_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
-        """Return warnings about slopes that do not describe how the cost changes."""
-        if self.options.method == "global" or self._is_solved(end, self.objective.start):
-            return ()
-        return *find_jumps(self.problem), *find_misleading_slopes(self.exact, self._misleading(end.values, limits))
+        warnings = EndWarnings(self.exact, self.objective, limits, self.options, end)
+        sloped = self.options.method != "global" and not self._is_solved(end, self.objective.start)
+        misleading = self._misleading(end.values, limits) if sloped else None
+        return warnings.find(quality, certificate if end.status == "converged" else None, misleading)
 
     def _is_solved(self, end: SolverResult, start: Float) -> bool:
         """Return if the errors at the end are rounding, compared with those at the start."""
@@ -635,23 +606,3 @@ class FitRun:
             name: informed[offsets[name] :][: parameters[name].size].reshape(parameters[name].values.shape)
             for name in self.problem.free_names
         }
-
-    def _describe_close_breakpoints(self, parameters: ParameterSet) -> str:
-        sentences = []
-        for key, before in self.problem.free_axes.items():
-            table, axis = before.places[0]
-            points = parameters[table].axes[axis].breakpoints
-            close = touching_pairs(points, before.axis.least_distance)
-            if close.size and not np.array_equal(points, before.axis.breakpoints):
-                pairs = ", ".join(f"{points[i]:g} and {points[i + 1]:g}" for i in close[:MAX_LISTED])
-                sentences.append(f"Breakpoints of {key} ended at their minimum distance: {pairs}.")
-                sentences.append("Consider fewer breakpoints.")
-        return " ".join(sentences)
-
-
-def _describe_uninformed(informed: Mapping[str, Bool]) -> str:
-    counts = {name: int((~known).sum()) for name, known in informed.items() if not known.all()}
-    if not counts:
-        return ""
-    listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
-    return f"Not determined by data or smoothness, kept at their start values: {listed}."

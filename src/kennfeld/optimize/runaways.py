@@ -16,6 +16,7 @@ from kennfeld.optimize.objective import LeastSquaresObjective
 
 GROWTH = 1e8  # ratio to the start, or to 1 if that is larger, from which a value may have run away
 SAME = 1e-12  # eigenvalue of the scaled J'J of values whose effects are the same, relative to the largest
+MOST = 1500  # values whose effects are compared
 SHARE = 1e-4  # squared share of a value in such directions
 MAX_NAMES = 5  # in a warning
 REMEDY = "Set bounds, or start closer to plausible values."
@@ -36,7 +37,7 @@ def find_runaways(
         end: the same at the end.
     """
     grown = np.abs(end) > GROWTH * np.maximum(np.abs(start), 1.0)
-    lost = grown & _replaceable(objective, end) if grown.any() else grown
+    lost = grown & _replaceable(objective, end) if grown.any() and grown.size <= MOST else grown & False
     if not lost.any():
         return []
     first = {name: compiled.values.offsets[name] for name in compiled.problem.free_names}
