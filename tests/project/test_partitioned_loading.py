@@ -152,6 +152,58 @@ def test_uncertainties_are_those_of_all_data(fitted):
         assert np.allclose(parted.deviation[name], plain.deviation[name], rtol=1e-2)
 
 
+LASTING = """
+[model]
+file = "level.kf"
+
+[[dataset]]
+name = "drives"
+files = ["run_*.csv"]
+
+[parameters.C]
+x = { input = "x", begin = 0, end = 1, count = 6 }
+initial = 0.5
+
+[[criterion]]
+node = "y"
+target = { channel = "m" }
+"""
+
+
+def write_lasting(folder):
+    """Two recordings of 400 samples whose errors last, and a curve over a slow input that takes part of them."""
+    random = np.random.default_rng(0)
+    for number in range(2):
+        errors = np.zeros(400)
+        for k in range(1, 400):
+            errors[k] = 0.95 * errors[k - 1] + random.normal()
+        x = np.linspace(0, 1, 400)
+        rows = [f"{0.1 * k:.3f},{x[k]:.6f},{x[k] + errors[k]:.6f}" for k in range(400)]
+        (folder / f"run_{number}.csv").write_text("\n".join(["time,x,m", *rows]) + "\n", encoding="utf-8")
+    (folder / "level.kf").write_text("y = C(x)\n", encoding="utf-8")
+    (folder / "kennfeld.toml").write_text(LASTING, encoding="utf-8")
+    return folder / "kennfeld.toml"
+
+
+def test_what_a_fit_takes_from_lasting_errors_is_corrected_in_partitions_as_well(tmp_path):
+    path = write_lasting(tmp_path)
+    plain, parted = (project.calibrate().trust for project in (Project.read(path), in_partitions(path, 400)))
+    [group] = plain.estimate.groups
+    assert group.correlation.window == 1  # it was corrected, and counts as white since then
+    assert parted.persistence == pytest.approx(plain.persistence, rel=0.1)
+    np.testing.assert_allclose(parted.deviation["C"], plain.deviation["C"], rtol=0.05)
+
+
+def test_the_place_of_a_derivative_that_is_not_finite_is_named_in_partitions_as_well(tmp_path):
+    path = write_lasting(tmp_path)
+    (tmp_path / "level.kf").write_text("y = C(x) + k * sqrt(p - x)\n", encoding="utf-8")
+    scalars = "\n[parameters.p]\ninitial = 1.0\n[parameters.k]\ninitial = 1.0\n"
+    path.write_text(LASTING + scalars, encoding="utf-8")
+    plain, parted = (project.calibrate() for project in (Project.read(path), in_partitions(path, 400)))
+    assert "The derivative of y is not finite at sample 400 of drives." in plain.message
+    assert parted.message == plain.message
+
+
 def test_sample_weights_have_groups_of_their_own(tmp_path):
     text = FEW + 'regions = [{ where = "n > 3000", weight = 4.0 }]\n' + OFF + "max_iterations = 4\n"
     path = write_few(tmp_path, text)

@@ -15,6 +15,7 @@ from kennfeld.report.stored_result import TrustSummary, summarise_trust
 class Direction:
     sentence: str
     remedy: str
+    determined: bool = False
 
 
 @dataclass
@@ -77,6 +78,17 @@ def test_deviations_directions_and_leverage_reach_the_page(shop, opened):
     assert "Adding 1 to C and -1 to k has no effect on the fit. Pin <one> value of C." in page.words_in_a_row
     assert "not determined" in page.words_in_a_row
     assert "studentized" in page.words_in_a_row
+
+
+def test_coupled_but_determined_directions_are_listed_apart_and_without_a_remedy(shop, opened):
+    directions = (
+        Direction("Raising C has no effect on the fit.", "Pin one value of C."),
+        Direction("Scaling k has little effect on the fit.", "Pin k.", determined=True),
+    )
+    words = opened(document(shop, Trust(directions=directions))).words_in_a_row
+    assert "Raising C has no effect on the fit. Pin one value of C." in words
+    assert "Coupled, but determined: Scaling k has little effect on the fit." in words
+    assert "Pin k." not in words
 
 
 def test_without_a_trust_samples_are_counted_from_the_data(shop, opened):

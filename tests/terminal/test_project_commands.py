@@ -120,3 +120,10 @@ def test_values_that_cannot_be_written_are_printed_even_if_quiet(project, capsys
 def test_check_counts_the_values_to_fit(project, capsys):
     assert cli.run(["check", str(project)]) == 0
     assert "1 value of 1 parameter to fit; 600 training samples in drives" in capsys.readouterr().out
+
+
+def test_a_jump_is_warned_of_once_though_check_and_fit_know_of_it(project, capsys):
+    (project.parent / "model.kf").write_text("y = a * x + (a * x > 4)\n", encoding="utf-8")
+    cli.run(["calibrate", str(project)])
+    captured = capsys.readouterr()
+    assert (captured.out + captured.err).count("derivatives do not account for that") == 1

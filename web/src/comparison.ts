@@ -10,9 +10,9 @@ export interface ComparedScore { use: string; unit: string; criterion: string; f
 export interface Remedy { kind: string; title: string; changes: KeyChange[]; applied: boolean }
 export interface PinnedRow { name: string; unit: string; before: number | null; after: number | null }
 export interface Direction { sentence: string; remedy: string; remedies: Remedy[]; exact: boolean; deviation: number | null; parameters: string[] }
-export interface Trust { directions: Direction[]; sentence: string; advice: string; remark: string; remedies: Remedy[]; holdings: string[]; noise: { criterion: string; value: number | null }[]; freedom: number | null; values: number }
+export interface Trust { directions: Direction[]; coupled: string[]; sentence: string; advice: string; remark: string; remedies: Remedy[]; holdings: string[]; noise: { criterion: string; value: number | null }[]; freedom: number | null; values: number }
 
-const NOTHING: Trust = { directions: [], sentence: "", advice: "", remark: "", remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
+const NOTHING: Trust = { directions: [], coupled: [], sentence: "", advice: "", remark: "", remedies: [], holdings: [], noise: [], freedom: null, values: 0 };
 
 export const first = signal("start");
 export const second = signal("now");

@@ -12,6 +12,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.free_axes import AxisKey, free_axes, key_of
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.node import Graph, Node
+from kennfeld.graph.stable_forms import rebuild
 from kennfeld.graph.traversal import dependents, rewrite
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
@@ -59,7 +60,7 @@ class LoweredGraph:
 
 
 def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str] = ()) -> LoweredGraph:
-    """Lower the lookups of a graph onto the axes of `parameters`.
+    """Lower the lookups of a graph onto the axes of `parameters`, and write logarithms in stable forms.
 
     Axes whose coordinate depends on one of the parameters `smooth` directly, not through a state, are smoothed: their
     lookups take the coordinate itself. Free axes are not smoothed.
@@ -86,7 +87,7 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
     def resolve(b: GraphBuilder, at: int, args: tuple[int, ...]) -> int:
         op, old, payload = graph.nodes[at]
         if op != "lookup":
-            return b.rebuild(graph.nodes[at], args)
+            return rebuild(b, graph.nodes[at], args)
         parameter = parameters[payload]
         if isinstance(parameter, RBF):
             ref = ExpansionRef(payload, parameter.coordinates, parameter.centres, parameter.kernel)

@@ -1,7 +1,8 @@
 """The first sample at which a derivative of the model is not finite, and the node to which it belongs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,14 @@ from kennfeld.optimize.quality import NodeSimulator
 from kennfeld.parameter_set import ParameterSet
 
 
+class DerivativeFault(NamedTuple):
+    """A derivative that is not finite: its node, the number of its dataset, and of the sample there, from 0."""
+
+    node: str
+    dataset: int
+    sample: int
+
+
 def describe_derivative_fault(problem: Problem, parameters: ParameterSet) -> str:
     """Return a sentence on the first sample with a derivative that is not finite; empty if there is none.
 
@@ -22,12 +31,26 @@ def describe_derivative_fault(problem: Problem, parameters: ParameterSet) -> str
         problem: the problem, whose derivatives are those of its criteria with respect to the free values.
         parameters: the values at which they are computed.
     """
+    partitions = problem.partitions
+    if partitions is None:
+        places: Iterable[list[tuple[str, int]]] = [[(bound.dataset.name, 0) for bound in problem.training]]
+    else:
+        places = partitions.places
+    for own, fault in zip(places, problem.each(find_derivative_fault, parameters), strict=True):
+        if fault is not None:
+            name, first = own[fault.dataset]
+            return f"The derivative of {fault.node} is not finite at sample {first + fault.sample + 1} of {name}."
+    return ""
+
+
+def find_derivative_fault(problem: Problem, parameters: ParameterSet) -> DerivativeFault | None:
+    """Return the first derivative that is not finite; None if there is none. For arguments see above."""
     lowered = lower_lookups(problem.graph, parameters)
     outputs = [lowered.graph.names[name] for name in problem.differences]
     line = differentiate(lowered.graph, outputs, (*problem.free_names, *problem.free_axes))
     slopes = sorted(_slopes(line))
     nodes = _simulator(lowered, line, slopes, parameters)
-    for bound in problem.training:
+    for number, bound in enumerate(problem.training):
         for at, values in nodes.blocks(bound, parameters):
             broken = ~np.isfinite(values)
             if not broken.any():
@@ -37,9 +60,8 @@ def describe_derivative_fault(problem: Problem, parameters: ParameterSet) -> str
             causes = _derived(lowered.graph, line, slopes[int(np.argmax(broken[:, column]))])
             present = _simulator(lowered, line, causes, parameters).at(bound, sample, parameters)
             name = _name_of(lowered.graph, line, causes[int(np.argmax(~np.isfinite(present)))])
-            place = f"sample {bound.kept[sample] + 1} of {bound.dataset.name}"
-            return f"The derivative of {name} is not finite at {place}."
-    return ""
+            return DerivativeFault(name, number, int(bound.kept[sample]))
+    return None
 
 
 def _slopes(line: Linearization) -> set[int]:

@@ -155,14 +155,15 @@ def _cross_kinks(
     plan, best, spent = setup.plan, end, 0
     for number, schedule in enumerate(plan.again):
         near, _ = continuation.descend(schedule, best.values, limits, plan.early(settings), setup.report)
-        ends = [near]
-        if near.status != "stopped":
+        if near.status == "stopped":
+            last, effort = near.moved(near.values, setup.objective.cost(near.values)), [near]
+        else:
             final = partial(setup.report, "final")
-            ends.append(levenberg_marquardt(setup.objective, near.values, limits, settings, final))
-        last, before = ends[-1], best.cost
-        spent += sum(each.iterations for each in ends)
-        lower = setup.objective.cost(last.values) < before
-        best = (last if lower else best).with_effort_of([best, *ends])
+            last = levenberg_marquardt(setup.objective, near.values, limits, settings, final)
+            effort = [near, last]
+        before = best.cost
+        spent += sum(each.iterations for each in effort)
+        best = (last if last.cost < before else best).with_effort_of([best, *effort])
         if last.status == "stopped":
             return replace(best, status=last.status, message=last.message)
         gained = best.cost < (1 - plan.gain) * before

@@ -1,8 +1,11 @@
 """Warnings about an end that was reached as the search defines it, but that a user should not take for the optimum."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import groupby
 
+import numpy as np
+
+from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Location
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.certificate import Certificate
@@ -11,6 +14,8 @@ STEEP = 1e-2  # share of the cost that an undamped step may promise without a wa
 NOTICEABLE = 0.25, 0.05  # variances of the noise that it may promise, and as many for each fitted value
 POOR = -1e-6  # R2 that is clearly below 0, not its rounding
 SLOPED = 1e-4  # cosine between residuals and a column of J from which a value should have moved
+HIDDEN = 1e-12  # share of the cost of which four digits are left
+SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
@@ -27,6 +32,41 @@ def find_poor_fits(quality: Sequence[Quality], scored: Collection[str]) -> Itera
         if best < POOR:
             message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
             yield Finding(Location(), message, OTHER_START, severity="warning")
+
+
+def describe_outlier(losses: Float, quality: Sequence[Quality], scored: Collection[str]) -> str:
+    """Return a sentence if the losses of all samples but one are lost to rounding beside it, else nothing.
+
+    Args:
+        losses: of each sample, Float[samples].
+        quality: of all criteria on all datasets.
+        scored: the criteria with a weight.
+    """
+    training = [row for row in quality if row.use == "training" and row.criterion in scored]
+    if not training or not np.sum(np.delete(losses, np.argmax(losses))) < HIDDEN * losses.max():
+        return ""
+    worst = max(training, key=lambda row: row.max_abs_after)
+    return (
+        f"{worst.criterion} has an error of {worst.max_abs_after:.3g} in {worst.dataset}, beside which all other "
+        "errors are lost to rounding. Correct this sample, or exclude it with where."
+    )
+
+
+def describe_offsets(inputs: Mapping[str, Sequence[Float]]) -> str:
+    """Return a sentence on inputs that vary so little about a large number that their slope is hard to tell from it.
+
+    Args:
+        inputs: samples by name, each in parts, Float[samples].
+
+    >>> describe_offsets({"t": [np.array([1.7e9, 1.7e9 + 36.0])]})
+    't varies only by 36 about 1.7e+09. Subtract its first value in the function.'
+    """
+    sentences = []
+    for name, parts in inputs.items():
+        low, high = (pick(side(part) for part in parts if part.size) for pick, side in ((min, np.min), (max, np.max)))
+        if 0 < high - low < SLIGHT_VARIATION * max(abs(low), abs(high)):
+            sentences.append(f"{name} varies only by {high - low:.3g} about {low:.3g}.")
+    return f"{' '.join(sentences)} Subtract its first value in the function." if sentences else ""
 
 
 def steepness(residuals: int, values: int) -> float:

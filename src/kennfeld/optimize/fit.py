@@ -8,15 +8,20 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.descent_strategy import DescentSetup, enforce_output_limits, minimise
-from kennfeld.optimize.doubtful_arguments import find_crossed, find_short_lags
-from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes, steepness
-from kennfeld.optimize.equal_neurons import find_equal_neurons
-from kennfeld.optimize.jumps import find_jumps
-from kennfeld.optimize.linear_limits import linear_limits, touching_pairs
+from kennfeld.optimize.doubtful_ends import describe_offsets, describe_outlier
+from kennfeld.optimize.end_warnings import (
+    EndWarnings,
+    describe_close_breakpoints,
+    describe_uninformed,
+    scored_nodes,
+    targeted_nodes,
+)
+from kennfeld.optimize.kinks import values_at_kinks
+from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
@@ -24,6 +29,7 @@ from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, p
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.ridges import lower_values
+from kennfeld.optimize.separate_parts import SeparatePart, separate_parts
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
     Iteration,
@@ -37,8 +43,7 @@ from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
 from kennfeld.optimize.trust.assessment import TrustAssessment
 from kennfeld.optimize.validation import check_fittable
-from kennfeld.optimize.wide_differences import descend_by_differences, find_misleading_slopes, misleading_values
-from kennfeld.optimize.worsening import admissible_share, find_worsening
+from kennfeld.optimize.wide_differences import descend_by_differences, misleading_values
 from kennfeld.optimize.zero_slopes import departure
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.task_runner import RunnerLostError
@@ -47,6 +52,7 @@ from kennfeld.threads import blas_threads
 UNCHANGED = 1e-9  # relative change of the cost by values whose effect is rounding
 ROUNDING = 1e-20  # the same, relative to the cost at the start, for a fit without residuals
 NOISE_SHARE, MAX_TOLERANCE = 0.05, 3e-5  # see `default_tolerance`
+KINK = 1e-4  # share of the cost that is promised at kinks
 NOISE = 1.5  # ratio of costs up to which the lower one may be due to noise
 MAX_DEPARTURES = 3  # searches that may start again from a point at which values cannot move
 MAX_LISTED = 5
@@ -104,6 +110,8 @@ class FitRun:
         self.trace: list[TraceLine] = []
         self.best: tuple[float, Float] | None = None  # cost and values of the best accepted step
         self.weights = self.exact.weights
+        self._misled: tuple[Float, Int] | None = None  # the last values, and those of them whose slopes mislead
+        self._whole: FitRun | None = None  # of a run over a part of its problem
 
     def with_start(self, problem: Problem) -> "FitRun":
         """Return the same run from other values of its free parameters; nothing is compiled again."""
@@ -114,7 +122,7 @@ class FitRun:
         other.objective = LeastSquaresObjective(other.exact)
         other.thinned = other.exact if self.thinned is self.exact else self.thinned.with_start(problem)
         other.continuation = self.continuation and self.continuation.with_start(other.exact)
-        other.trace, other.best = [], None
+        other.trace, other.best, other._misled = [], None, None
         return other
 
     def result(self, search: Search | None = None) -> Result:
@@ -165,9 +173,15 @@ class FitRun:
         values = sum(p.size for p in self.problem.parameters.parameters) + sum(len(a.axis) for a in axes.values())
         optimize = time.perf_counter() - self.began - self.compile
         scores = scorer.scores(self.problem.parameters, parameters)
-        end = self._check_underflow(end, before, scores.quality)
+        end = self._with_offsets(end)
+        end = self._check_outliers(self._check_underflow(end, before, scores.quality), scores.quality)
         certificate = self._certificate(end, limits)
-        sentences = (end.message, remark, _describe_uninformed(informed), self._describe_close_breakpoints(parameters))
+        sentences = (
+            end.message,
+            remark,
+            describe_uninformed(informed),
+            describe_close_breakpoints(self.problem, parameters),
+        )
         return Result(
             status=end.status,
             message=" ".join(filter(None, sentences)),
@@ -202,8 +216,7 @@ class FitRun:
             return SolverResult(initial, self.objective.cost(initial), "infeasible", remark, 0, 1), ""
         if search is not None:
             return self._within_limits(search(start, limits), limits), remark
-        end = self._leave_saddles(minimise(self._setup, start, limits), limits)
-        end = self._leave_ridges(self._leave_saturation(end, start, limits), limits)
+        end = self._finish_parts(self._search(start, start, limits), start, limits)
         end = enforce_output_limits(self._setup, end, start, limits)
         end = self._follow_simulations(self._restore_faint_values(end, start, limits), start, limits)
         projected, other_remark = project(initial, limits)
@@ -215,6 +228,12 @@ class FitRun:
         end = self._within_limits(self._with_rejections(end), limits)
         return self._confirm(end, limits), remark
 
+    def _search(self, values: Float, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search for the lowest cost from some values, also beyond points at which a descent is stuck."""
+        end = self._leave_saddles(minimise(self._setup, values, limits), limits)
+        end = self._leave_ridges(self._leave_saturation(end, start, limits), limits)
+        return self._leave_kinks(end, start, limits)
+
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
         start, remark = project(self.objective.start, limits)
@@ -222,17 +241,6 @@ class FitRun:
             return start, remark
         off = departure(self.exact, start, limits)
         return (start, remark) if off is None else (off.values, " ".join(filter(None, (remark, str(off)))))
-
-    @property
-    def scored(self) -> set[str]:
-        """The nodes of the criteria with a weight."""
-        return {criterion.node for criterion in self.problem.criteria if criterion.weight > 0}
-
-    @property
-    def targeted(self) -> set[str]:
-        """Those of them that are to meet their target, not only to stay below it."""
-        limited = {criterion.node for criterion in self.problem.criteria if criterion.loss == "excess"}
-        return self.scored - limited
 
     @cached_property
     def scorer(self) -> Scorer:
@@ -248,6 +256,9 @@ class FitRun:
 
     def record(self, stage: str, line: Iteration, values: Float, compiled: CompiledProblem | None = None) -> None:
         """Add an accepted step to the trace and report it; `compiled` is the problem of the values if not `exact`."""
+        if self._whole is not None:
+            self._whole.record("part", replace(line, cost=self._whole.objective.cost(values)), values)
+            return
         cost = line.cost - (compiled or self.exact).roughness.cost(values)
         rmse = float(np.sqrt(max(cost, 0.0) / self.weights))
         seconds = time.perf_counter() - self.began
@@ -346,14 +357,70 @@ class FitRun:
             end = ends[-1]
         return end.with_effort_of(ends)
 
+    def _leave_kinks(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search again with the values held that are at a kink, as long as that lowers the cost."""
+        ends, held = [end], np.zeros(start.size, dtype=bool)
+        small = self.objective.uses_qr and self.options.method != "global"
+        while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
+            more = values_at_kinks(self.objective, end.values, start, limits) & ~held
+            if not more.any():
+                break
+            held = held | more
+            lower, upper = (np.where(held, end.values, side) for side in (limits.lower, limits.upper))
+            ends.append(self._descend(end.values, replace(limits, lower=lower, upper=upper)))
+            if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
+                break
+            end = ends[-1]
+        return end.with_effort_of(ends)
+
+    def _finish_parts(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search again for the values of parts of the problem whose cost is too small to be seen beside the rest.
+
+        If the parts have all values, the search has converged where all of them have.
+        """
+        if end.status not in ("converged", "failed") or self.options.method == "global" or not np.isfinite(end.cost):
+            return end
+        ends, rest = [end], limits.movable
+        for part in separate_parts(self.problem, self.exact.values, limits):
+            run, values = self._over_part(part), ends[-1].values
+            rest, begin = rest & ~part.values, np.where(part.values, start, values)
+            if not run._is_finished(values, begin, own := part.limits(limits, values)):
+                again = run._search(values, begin, own)
+                ends.append(again.moved(again.values, self.objective.cost(again.values)))
+        if len(ends) == 1 or (end.status == "failed" and rest.any()):
+            return end
+        last = next((each for each in ends[1:] if each.status != "converged"), ends[-1])
+        return last.moved(ends[-1].values, ends[-1].cost).with_effort_of(ends)
+
+    def _over_part(self, part: SeparatePart) -> "FitRun":
+        """Return the run over a part of the problem, which reports the cost of the whole."""
+        other = copy(self)
+        other.exact = other.thinned = part.compiled(self.exact)
+        other.objective, other.continuation = LeastSquaresObjective(other.exact), None
+        other._whole, other._misled = self, None
+        return other
+
+    def _is_finished(self, values: Float, start: Float, limits: LinearLimits) -> bool:
+        """Return if the undamped step promises nothing, and not because values have lost their effect."""
+        if not np.array_equal(self.objective.with_effect(values, start), values):
+            return False
+        certificate = certificate_at(self.objective, values, limits)
+        return certificate is None or certificate.predicted_decrease <= self.options.settings.tolerance
+
     def _follow_simulations(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search on along differences of whole simulations if the slopes of called functions mislead."""
         if end.status != "converged" or self.options.method == "global":
             return end
-        if not misleading_values(self.objective, self.exact, end.values, limits).size or self._is_solved(end, start):
+        if not self._misleading(end.values, limits).size or self._is_solved(end, start):
             return end
         report = partial(self.record, "differences")
         return descend_by_differences(self.exact, end, limits, self.outputs, self.options.settings, report)
+
+    def _misleading(self, values: Float, limits: LinearLimits) -> Int:
+        """Return the `misleading_values`, kept for the next call: they cost a simulation for each value."""
+        if self._misled is None or not np.array_equal(self._misled[0], values):
+            self._misled = values.copy(), misleading_values(self.objective, self.exact, values, limits)
+        return self._misled[1]
 
     def _restore_faint_values(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Reset values to their start if their effect at the end is mere rounding.
@@ -408,6 +475,12 @@ class FitRun:
         if end.status == "infeasible" or not np.isfinite(end.cost):
             return None
         certificate = end.certificate or certificate_at(self.objective, end.values, limits)
+        if certificate is not None and self.options.method != "global":
+            for part in separate_parts(self.problem, self.exact.values, limits):
+                objective = LeastSquaresObjective(part.compiled(self.exact))
+                certificate = certificate.together(
+                    certificate_at(objective, end.values, part.limits(limits, end.values))
+                )
         excess = 0.0 if self.outputs is None else max(self.outputs.measure(end.values).largest, 0.0)
         return certificate and certificate._replace(limits=max(limits.violation(end.values), excess))
 
@@ -441,16 +514,32 @@ class FitRun:
 
     def _check_underflow(self, end: SolverResult, before: float, quality: Sequence[Quality]) -> SolverResult:
         """Mark the end as failed if errors remain whose squares underflow, so that the search did not see them."""
-        training = [row for row in quality if row.use == "training" and row.criterion in self.targeted]
+        training = [row for row in quality if row.use == "training" and row.criterion in targeted_nodes(self.problem)]
         hidden = REACHED * before <= end.cost < UNDERFLOW and any(row.max_abs_after > 0 for row in training)
         if end.status != "converged" or not hidden:
             return end
         return replace(end, status="failed", message=UNDERFLOW_MESSAGE)
 
+    def _with_offsets(self, end: SolverResult) -> SolverResult:
+        """Add a sentence on inputs that vary little about a large number, which makes a descent slow."""
+        if end.status != "max_iterations" or self.problem.partitions is not None:
+            return end
+        rows, parts = self.exact.kernel.layout.inputs, self.exact.samples.inputs.parts
+        inputs = {name: parts[row] for name, row in rows.items() if name in self.problem.model.graph.inputs}
+        return replace(end, message=f"{end.message} {describe_offsets(inputs)}".rstrip())
+
+    def _check_outliers(self, end: SolverResult, quality: Sequence[Quality]) -> SolverResult:
+        """Mark the end as failed if a robust loss of one sample hides those of the others."""
+        robust = {criterion.node for criterion in self.problem.criteria if criterion.loss in ("huber", "soft_l1")}
+        robust &= scored_nodes(self.problem)
+        if end.status != "converged" or not robust or self.problem.partitions is not None:
+            return end
+        message = describe_outlier(np.square(self.objective.residual(end.values)), quality, robust)
+        return replace(end, status="failed", message=message) if message else end
+
     def _with_derivative_fault(self, end: SolverResult) -> SolverResult:
         """Add a sentence on the node and the sample whose derivative made the search fail."""
-        known = np.isfinite(end.cost) and self.problem.partitions is None
-        if end.status != "failed" or not known or self.objective.sloped(end.values) is not None:
+        if end.status != "failed" or not np.isfinite(end.cost) or self.objective.sloped(end.values) is not None:
             return end
         from kennfeld.optimize.derivative_faults import describe_derivative_fault
 
@@ -492,30 +581,10 @@ class FitRun:
     ) -> tuple[Finding, ...]:
         if end.status in ("infeasible", "failed"):
             return ()
-        before, after = (self.objective.data_cost(values) for values in (self.objective.start, end.values))
-        outweighed = after > before
-        smooth = outweighed and self.exact.roughness.cost(self.objective.start) > 0
-        share = admissible_share(self.exact, limits, end.values, before) if smooth else None
-        fitted = self.parameters(end.values)
-        equal = find_equal_neurons(self.problem.model.graph, self.problem.parameters, fitted)
-        moved = not np.array_equal(end.values, self.objective.start)
-        certified = certificate if end.status == "converged" else None
-        steep = steepness(self.exact.residuals, int(limits.movable.sum()))
-        return (
-            *find_worsening(quality, self.scored, outweighed=outweighed, share=share),
-            *(() if outweighed else find_poor_fits(quality, self.targeted)),
-            *find_slopes(certified, steep, moved=moved, in_steps=bool(self.options.steps)),
-            *self._slope_findings(end, limits),
-            *equal,
-            *find_short_lags(self.problem, fitted),
-            *find_crossed(self.problem, fitted),
-        )
-
-    def _slope_findings(self, end: SolverResult, limits: LinearLimits) -> Sequence[Finding]:
-        """Return warnings about slopes that do not describe how the cost changes."""
-        if self.options.method == "global" or self._is_solved(end, self.objective.start):
-            return ()
-        return *find_jumps(self.problem), *find_misleading_slopes(self.exact, self.objective, end.values, limits)
+        warnings = EndWarnings(self.exact, self.objective, limits, self.options, end)
+        sloped = self.options.method != "global" and not self._is_solved(end, self.objective.start)
+        misleading = self._misleading(end.values, limits) if sloped else None
+        return warnings.find(quality, certificate if end.status == "converged" else None, misleading)
 
     def _is_solved(self, end: SolverResult, start: Float) -> bool:
         """Return if the errors at the end are rounding, compared with those at the start."""
@@ -537,23 +606,3 @@ class FitRun:
             name: informed[offsets[name] :][: parameters[name].size].reshape(parameters[name].values.shape)
             for name in self.problem.free_names
         }
-
-    def _describe_close_breakpoints(self, parameters: ParameterSet) -> str:
-        sentences = []
-        for key, before in self.problem.free_axes.items():
-            table, axis = before.places[0]
-            points = parameters[table].axes[axis].breakpoints
-            close = touching_pairs(points, before.axis.least_distance)
-            if close.size and not np.array_equal(points, before.axis.breakpoints):
-                pairs = ", ".join(f"{points[i]:g} and {points[i + 1]:g}" for i in close[:MAX_LISTED])
-                sentences.append(f"Breakpoints of {key} ended at their minimum distance: {pairs}.")
-                sentences.append("Consider fewer breakpoints.")
-        return " ".join(sentences)
-
-
-def _describe_uninformed(informed: Mapping[str, Bool]) -> str:
-    counts = {name: int((~known).sum()) for name, known in informed.items() if not known.all()}
-    if not counts:
-        return ""
-    listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
-    return f"Not determined by data or smoothness, kept at their start values: {listed}."

@@ -13,7 +13,7 @@ from kennfeld.optimize.problem import Problem
 HOLD_BACK = "Hold out other data: the error on these does not show how the function works on unseen data."
 
 _CHANCE = 0.01  # share of the distinct test samples; coarse channels repeat themselves in some
-_FACTOR = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: D. Knuth, The Art of Computer Programming, 6.4
+MIXER = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: D. Knuth, The Art of Computer Programming, 6.4
 
 Keys = NDArray[np.uint64]
 
@@ -36,9 +36,9 @@ def _describe_overlap(problem: Problem, test: Dataset) -> str:
     seen: dict[tuple[str, ...], Bool] = {}
     counts: dict[tuple[str, ...], Int] = {}
     for data in problem.fitted_datasets:
-        names = _shared_names(problem, test, data)
-        distinct, counts[names] = np.unique(_keys(test, names), return_counts=True)
-        shared = _contained(distinct, _keys(data, names))
+        names = shared_names(problem, test, data)
+        distinct, counts[names] = np.unique(sample_keys(test, names), return_counts=True)
+        shared = _contained(distinct, sample_keys(data, names))
         if shared.sum() > 1 and shared.sum() > _CHANCE * distinct.size:
             names_by_channels.setdefault(names, []).append(data.name)
             seen[names] = seen.get(names, False) | shared
@@ -60,7 +60,7 @@ def _contained(distinct: Keys, keys: Keys) -> Bool:
     return contained
 
 
-def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[str, ...]:
+def shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[str, ...]:
     """Return the channels by which samples of two datasets are compared; none if no target can be compared."""
     inputs = [problem.channels.get(name, name) for name in problem.model.graph.inputs]
     targets = [c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.kind != "number"]
@@ -68,7 +68,7 @@ def _shared_names(problem: Problem, test: Dataset, training: Dataset) -> tuple[s
     return () if targets and not both else tuple(name for name in dict.fromkeys([*inputs, *both]) if name in test)
 
 
-def _keys(dataset: Dataset, names: Sequence[str]) -> Keys:
+def sample_keys(dataset: Dataset, names: Sequence[str]) -> Keys:
     """Return a hash for each scored sample at which all channels are finite."""
     kept = dataset.counting.copy()
     for name in names:
@@ -78,6 +78,6 @@ def _keys(dataset: Dataset, names: Sequence[str]) -> Keys:
         values = dataset[name].values[kept] + 0.0  # -0 becomes 0
         keys ^= values.view(np.uint64)
         for shift in (32, 29):  # mixes every bit into all others
-            keys = (keys ^ (keys >> np.uint64(shift))) * _FACTOR
+            keys = (keys ^ (keys >> np.uint64(shift))) * MIXER
         keys ^= keys >> np.uint64(32)
     return keys

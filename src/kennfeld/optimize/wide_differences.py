@@ -61,13 +61,11 @@ def misleading_values(
     return np.asarray(places[differ], dtype=np.int64)
 
 
-def find_misleading_slopes(
-    compiled: CompiledProblem, objective: LeastSquaresObjective, values: Float, limits: LinearLimits
-) -> list[Finding]:
-    """Return a warning if slopes of called functions do not describe whole simulations."""
-    problem, places = compiled.problem, misleading_values(objective, compiled, values, limits)
+def find_misleading_slopes(compiled: CompiledProblem, places: Int) -> list[Finding]:
+    """Return a warning that names the parameters of `misleading_values`, if there are any."""
     if not places.size:
         return []
+    problem = compiled.problem
     ends = {name: compiled.values.offsets[name] + problem.parameters[name].size for name in problem.free_names}
     names = [n for n, end in ends.items() if np.any((places < end) & (places >= compiled.values.offsets[n]))]
     message = (

@@ -33,6 +33,7 @@ from kennfeld.optimize.lookup_coverage import Coverage
 from kennfeld.optimize.problem import Problem, difference
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.repeats import repeat_findings
 from kennfeld.optimize.strategies.global_search import FEW
 from kennfeld.optimize.validation import unbounded
 from kennfeld.optimize.zero_slopes import departure
@@ -286,6 +287,8 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *_restarts(problem, locations)]
     warnings += seen_test_data(file, problem, locations)
+    if problem.partitions is None:
+        warnings += repeat_findings(problem, lambda data: locations[data.name])
     beyond = (Finding(*entry, severity="warning") for entry in _beyond(file, problem))
     evaluating = {
         "limits in the wrong order": find_crossed(problem, problem.parameters),

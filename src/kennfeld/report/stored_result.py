@@ -57,6 +57,7 @@ class TrustSummary:
     leverage: Mapping[str, Float] = field(default_factory=dict)
     by_smoothness: Mapping[str, Bool] = field(default_factory=dict)
     directions: tuple[RemedyText, ...] = ()
+    coupled: tuple[str, ...] = ()  # a sentence for each direction that is coupled, but determined
     null_space: RemedyText | None = None
     holdings: tuple[str, ...] = ()  # a sentence for each active limit
     remark: str = ""
@@ -71,7 +72,8 @@ def summarise_trust(trust: Trust) -> TrustSummary:
         deviation=trust.deviation,
         leverage=affordable_leverage(trust),
         by_smoothness=trust.by_smoothness,
-        directions=tuple(RemedyText(direction.sentence, direction.remedy) for direction in trust.directions),
+        directions=tuple(RemedyText(each.sentence, each.remedy) for each in trust.directions if not each.determined),
+        coupled=tuple(each.sentence for each in trust.directions if each.determined),
         null_space=RemedyText(null_space.sentence, null_space.advice) if null_space.sentence else None,
         holdings=tuple(map(str, trust.holdings)),
         remark=trust.remark,
@@ -92,8 +94,10 @@ def read_trust(folder: Path, parameters: ParameterSet) -> TrustSummary:
 def _sentences(path: Path) -> dict[str, Any]:
     trust = json.loads(path.read_text(encoding="utf-8")).get("trust") or {}
     space = trust.get("null_space") or {}
+    entries = trust.get("directions", [])
     return {
-        "directions": tuple(RemedyText(entry["sentence"], entry["remedy"]) for entry in trust.get("directions", [])),
+        "directions": tuple(RemedyText(e["sentence"], e["remedy"]) for e in entries if not e.get("determined")),
+        "coupled": tuple(entry["sentence"] for entry in entries if entry.get("determined")),
         "null_space": RemedyText(space["sentence"], space["remedy"]) if space.get("sentence") else None,
         "holdings": tuple(entry["sentence"] for entry in trust.get("holdings", [])),
         "remark": trust.get("remark", ""),

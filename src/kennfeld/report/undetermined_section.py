@@ -17,7 +17,7 @@ MAX_LISTED = 8  # values in a row
 
 
 def render_undetermined(report: ReportData) -> Html:
-    """Return the undetermined and poorly determined directions, and a table of the values concerned."""
+    """Return the undetermined and poorly determined directions, a table of the values concerned, and coupled ones."""
     trust = report.trust
     directions = [*([trust.null_space] if trust.null_space else []), *trust.directions]
     lines = [element("li", element("b", d.sentence), f" {d.remedy}") for d in directions]
@@ -33,6 +33,10 @@ def render_undetermined(report: ReportData) -> Html:
         note(trust.remark) if trust.remark else None,
         element("ul", lines, class_="directions") if lines else None,
         table(head, rows, class_="wide") if rows else None,
+        note("Coupled, but determined:") if trust.coupled else None,
+        element("ul", [element("li", sentence) for sentence in trust.coupled], class_="remarks")
+        if trust.coupled
+        else None,
         None if rows or lines else note("Every value is determined by training data."),
         _extrapolation_table(report.extrapolation) if report.extrapolation else None,
     )

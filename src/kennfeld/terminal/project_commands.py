@@ -282,7 +282,7 @@ def _calibrate(
             written = write_somewhere(result, project, folder, {"report.html": text}, further, write_findings)
     except KeyboardInterrupt:
         return _stop()
-    _print_result(result, extrapolations, by_file)
+    _print_result(result, findings, extrapolations, by_file)
     print_findings(*write_findings)
     _print_paths(project, result, written)
     if interrupt.pressed:
@@ -297,7 +297,10 @@ def _stop() -> int:
     return INTERRUPTED
 
 
-def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]", by_file: bool) -> None:
+def _print_result(
+    result: "Result", known: Sequence[Finding], extrapolations: "Sequence[Extrapolation]", by_file: bool
+) -> None:
+    """Print a result, without the warnings that the check before it has told already."""
     from kennfeld.optimize.trust.undetermined import undetermined_lines
     from kennfeld.terminal.result_lines import MORE, choice_lines, extrapolation_lines
 
@@ -309,7 +312,8 @@ def _print_result(result: "Result", extrapolations: "Sequence[Extrapolation]", b
     print_lines(f"{result.status}: {result.message}")
     if is_quiet() and not result.converged:
         print_findings(Finding(Location(), f"{result.status}: {result.message}", severity="warning"))
-    print_findings(*result.warnings)
+    told = {finding.message for finding in known}
+    print_findings(*(each for each in result.warnings if each.message not in told))
     print_lines(*choice_lines(result))
     print_lines(f"{result.free_values} values, {result.iterations} iterations, {result.seconds.total:.2f} s")
     print_lines(*undetermined_lines(result.trust, MORE), *extrapolation_lines(extrapolations))

@@ -79,6 +79,41 @@ def test_weighted_fits_scatter_as_said(name, count):
     assert agree(said, repeated(problem(spread, **criterion), spread, count)) == 7
 
 
+HEAVY = np.exp(RANDOM.normal(0, 1.5, SIZE))  # a tenth of the samples has most of the weight
+STATED = {"importance": EVEN, "accuracy": 1 / np.sqrt(HEAVY), "something between": HEAVY**-0.25}
+
+
+def line(spread, rows, seed):
+    rng = np.random.default_rng(seed)
+    x = X[rows] - 2.5
+    columns = {"x": x, "w": HEAVY[rows], "y": 1 + 2 * x + 0.5 * spread[rows] * rng.standard_normal(x.size)}
+    criteria = [kf.Criterion("m", "y", weight_channel="w")]
+    return kf.calibrate("m = a + b * x", columns, {"a": 0.0, "b": 0.0}, criteria=criteria)
+
+
+@pytest.mark.parametrize("stated", STATED)
+def test_weights_that_vary_continuously_give_the_sandwich_form(stated):
+    """For noise s and weights w, (J'wJ)^-1 J'w s^2 w J (J'wJ)^-1."""
+    spread = STATED[stated]
+    jacobian = np.stack([EVEN, X - 2.5], axis=1)
+    inverse = np.linalg.inv(jacobian.T @ (HEAVY[:, None] * jacobian))
+    middle = jacobian.T @ ((HEAVY * 0.5 * spread)[:, None] ** 2 * jacobian)
+    expected = np.sqrt(np.diag(inverse @ middle @ inverse))
+    result = line(spread, slice(None), 3)
+    assert [float(result.trust.deviation[name]) for name in "ab"] == pytest.approx(expected, rel=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [20, 60])
+@pytest.mark.parametrize("stated", STATED)
+def test_two_deviations_cover_the_truth_with_weights_that_vary_continuously(stated, count):
+    fits = [line(STATED[stated], np.arange(seed, seed + count), seed) for seed in range(0, 300, 2)]
+    errors = [
+        float(r.parameters[n].value - t) / float(r.trust.deviation[n]) for r in fits for n, t in (("a", 1), ("b", 2))
+    ]
+    assert np.mean(np.abs(errors) < 2) > 0.9  # 0.94 with the t distribution of 18 degrees of freedom
+
+
 def deviations(trust):
     return np.concatenate([np.ravel(trust.deviation[name]) for name in trust.deviation])
 
@@ -129,8 +164,9 @@ def test_few_samples_of_a_weight_take_the_noise_of_the_others():
     w = np.where(np.arange(SIZE) < 3, 100.0, 1.0)
     made = problem(0.5 / np.sqrt(w), channels={"w": w}, weight_channel="w")
     estimate = run(made, kf.Options()).trust.estimate
-    assert estimate.variances == pytest.approx((0.25, 0.25), rel=0.2)
-    assert estimate.variances[0] == pytest.approx(estimate.variances[1], rel=1e-2)
+    few, many = (variance.unit for variance in estimate.variances)
+    assert [few, many] == pytest.approx([0.25, 0.25], rel=0.2)
+    assert few == pytest.approx(many, rel=1e-2)
 
 
 def test_recordings_keep_how_long_their_errors_last_whatever_the_weights():

@@ -32,7 +32,9 @@ def trust(session: Session, given: Given) -> Answer:
                     "parameters": list(direction.parts),
                 }
                 for direction in known.directions
+                if not direction.determined
             ],
+            "coupled": [direction.sentence for direction in known.directions if direction.determined],
             "sentence": known.null_space.sentence,
             "advice": known.null_space.advice,
             "dimension": known.null_space.dimension,

@@ -8,6 +8,9 @@ limits A, so that -J'J d is what their forces leave of the gradient g. Two numbe
 - the share of the cost by which the step lowers it, as the model predicts: the square of the relative offset of
   D. Bates, D. Watts: A relative offset orthogonality convergence criterion, 1981.
 
+If part of the values affects part of the criteria only, both numbers are also those of that part, whose cost may be too
+small to be seen beside the rest.
+
 The model is that of these values alone: damping and scales from the way there would hide a gradient.
 """
 
@@ -44,6 +47,10 @@ class Certificate(NamedTuple):
             gradient = float(np.max(cosines, initial=0.0))
             decrease = float(model.predicted_reduction(step) / cost)
         return cls(min(gradient, 1.0), min(max(decrease, 0.0), 1.0))
+
+    def together(self, other: "Certificate | None") -> "Certificate":
+        """Return the larger ones of the numbers of both."""
+        return self if other is None else Certificate(*map(max, self, other))
 
     def as_json(self) -> dict[str, float | None]:
         """Return the entry `certificate` of `result.json`."""

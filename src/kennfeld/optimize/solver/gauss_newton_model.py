@@ -13,6 +13,8 @@ from kennfeld.native.cholesky import Cholesky, Factor
 from kennfeld.native.symmetric import SymmetricMatrix, as_array, part
 
 SCALE_MEMORY = 0.5  # share of its column scale that a value keeps at least from one iteration to the next
+HOLD = 1e-12  # damping of directions without an effect, of problems that are factored by QR
+NULL = 1e-13  # singular value of the scaled Jacobian that is rounding, relative to the largest
 PROBE = 0.1  # share of a step at which its curvature is measured
 SCALE_FLOOR = 1e-6  # of the mean curvature in its table: least column scale, so that no value runs away
 
@@ -132,8 +134,9 @@ class GaussNewtonModel:
                 factor = Cholesky(self.movable.size).factor(as_array(matrix) + secant.matrix, damped)
             return None if factor is None else DampedModel(factor, factor.solve(-self.gradient), damped)
         # QR of [R; sqrt(lambda D)], whose R is the factor of R'R + lambda D
-        stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped))])
-        upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, np.zeros(self.column_scale.size)]))
+        stacked = np.vstack([self.r_factor, np.diag(np.sqrt(damped)), *([self._held] if damping < HOLD else [])])
+        below = np.zeros(len(stacked) - self.q_residual.size)
+        upper, rotated = _triangle(stacked, np.concatenate([self.q_residual, below]))
         diagonal = np.abs(np.diag(upper))
         if diagonal.min(initial=1.0) <= 0:
             return None
@@ -141,6 +144,18 @@ class GaussNewtonModel:
         lower = np.ascontiguousarray((sign[:, None] * upper).T)
         step = np.asarray(np.linalg.solve(upper, -rotated), dtype=np.float64)
         return DampedModel(Factor.of(lower), step, damped)
+
+    @property
+    def little_damping(self) -> float:
+        """A damping that leaves all directions free whose effect on the residuals is not rounding."""
+        return 1e-12 if self.hessian is not None else 1e-28
+
+    @cached_property
+    def _held(self) -> Float:
+        """Rows that damp the directions whose effect on the residuals is rounding, by `HOLD`; Float[rows, values]."""
+        units = np.sqrt(self.column_scale)
+        _, singular, directions = np.linalg.svd(self.r_factor / units)
+        return np.asarray(np.sqrt(HOLD) * directions[singular <= NULL * singular.max(initial=0.0)] * units)
 
     def geodesic_acceleration(self, factor: Factor, step: Float) -> Float:
         """Return the correction of a step for the curvature of the residuals along it; for objectives that use QR.

@@ -26,9 +26,8 @@ from kennfeld.optimize.solver.quadratic_program import QpSolution, QuadraticProg
 Status = Literal["converged", "max_iterations", "stopped", "infeasible", "failed"]
 
 MAX_DAMPING = 1e300  # columns of the Jacobian may be that small, and steps that long
-MIN_DAMPING = 1e-15
+MIN_DAMPING = 1e-3  # of `little_damping`
 MAX_ACCELERATION = 0.75  # ratio of twice the geodesic acceleration to the step
-LITTLE_DAMPING = 1e-12
 PROMISED_SHARE = 0.5  # share of the cost that an almost undamped step may promise at a minimum, for example at a kink
 STEEP = 0.1  # cosine between residuals and a column of J at a start; kinks of tables leave a tenth of it
 LIMIT_DAMPING = 1e-9  # of the mean curvature: least damping while limits are active, keeps the digits of A H^-1 A'
@@ -401,7 +400,8 @@ class _LevenbergMarquardt:
         if state.damping < state.limit_damping and ratio > self.settings.damping_limited_ratio:
             state.limit_damping = max(0.1 * state.limit_damping, SLOW_LIMIT_DAMPING)
         # lambda *= max(1/3, 1 - (2 rho - 1)^3)
-        state.damping = max(state.damping * max(1 / 3, 1 - (2 * min(ratio, 2.0) - 1) ** 3), MIN_DAMPING)
+        least = MIN_DAMPING * model.little_damping
+        state.damping = max(state.damping * max(1 / 3, 1 - (2 * min(ratio, 2.0) - 1) ** 3), least)
         state.damping_growth = 2.0
         active = int(np.count_nonzero(solution.active))
         self.report(Iteration(state.iterations, trial.cost, step_size, used, active), state.values)
@@ -448,7 +448,7 @@ class _LevenbergMarquardt:
         state.certificate = self._certificate(model, step)
         slope, promise = (1.0, 1.0) if state.certificate is None else state.certificate[:2]
         if promise > self.settings.tolerance and state.untried:
-            self._restart()
+            self._restart(model)
             return None
         failed = promise > PROMISED_SHARE or (state.iterations == 0 and slope > STEEP)
         if failed:
@@ -458,18 +458,18 @@ class _LevenbergMarquardt:
                 return self._end("failed", UNFULFILLED)
         return self._end("converged", message)
 
-    def _restart(self) -> None:
+    def _restart(self, model: GaussNewtonModel) -> None:
         """Go on from the same values with the undamped step, and without the secant model."""
         state = self.state
         state.remembers_scale, state.untried = state.untried[0], state.untried[1:]
-        state.stalled_steps, state.damping, state.damping_growth = 0, LITTLE_DAMPING, 2.0
+        state.stalled_steps, state.damping, state.damping_growth = 0, model.little_damping, 2.0
         state.use_secant, state.pending_secant_pair = False, None
         if self.secant is not None:
             self.secant = SecantCorrection(self.movable.size)
 
     def _undamped_step(self, model: GaussNewtonModel) -> Float | None:
         """Return the step of the undamped model within the limits; None if its matrix cannot be factored."""
-        damped = model.damped_factor(LITTLE_DAMPING, least=self._least_damping)
+        damped = model.damped_factor(model.little_damping, least=self._least_damping)
         if damped is None or not np.all(np.isfinite(damped.step)):
             return None
         return self.program.solve(damped.factor, damped.step, self._here, self.state.active_set).step

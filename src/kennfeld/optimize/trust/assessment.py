@@ -88,7 +88,12 @@ class TrustAssessment:
             except (np.linalg.LinAlgError, ArithmeticError, RunnerLostError):  # never lose a result over this
                 trust = Trust(informed=self.informed)
         del self.compiled, self.scorer, self.outputs
+        self.__dict__.pop("_objective", None)
         return trust
+
+    @cached_property
+    def _objective(self) -> LeastSquaresObjective:
+        return LeastSquaresObjective(self.compiled)
 
     def _trust(self) -> Trust:
         problem, compiled = self.problem, self.compiled
@@ -165,7 +170,7 @@ class TrustAssessment:
             return []
         named = [direction for direction in weak if direction.amounts]
         allowed = (lambda values: True) if outputs is None else outputs.is_satisfied
-        return [*second_minima(self.compiled, limits, self.values, local, named, allowed)]
+        return [*second_minima(self._objective, limits, self.values, local, named, allowed)]
 
     def _directions(
         self,
@@ -225,13 +230,12 @@ class TrustAssessment:
         if not which.any():
             return np.full((2, self.values.size), np.nan)
         limits = linear_limits(self.problem, self.compiled.values)
-        objective = LeastSquaresObjective(self.compiled)
         return flat_intervals(
-            objective.cost, self.values, np.flatnonzero(which), np.array([limits.lower, limits.upper])
+            self._objective.cost, self.values, np.flatnonzero(which), np.array([limits.lower, limits.upper])
         )
 
     def _describe_minimum(self, minimum: SecondMinimum, split: "_Split", words: Describer) -> Direction:
-        weak, costs = minimum.direction, (LeastSquaresObjective(self.compiled).cost(self.values), minimum.cost)
+        weak, costs = minimum.direction, (self._objective.cost(self.values), minimum.cost)
         equal = minimum.weight < MAX_EQUAL_WEIGHT
         return words.second_minimum(weak, split(weak.change), split(minimum.change), costs, equal=equal)
 
@@ -244,9 +248,8 @@ class TrustAssessment:
             return True
         change = direction.change * SCALED / max(abs(amount) for _, amount in direction.amounts)
         relative = np.divide(change, self.values, out=np.zeros_like(change), where=self.values != 0)
-        objective = LeastSquaresObjective(self.compiled)
         factors, differences = (
-            objective.data_cost(values) for values in (self.values * np.exp(relative), self.values + change)
+            self._objective.data_cost(values) for values in (self.values * np.exp(relative), self.values + change)
         )
         return bool(factors <= differences) or not np.isfinite(differences)
 

@@ -44,6 +44,7 @@ from kennfeld.optimize.trust.matrices import Matrix, part, rescale, should_be_sp
 from kennfeld.optimize.trust.noise import Group, rescore, variances
 from kennfeld.optimize.trust.pressing_limits import TouchedLimits
 from kennfeld.optimize.trust.smooth_effects import with_smooth_effects
+from kennfeld.optimize.trust.variance_power import Variance
 
 PART_TOLERANCE = 1e-4  # relative part in undetermined directions that exceeds rounding
 # of the descent to the values that fit the data without output limits
@@ -67,7 +68,7 @@ class Estimate:
     noise: Matrix | None
     dispersion: float  # phi: variance per unit of cost
     groups: tuple[Group, ...]
-    variances: tuple[float, ...]  # of psi at weight 1, for each group
+    variances: tuple[Variance, ...]  # of psi, for each group
     gradient: Float  # half that of the cost
     own: Float  # Float[values]: curvature of the data along each of all values
     informed: Bool  # Bool[values]: those of all values that data or smoothness inform
@@ -219,7 +220,7 @@ def estimate(
     held, local = _within(TouchedLimits.of(limits, values, measured.curvature), measured, groups, touched)
     if touched is None or not local.seen.any():
         return local
-    without_limits = levenberg_marquardt(LeastSquaresObjective(compiled), values, limits, DATA_ONLY).values
+    without_limits = levenberg_marquardt(measured.objective, values, limits, DATA_ONLY).values
     local = _estimate(measured, local.reduction, _with_noise_of(groups, judge(without_limits)))
     moving = local.reduction.rows(outputs)[:, local.seen]
     pressed = find_active_output_limits(touched, moving, local.spectrum.inverse, local.gradient, local.dispersion)
@@ -263,11 +264,16 @@ def _with_noise_of(groups: Sequence[Group], others: Sequence[Group]) -> Sequence
 
 
 def _with_residuals_of(group: Group, other: Group) -> Group:
-    return replace(group, squares=other.squares, persistence=other.persistence, correlation=other.correlation)
+    return replace(
+        group,
+        squares_by_exponent=other.squares_by_exponent,
+        persistence=other.persistence,
+        correlation=other.correlation,
+    )
 
 
 def _estimate(
-    measured: "_Measured", reduction: ConstraintElimination, groups: Sequence[Group], known: Sequence[float] = ()
+    measured: "_Measured", reduction: ConstraintElimination, groups: Sequence[Group], known: Sequence[Variance] = ()
 ) -> Estimate:
     """Return the estimate for the independent values, with the noise of the groups or with known variances."""
     data, smoothness = reduction.matrix(measured.data), reduction.matrix(measured.smoothness)
@@ -283,12 +289,15 @@ def _estimate(
     used = [spectrum.inverse.trace(matrix) for matrix in each]
     groups = measured.with_smooth_effects(groups, used, (reduction, np.flatnonzero(seen), spectrum.inverse))
     by_group = known or variances(groups, used)
-    shares = [float(np.divide(g.score * v * g.persistence, g.slope)) for g, v in zip(groups, by_group, strict=True)]
+    shares = [_share(group, variance) for group, variance in zip(groups, by_group, strict=True)]
     # if limits determine all values, the noise is still known
     weights = used if sum(used) > 0 else [float(group.count) for group in groups]
     dispersion = float(np.dot(shares, weights)) / sum(weights) if sum(weights) > 0 else float("nan")
     noise = None
-    if len(groups) > 1:
+    if len(groups) > 1 and any(g.varies and v.exponent < 1 for g, v in zip(groups, by_group, strict=True)):
+        noise = part(reduction.matrix(measured.noise(groups, by_group)), seen)
+        dispersion = spectrum.inverse.trace(noise) / sum(used) if sum(used) > 0 else dispersion
+    elif len(groups) > 1:
         noise = sum(share * matrix for share, matrix in zip(shares, each, strict=True))
     return Estimate(
         reduction=reduction,
@@ -306,13 +315,19 @@ def _estimate(
     )
 
 
+def _share(group: Group, variance: Variance) -> float:
+    """Return the variance of the gradient per curvature, both by samples of the typical weight of a group."""
+    curvature = variance.at(group.typical) * group.typical
+    return float(np.divide(group.score * curvature * group.persistence, group.slope))
+
+
 class _Measured:
     """Curvatures over all free values, with the slopes psi' of robust losses instead of their weights."""
 
     def __init__(self, compiled: CompiledProblem, values: Float, groups: Sequence[Group]) -> None:
         self._compiled, self._groups = compiled, groups
         self._full = compiled.full(values)
-        objective = LeastSquaresObjective(compiled)
+        self.objective = objective = LeastSquaresObjective(compiled)
         self._faint = objective.faint(values)
         self.rows: Float | None = None
         data: SymmetricMatrix
@@ -337,6 +352,14 @@ class _Measured:
         if all(group.slope == group.weight for group in self._groups):
             return self._compiled.sums
         return self._rescored(self._groups)
+
+    def noise(self, groups: Sequence[Group], variances: Sequence[Variance]) -> Matrix:
+        """Return the variance of the gradient, sum (s w)^2 v w^-g j'j over the samples of weight w and row j."""
+        factors, powers = {}, {}
+        for own, group, variance in zip(self._groups, groups, variances, strict=True):
+            factors[own] = float(np.divide(group.score * variance.unit * group.persistence, group.weight))
+            powers[own] = 2 - variance.exponent
+        return self._copy(self._normal(self._compiled.sums_with(rescore, factors, powers))[0])
 
     def _rescored(self, groups: Sequence[Group]) -> Sums:
         factors = {group: float(np.divide(group.slope, group.weight)) for group in groups}

@@ -1,9 +1,10 @@
 """Estimation of the measurement noise from the residuals of a fit.
 
-Samples of one criterion in datasets of one weight, with similar sample weights, form a group with its own sigma: the
-variance of a sample of weight w is sigma^2 / w, and sigma^2 is the sum of w r^2 divided by its degrees of freedom. The
-result is therefore correct both if weights state the quality of the data and if they merely state their importance. The
-weight and the scale of a criterion do not affect its noise. Samples of weight 0 do not count.
+Samples of one criterion in datasets of one weight, with similar sample weights, form a group with its own variance v:
+that of a sample of weight w is v w^-g, and v is the sum of w^g r^2 divided by its degrees of freedom. The power g is
+that of the whole criterion, see `variance_power`. The result is therefore correct both if weights state the quality of
+the data and if they merely state their importance. The weight and the scale of a criterion do not affect its noise.
+Samples of weight 0 do not count.
 
 With robust losses, the moments of psi, half the slope of the loss, replace those of the residual (P. J. Huber: Robust
 Regression, Annals of Statistics 1, 1973): the variance of a value is E[psi^2] / E[psi']^2 times that for unit noise.
@@ -26,6 +27,7 @@ from kennfeld.native.samples import Samples
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.trust.persistence import MIN_SAMPLES, Correlation, LaggedProducts, persistence_lags
+from kennfeld.optimize.trust.variance_power import EXPONENTS, Variance, likely_exponent, sum_squares
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.sample_weights import SampleWeights
@@ -35,6 +37,7 @@ MIN_FREEDOM = 1.0  # residual degrees of freedom for an estimate of the noise
 MIN_GROUP_FREEDOM = 10.0  # the same for one of several groups; with fewer, the noise is that of the criterion
 MAX_CLASSES = 8  # of samples by their own weight
 MAX_WEIGHT_RATIO = 1.5  # of the largest to the smallest weight in one class
+VARYING = 0.01  # half the variance of the logarithms of weights that are not about equal
 
 Range = tuple[float, float]  # of sample weights: above the first, up to the second
 ANY: Range = (0.0, float("inf"))
@@ -50,14 +53,25 @@ class Group:
     criterion: int
     score: float  # weight of criterion times weight of dataset
     count: int
-    squares: float  # sum of w psi^2, w the weight of the sample
+    squares_by_exponent: tuple[float, ...]  # sum of w^g psi^2, w the weight of the sample; see `variance_power`
     weight: float  # mean of psi / residual, the weight in the matrix of the fit
     slope: float  # mean of psi'
     persistence: float  # samples for each one that is independent of those before
     correlation: Correlation = field(default_factory=Correlation)  # mean over the datasets
     typical: float = 1.0  # mean w
+    logarithm: float = 0.0  # mean log w
     above: float = 0.0
     most: float = float("inf")
+
+    @property
+    def varies(self) -> bool:
+        """True if the weights of the samples are not about equal: their mean is not their geometric mean."""
+        return bool(np.log(self.typical) - self.logarithm > VARYING)
+
+    @property
+    def squares(self) -> float:
+        """Sum of w psi^2."""
+        return self.squares_by_exponent[-1]
 
     def contains(self, weights: Float) -> Bool:
         """Return True for the weights of samples in this group."""
@@ -216,10 +230,11 @@ class _ClassSums:
     """Sums over the samples of one class of weights."""
 
     count: int
-    squares: float
+    squares: Float  # Float[exponents]
     ratios: float
     slopes: float
     weights: float
+    logarithms: float
 
     @classmethod
     def of(cls, r: Float, w: Float, inside: Range, criterion: Criterion) -> "_ClassSums":
@@ -227,7 +242,8 @@ class _ClassSums:
             chosen = (w > inside[0]) & (w <= inside[1])
             r, w = r[chosen], w[chosen]
         ratios, slopes = _influence(r, criterion)
-        return cls(r.size, float(w @ (r * ratios) ** 2), float(w @ ratios), float(w @ slopes), float(w.sum()))
+        sums = float(w @ ratios), float(w @ slopes), float(w.sum()), float(np.log(w).sum())
+        return cls(r.size, sum_squares(r * ratios, w), *sums)
 
     def merge(self, later: "_ClassSums") -> None:
         for name, value in vars(later).items():
@@ -267,12 +283,13 @@ class _NoiseSums:
                     criterion=number,
                     score=criterion.weight * weight,
                     count=sums.count,
-                    squares=sums.squares,
+                    squares_by_exponent=tuple(sums.squares.tolist()),
                     weight=sums.ratios / sums.weights,
                     slope=max(sums.slopes / sums.weights, 1e-3),
                     persistence=length,
                     correlation=Correlation(plain, window),
                     typical=sums.weights / sums.count,
+                    logarithm=sums.logarithms / sums.count,
                     above=above,
                     most=most,
                 )
@@ -336,11 +353,10 @@ def classes(weights: Float, counts: Int | None = None) -> list[Range]:
     return list(pairwise([0.0, *inner, float("inf")]))
 
 
-def variances(groups: Sequence[Group], used: Sequence[float]) -> list[float]:
-    """Return the variance of psi at weight 1 in each group.
+def variances(groups: Sequence[Group], used: Sequence[float]) -> list[Variance]:
+    """Return the variance of psi in each group.
 
-    A group with too few samples has that of its criterion, for a variance inversely proportional to the weight; NaN if
-    the criterion has too few samples as well.
+    A group with too few samples has that of its criterion; NaN if the criterion has too few samples as well.
 
     Args:
         groups: the groups.
@@ -351,13 +367,25 @@ def variances(groups: Sequence[Group], used: Sequence[float]) -> list[float]:
     for group, effective in pairs:
         members = [(g, e) for g, e in pairs if g.criterion == group.criterion]
         own, total = group.count - effective, sum(g.count - e for g, e in members)
+        number = _likely_exponent(members)
+        exponent = EXPONENTS[number]
         if own >= (MIN_GROUP_FREEDOM if len(members) > 1 else MIN_FREEDOM):
-            result.append(group.squares / own)
+            result.append(Variance(group.squares_by_exponent[number] / own, exponent))
         elif total >= MIN_FREEDOM:
-            result.append(sum(g.score * g.squares for g, _ in members) / total / group.score)
+            # the weight of a sample in the cost is w times the score
+            squares = sum(g.score**exponent * g.squares_by_exponent[number] for g, _ in members)
+            result.append(Variance(squares / total / group.score**exponent, exponent))
         else:
-            result.append(float("nan"))
+            result.append(Variance(float("nan")))
     return result
+
+
+def _likely_exponent(members: Sequence[tuple[Group, float]]) -> int:
+    """Return the number of the exponent of a criterion, from its groups and the degrees of freedom used in each."""
+    independent = [max(group.count - used, 0.0) / group.persistence for group, used in members]
+    pairs = list(zip((group for group, _ in members), independent, strict=True))
+    squares = np.sum([np.power(g.score, EXPONENTS) * g.squares_by_exponent for g, _ in pairs], axis=0)
+    return likely_exponent(squares, sum(n * (g.logarithm + np.log(g.score)) for g, n in pairs), sum(independent))
 
 
 def _influence(r: Float, criterion: Criterion) -> tuple[Float, Float]:
@@ -378,10 +406,10 @@ def _influence(r: Float, criterion: Criterion) -> tuple[Float, Float]:
 
 
 def noise_of_criteria(
-    criteria: Sequence[Criterion], groups: Sequence[Group], variances: Sequence[float]
+    criteria: Sequence[Criterion], groups: Sequence[Group], variances: Sequence[Variance]
 ) -> dict[str, float]:
     """Return the standard deviation of the noise of each criterion in the unit of its target, over all its groups."""
-    numbers = [v / g.slope**2 / g.typical for g, v in zip(groups, variances, strict=True)]
+    numbers = [v.at(g.typical) / g.slope**2 for g, v in zip(groups, variances, strict=True)]
     means = _means(criteria, groups, numbers, float("nan"))
     return _by_criterion(criteria, [c.scale * float(np.sqrt(mean)) for c, mean in zip(criteria, means, strict=True)])
 
@@ -413,15 +441,26 @@ def _mean(pairs: Iterable[tuple[float, int]], empty: float) -> float:
     return sum(number * count for number, count in counted) / total if total else empty
 
 
-def rescore(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Samples:
-    """Return the samples of some groups with weights multiplied by a factor; all other weights are 0.
+def rescore(
+    compiled: CompiledProblem, factors: Mapping[Group, float], powers: Mapping[Group, float] | None = None
+) -> Samples:
+    """Return the samples of some groups with other weights; all other weights are 0.
 
     The factor goes into the samples' own weights, if they have any, else into the weights of their piece.
+
+    Args:
+        compiled: the problem.
+        factors: of the weights, by group.
+        powers: to which samples' own weights are raised before, by group; 1 by default.
     """
     samples, weighting = copy(compiled.samples), compiled.weighting
     rows = list(samples.inputs.parts)
     for number, name in weighting.inputs.items():
-        own = [(group, factor) for group, factor in factors.items() if group.criterion == number]
+        own = [
+            (group, factor, (powers or {}).get(group, 1.0))
+            for group, factor in factors.items()
+            if group.criterion == number
+        ]
         row = compiled.kernel.layout.inputs[name]
         rows[row] = [_scale_weights(samples, np.concatenate(rows[row]), number, own)]
     samples.inputs = ColumnTable(rows, samples.inputs.count)
@@ -437,13 +476,15 @@ def rescore(compiled: CompiledProblem, factors: Mapping[Group, float]) -> Sample
     return samples
 
 
-def _scale_weights(samples: Samples, weights: Float, number: int, factors: Sequence[tuple[Group, float]]) -> Float:
-    """Return the weights of all samples for a criterion, each multiplied by the factor of its group."""
+def _scale_weights(
+    samples: Samples, weights: Float, number: int, factors: Sequence[tuple[Group, float, float]]
+) -> Float:
+    """Return the weights of all samples for a criterion, each with the factor and the power of its group."""
     scores = np.zeros(weights.size)
     for piece in samples.pieces:
         visits = slice(piece.first, piece.last)
         scores[visits if samples.order is None else samples.order[visits]] = piece.scores[number]
     result = np.zeros(weights.size)
-    for group, factor in factors:
-        result += np.where((scores == group.score) & group.contains(weights), factor * weights, 0.0)
+    for group, factor, power in factors:
+        result += np.where((scores == group.score) & group.contains(weights), factor * weights**power, 0.0)
     return result

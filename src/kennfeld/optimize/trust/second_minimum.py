@@ -15,7 +15,6 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array, as_sparse
-from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
 from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
@@ -49,7 +48,7 @@ class SecondMinimum:
 
 
 def second_minima(
-    compiled: CompiledProblem,
+    objective: LeastSquaresObjective,
     limits: LinearLimits,
     values: Float,
     local: Estimate,
@@ -59,14 +58,13 @@ def second_minima(
     """Yield the second minima beyond folds of poorly determined directions.
 
     Args:
-        compiled: the problem that was fitted.
+        objective: the cost that was minimised.
         limits: of its free values.
         values: the end of the fit, Float[values].
         local: the estimate there.
         directions: the poorly determined directions, worst first.
         allowed: returns True for values that keep the output limits.
     """
-    objective = LeastSquaresObjective(compiled)
     cost, variance = objective.cost(values), local.dispersion
     known: list[Float] = []
     determined = [each for each in directions if np.isfinite(each.deviation) and not each.exact]

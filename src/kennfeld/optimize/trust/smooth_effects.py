@@ -44,7 +44,7 @@ def with_smooth_effects(
         narrow: reduction to independent values, the numbers of those with an effect, and the inverse over them.
     """
     lasting = [group.correlation.window for group in groups if _lasts(group)]
-    if not lasting or not narrow[1].size or compiled.problem.partitions is not None:
+    if not lasting or not narrow[1].size:
         return list(groups)
     smooth = _smooth_share(compiled, full, max(int(max(lasting)) // 2, 1), narrow)
     return [_raised(g, own, smooth) if smooth > 0 and _lasts(g) else g for g, own in zip(groups, used, strict=True)]
@@ -67,22 +67,35 @@ def _smooth_share(
 ) -> float:
     """Return the mean element of P up to `reach` samples from the diagonal, relative to the diagonal; from 0 to 1."""
     reduction, seen, inverse = narrow
+    partitions = compiled.problem.partitions
     width = len(compiled.kernel.outputs) * compiled.values.free
     count = int(min(SAMPLES, MAX_ENTRIES // ((LAGS + 1) * width)))
     lags = np.unique(np.linspace(0, reach, LAGS + 1).astype(np.int64))
-    firsts, visits = _visits(compiled, count, lags)
-    if not firsts.size:
-        return 0.0
-    needed = np.unique(visits)
-    rows = compiled.sums.rows_at(full, needed)
-    rows = reduction.rows(rows.reshape(-1, rows.shape[-1]))[:, seen].reshape(*rows.shape[:2], -1)
-    at = np.searchsorted(needed, visits)
-    here = rows[at[0]]
-    reached = inverse.times(here.reshape(-1, here.shape[-1])).reshape(here.shape)
-    products = np.array([np.sum(reached * rows[each]) for each in at])
+    products = np.zeros(lags.size)
+    for rows, places in compiled.each(
+        _lagged_rows, full, count // len(partitions.training) if partitions else count, lags
+    ):
+        if rows.size:
+            own = reduction.rows(rows.reshape(-1, rows.shape[-1]))[:, seen].reshape(*rows.shape[:2], -1)
+            here = own[places[0]]
+            reached = inverse.times(here.reshape(-1, here.shape[-1])).reshape(here.shape)
+            products += [np.sum(reached * own[each]) for each in places]
     if not products[0] > 0:
         return 0.0
     return float(np.clip(np.trapezoid(products / products[0], lags) / lags[-1], 0.0, 1.0))
+
+
+def _lagged_rows(compiled: CompiledProblem, full: Float, count: int, lags: Int) -> tuple[Float, Int]:
+    """Return the rows of J at some samples, and at each lag after them, of one partition.
+
+    Returns:
+        Float[different samples, outputs, values], and their numbers among these, Int[lags, samples].
+    """
+    firsts, visits = _visits(compiled, count, lags)
+    if not firsts.size:
+        return np.zeros((0, 0, 0)), visits
+    needed = np.unique(visits)
+    return compiled.sums.rows_at(full, needed), np.searchsorted(needed, visits)
 
 
 def _visits(compiled: CompiledProblem, count: int, lags: Int) -> tuple[Int, Int]:

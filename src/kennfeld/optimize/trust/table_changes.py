@@ -117,6 +117,7 @@ class WeakDirection:
     seen: float  # of the data alone
     deviation: float  # standard deviation along it, conditional on worse directions; inf if undetermined
     amounts: tuple[tuple[TableChange, float], ...]
+    smoothed: bool = True  # any value has smoothness
 
     @property
     def exact(self) -> bool:
@@ -127,4 +128,4 @@ class WeakDirection:
     @property
     def mainly_smooth(self) -> bool:
         """True if smoothness determines the direction, or most of it."""
-        return self.seen <= 0.1 * self.ratio
+        return self.smoothed and self.seen <= 0.1 * self.ratio

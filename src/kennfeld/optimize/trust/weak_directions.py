@@ -75,6 +75,7 @@ def weak_directions(
     take(map(search.rate, directions[:undetermined]), MIN_NEW_SHARE_OTHERS, MAX_OTHERS)
     take([trial for trial in named if trial.seen > EXACT], MIN_NEW_SHARE, most)
     take(search.others(directions[undetermined:]), MIN_NEW_SHARE_OTHERS, MAX_OTHERS)
+    smoothed = bool(estimate.smoothness.diagonal().any())
     trials.sort(key=lambda trial: (_rounded(max(trial.ratio, ROUNDING)), not trial.shapes))
     return [
         WeakDirection(
@@ -84,6 +85,7 @@ def weak_directions(
             seen=trial.seen,
             deviation=deviation,
             amounts=tuple((shapes[i], amount) for i, amount in zip(trial.shapes, trial.amounts, strict=True)),
+            smoothed=smoothed,
         )
         for trial, deviation in zip(trials, search.deviations(trials), strict=True)
     ]

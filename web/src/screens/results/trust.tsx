@@ -7,7 +7,7 @@ import { describePath, setKeys } from "../../settings";
 import { state } from "../../store";
 
 export function TrustPane() {
-  const { directions, sentence, advice, remark, remedies, holdings, noise, freedom, values } = trust.value;
+  const { directions, coupled, sentence, advice, remark, remedies, holdings, noise, freedom, values } = trust.value;
   const ran = state.value.runs.length > 0;
   const open = directions.length + Number(Boolean(sentence));
   return (
@@ -20,6 +20,7 @@ export function TrustPane() {
       {open > 0 && remark && <p class="note warn">{remark}</p>}
       {sentence && <div class={`di ${remedies.length ? "on" : ""}`}><b class="bad">{remedies.length ? "open" : "–"}</b><div class="grow"><p>{sentence}</p><p class="q">{advice}</p><Remedies own={remedies} first /></div></div>}
       {directions.map((each) => <Row own={each} />)}
+      {coupled.map((text) => <div class="di"><b class="good">coupled</b><div class="grow"><p>{text}</p></div></div>)}
       {holdings.map((text) => <div class="di"><b class="q">limit</b><div class="grow"><p>{text}</p></div></div>)}
       {noise.length > 0 && <p class="pad q">Noise: {noise.map((each) => `${each.criterion} ${each.value === null ? "unknown" : significant(each.value, 4)}`).join(", ")}</p>}
     </section>

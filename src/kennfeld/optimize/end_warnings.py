@@ -1,0 +1,114 @@
+"""What a user should know about the end of a fit: warnings, and remarks for its message."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from kennfeld.arrays import Bool, Float, Int
+from kennfeld.errors import Finding
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.doubtful_arguments import find_crossed, find_short_lags
+from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes, steepness
+from kennfeld.optimize.equal_neurons import find_equal_neurons
+from kennfeld.optimize.jumps import find_jumps
+from kennfeld.optimize.kinks import find_kinks, values_at_kinks
+from kennfeld.optimize.linear_limits import touching_pairs
+from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.options import Options
+from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.quality import Quality
+from kennfeld.optimize.repeats import repeat_findings
+from kennfeld.optimize.runaways import find_runaways
+from kennfeld.optimize.solver.certificate import Certificate
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult
+from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.validation import dataset_location
+from kennfeld.optimize.wide_differences import find_misleading_slopes
+from kennfeld.optimize.worsening import admissible_share, find_worsening
+from kennfeld.parameter_set import ParameterSet
+
+MAX_LISTED = 5
+
+
+def scored_nodes(problem: Problem) -> set[str]:
+    """Return the nodes of the criteria with a weight."""
+    return {criterion.node for criterion in problem.criteria if criterion.weight > 0}
+
+
+def targeted_nodes(problem: Problem) -> set[str]:
+    """Return those of them that are to meet their target, not only to stay below it."""
+    return scored_nodes(problem) - {criterion.node for criterion in problem.criteria if criterion.loss == "excess"}
+
+
+@dataclass(frozen=True)
+class EndWarnings:
+    """The warnings about the end of a search that did not fail."""
+
+    compiled: CompiledProblem
+    objective: LeastSquaresObjective
+    limits: LinearLimits
+    options: Options
+    end: SolverResult
+
+    def find(
+        self, quality: Sequence[Quality], certificate: Certificate | None, misleading: Int | None
+    ) -> tuple[Finding, ...]:
+        """Return all warnings.
+
+        Args:
+            quality: of all criteria on all datasets.
+            certificate: of an end that counts as converged, if there is one.
+            misleading: see `misleading_values`; None if slopes do not matter, because the data are met exactly or the
+                search did not use them.
+        """
+        problem, start, values = self.compiled.problem, self.objective.start, self.end.values
+        before, after = (self.objective.data_cost(each) for each in (start, values))
+        outweighed = after > before
+        smooth = outweighed and self.compiled.roughness.cost(start) > 0
+        share = admissible_share(self.compiled, self.limits, values, before) if smooth else None
+        steep = steepness(self.compiled.residuals, int(self.limits.movable.sum()))
+        fitted = self.compiled.parameters(values)
+        moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
+        return (
+            *find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share),
+            *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem))),
+            *find_slopes(certificate, steep, moved=moved, in_steps=in_steps),
+            *(() if misleading is None else self._slopes(misleading)),
+            *(() if problem.partitions is not None else repeat_findings(problem, dataset_location)),
+            *find_runaways(self.compiled, self.objective, start, values),
+            *find_equal_neurons(problem.model.graph, problem.parameters, fitted),
+            *find_short_lags(problem, fitted),
+            *find_crossed(problem, fitted),
+        )
+
+    def _slopes(self, misleading: Int) -> Iterator[Finding]:
+        """Yield warnings about slopes that do not describe how the cost changes."""
+        yield from find_jumps(self.compiled.problem)
+        yield from find_misleading_slopes(self.compiled, misleading)
+        if self.objective.uses_qr:
+            at_kinks = values_at_kinks(self.objective, self.end.values, self.objective.start, self.limits)
+            yield from find_kinks(self.compiled, at_kinks)
+
+
+def describe_uninformed(informed: Mapping[str, Bool]) -> str:
+    """Return a sentence on the number of values of each parameter that kept their start."""
+    counts = {name: int((~known).sum()) for name, known in informed.items() if not known.all()}
+    if not counts:
+        return ""
+    listed = ", ".join(f"{count} of {name}" for name, count in counts.items())
+    return f"Not determined by data or smoothness, kept at their start values: {listed}."
+
+
+def describe_close_breakpoints(problem: Problem, parameters: ParameterSet) -> str:
+    """Return sentences on free axes with breakpoints that ended at their minimum distance."""
+    sentences = []
+    for key, before in problem.free_axes.items():
+        table, axis = before.places[0]
+        points: Float = parameters[table].axes[axis].breakpoints
+        close = touching_pairs(points, before.axis.least_distance)
+        if close.size and not np.array_equal(points, before.axis.breakpoints):
+            pairs = ", ".join(f"{points[i]:g} and {points[i + 1]:g}" for i in close[:MAX_LISTED])
+            sentences.append(f"Breakpoints of {key} ended at their minimum distance: {pairs}.")
+            sentences.append("Consider fewer breakpoints.")
+    return " ".join(sentences)

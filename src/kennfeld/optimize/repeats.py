@@ -1,0 +1,85 @@
+"""Training samples that occur twice: a recording and its copy are not two measurements.
+
+The standard deviations of values assume that the errors of samples are independent. With each sample twice, they come
+out smaller by the square root of 2.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from kennfeld.arrays import Bool
+from kennfeld.dataset import Dataset
+from kennfeld.errors import Finding, Location
+from kennfeld.formatting import join_names
+from kennfeld.optimize.overlap import MIXER, Keys, sample_keys, shared_names
+from kennfeld.optimize.problem import Problem
+
+SHARE = 0.01  # of the samples of a dataset; fewer repeat themselves by chance
+FINE = 0.5  # different targets for each different sample, from which equal ones are not due to rounding
+RUN = 4  # consecutive samples of a recording that are compared as one
+MAX_NAMES = 5  # in a warning
+REMEDY = "Remove the copies: they add no information, and make the standard deviations of the values too small."
+
+
+def repeat_findings(problem: Problem, location: Callable[[Dataset], Location]) -> Iterator[Finding]:
+    """Yield a warning for each training dataset with samples that occur before, in it or in another one.
+
+    Samples are equal if all inputs and targets are, to the last digit. Of recordings, runs of samples are compared that
+    are not all equal, as at standstill. Targets with few different numbers are coarse: equal samples are then likely.
+    """
+    seen: dict[tuple[str, ...], dict[str, Keys]] = {}
+    for data in problem.fitted_datasets:
+        names = shared_names(problem, data, data)
+        keys = _keys_of(data, names)
+        if keys.size and not _is_coarse(problem, data, keys):
+            before = seen.setdefault((*names, str(data.time is None)), {})
+            repeated, sources = _find_repeats(keys, data.name, before)
+            count = int(repeated.sum())
+            if count > 1 and count > SHARE * keys.size:
+                message = _describe(count / keys.size, data.name, sources)
+                yield Finding(location(data), message, REMEDY, severity="warning")
+            before[data.name] = np.unique(keys)
+
+
+def _keys_of(data: Dataset, names: tuple[str, ...]) -> Keys:
+    """Return a hash for each sample, or for each run of samples of a recording that are not all equal."""
+    keys = sample_keys(data, names)
+    if data.time is None or keys.size < RUN:
+        return keys
+    runs = np.lib.stride_tricks.sliding_window_view(keys, RUN)
+    varying = (runs[:, 1:] != runs[:, :-1]).any(axis=1)
+    joined = np.zeros(len(runs), dtype=np.uint64)
+    for column in runs.T:
+        joined = (joined ^ column) * MIXER
+        joined ^= joined >> np.uint64(29)
+    return np.asarray(joined[varying])
+
+
+def _is_coarse(problem: Problem, data: Dataset, keys: Keys) -> bool:
+    """Return if equal samples may be due to the resolution of the targets."""
+    if data.time is not None:
+        return False
+    targets = {c.target.name for c in problem.criteria if problem.target_node(c) is None and c.target.kind != "number"}
+    most = max((np.unique(data[name].values[data.counting]).size for name in targets if name in data), default=0)
+    return most < FINE * np.unique(keys).size
+
+
+def _find_repeats(keys: Keys, name: str, before: dict[str, Keys]) -> tuple[Bool, list[str]]:
+    """Mark the samples that occur before, and return the names of the datasets in which they do."""
+    repeated = np.ones(keys.size, dtype=bool)
+    repeated[np.unique(keys, return_index=True)[1]] = False
+    sources = [name] if repeated.sum() > max(1, SHARE * keys.size) else []
+    for other, known in before.items():
+        shared = np.isin(keys, known)
+        if shared.sum() > max(1, SHARE * keys.size):
+            sources.append(other)
+        repeated |= shared
+    return repeated, sources
+
+
+def _describe(share: float, name: str, sources: list[str]) -> str:
+    samples = "all training samples" if share == 1 else f"{100 * share:.2g} % of the training samples"
+    others = join_names([each for each in sources if each != name], MAX_NAMES)
+    where = f"samples of {others}" if others else "others of the dataset"
+    return f"{samples} of {name} have the same inputs and targets as {where}"

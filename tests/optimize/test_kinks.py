@@ -1,0 +1,38 @@
+"""Values that end at a kink of the function, and the others beside them."""
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+
+RANDOM = np.random.default_rng(0)
+X, Z = RANDOM.uniform(0, 5, 100), RANDOM.uniform(-1, 1, 100)
+Y = -2 * X + 3 * Z + 1 + 0.1 * RANDOM.normal(size=100)  # falls with x, which abs(a)*x cannot
+
+
+@pytest.mark.parametrize(
+    ("text", "start"),
+    [
+        ("y = abs(a)*x + b*z + c", {"a": 1.0, "b": 0.0, "c": 0.0}),
+        ("y = abs(a)*x + b*z + c", {"a": 0.0, "b": 0.0, "c": 0.0}),
+        ("y = abs(a*x) + b*z + c", {"a": -0.3, "b": 1.0, "c": 5.0}),
+        ("y = abs(a)*x + abs(d)*x^2 + b*z + c", {"a": 1.0, "d": 0.7, "b": 0.0, "c": 0.0}),
+        ("y = sqrt(a)*x + b*z + c", {"a": 1.0, "b": 0.0, "c": 0.0}),
+    ],
+    ids=["abs", "abs from 0", "abs of a product", "two of them", "sqrt"],
+)
+def test_values_beside_one_at_a_kink_are_optimal(text, start):
+    result = kf.calibrate(text, {"x": X, "z": Z, "m": Y}, start, target="m")
+    best, *_ = np.linalg.lstsq(np.stack([Z, np.ones(100)], axis=1), Y, rcond=None)
+    assert result.converged
+    assert result.parameters["a"].value == pytest.approx(0, abs=1e-6)
+    assert [result.parameters[name].value for name in "bc"] == pytest.approx(best, abs=1e-4)
+    assert result.certificate.predicted_decrease < 1e-6
+    (warning,) = result.warnings
+    assert warning.message.startswith("a")
+    assert "kink" in warning.message
+
+
+def test_a_smooth_minimum_is_no_kink():
+    result = kf.calibrate("y = a^2*x + b*z + c", {"x": X, "z": Z, "m": Y}, {"a": 1.0, "b": 0.0, "c": 0.0}, target="m")
+    assert not result.warnings
