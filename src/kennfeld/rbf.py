@@ -24,7 +24,7 @@ Kernel = Literal["gaussian", "matern52"]
 
 
 def kernel_of_square(square: Float, kernel: Kernel) -> tuple[Float, Float]:
-    """Return the bell b at squared distances r^2 in widths, and its decline -db/dr / r; both have the shape of `square`.
+    """Return the bell b at squared distances r^2 in widths, and its decline -db/dr / r; both of the shape of `square`.
 
     The Gaussian bell is exp(-r^2 / 2), which is its own decline. The one of the Matern kernel of order 5/2 is
     (1 + s + s^2 / 3) exp(-s) with s = sqrt(5) r; it is twice differentiable, and its decline is 5/3 (1 + s) exp(-s).

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from kennfeld.free_axes import AxisKey, free_axes, with_breakpoints
 from kennfeld.graph import OPERATIONS, Graph, GraphBuilder
+from kennfeld.native.rbf_code import KERNELS
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Parameter, Scalar
-from kennfeld.native.rbf_code import KERNELS
 from kennfeld.rbf import RBF, Expansion
 
 INPUTS = ("u", "v", "w")

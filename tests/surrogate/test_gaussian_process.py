@@ -237,7 +237,10 @@ def test_a_wild_point_is_found_and_not_used(value):
     x, y = points(100, inputs=2)
     wild = y.copy()
     wild[[17, 60]] = value
-    process, clean = gaussian_process(x, wild, starts=1), gaussian_process(np.delete(x, [17, 60], 0), np.delete(y, [17, 60]), starts=1)
+    process, clean = (
+        gaussian_process(x, wild, starts=1),
+        gaussian_process(np.delete(x, [17, 60], 0), np.delete(y, [17, 60]), starts=1),
+    )
     np.testing.assert_array_equal(np.flatnonzero(process.outliers), [17, 60])
     assert np.isnan(process.left_out[[17, 60]]).all()
     np.testing.assert_allclose(process.expansion(x), clean.expansion(x), rtol=1e-6)

@@ -70,7 +70,10 @@ def broken(tmp_path, change, made=None):
     [
         (lambda c: c.pop("expansion"), "model.json expansion: is missing"),
         (lambda c: c.update(kind="kennfeld-dynamc-surrogate"), "Did you mean kennfeld-dynamic-surrogate?"),
-        (lambda c: c.update(version=7), "model.json version: version 7 is not supported, only 1 and 2. Update kennfeld."),
+        (
+            lambda c: c.update(version=7),
+            "model.json version: version 7 is not supported, only 1 and 2. Update kennfeld.",
+        ),
         (
             lambda c: c["expansion"].update(offset=None),
             "model.json expansion offset: must be a finite number, got None",

@@ -24,9 +24,7 @@ from kennfeld.surrogate.training_points import TrainingPoints
 BLOCK = 4096
 
 
-def sparse_bound(
-    values: Float, points: TrainingPoints, z: Float, plane: Plane, kernel: Kernel
-) -> tuple[float, Float]:
+def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, kernel: Kernel) -> tuple[float, Float]:
     """Return the bound F and its gradient, by the logarithms of the lengths and of eta, the last.
 
     The points and the inducing inputs `z` Float[centres, inputs] are in units of spread; `plane` is weighted. Raises

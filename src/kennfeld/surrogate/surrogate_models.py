@@ -183,9 +183,7 @@ class DynamicSurrogate:
                 f"lags of surrogate {self.name} must be one tuple for each of {len(self.inputs)} inputs"
             )
         if self.expansion.kernel != "gaussian":
-            raise ArgumentError(
-                f"kernel={self.expansion.kernel!r} of dynamic surrogate {self.name} must be gaussian"
-            )
+            raise ArgumentError(f"kernel={self.expansion.kernel!r} of dynamic surrogate {self.name} must be gaussian")
         lags = Lags(self.output_lags, self.lags)
         if lags.size != self.expansion.inputs:
             raise ArgumentError(

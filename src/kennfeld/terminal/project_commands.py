@@ -301,9 +301,10 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 @option(
     "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
 )
+@option("--deviation", "Add a column with the predictive deviation of each static surrogate.")
 @by_file
 @only_problems
-def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: bool) -> int:
+def simulate(path: Path, parameters: Path | None, output: Path | None, deviation: bool, by_file: bool) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.calfiles import read
     from kennfeld.project.results import write_simulation
@@ -311,7 +312,7 @@ def simulate(path: Path, parameters: Path | None, output: Path | None, by_file: 
     values = None if parameters is None else read(parameters)
     with _open(path) as project:
         shifts = _stored_shifts(project, parameters)
-        simulation = project.simulation(values, shifts)
+        simulation = project.simulation(values, shifts, deviation=deviation)
         written = write_simulation(simulation, output or path.parent / "simulation.parquet")
         print_lines(*(f"{name}: {samples} samples" for name, samples in simulation.samples.items()))
         _print_fit(project, values, shifts, by_file)
