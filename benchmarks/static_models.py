@@ -26,7 +26,7 @@ TRANSIENT_OUTPUTS = ("PN", "CO", "CO2", "HC", "NOx", "O2", "T_exh_manifold", "T_
 THINNED = 10  # of 10 Hz
 HELD_OUT = 200  # steady points
 SEEDS = (0, 1)
-MOST_GP = 1000  # points of a Gaussian process of scikit-learn
+MOST_GP = 600  # points of a Gaussian process of scikit-learn
 PEERS = ("GP, RBF", "GP, Matern", "boosting", "forest")
 NEAR = 1.05  # of the best peer's error
 

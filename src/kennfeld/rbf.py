@@ -263,8 +263,11 @@ class RBF(Parameter):
     def expansion(self) -> Expansion:
         """The function of its values."""
         at = parts(self.coordinates, self.centres)
-        tables = (self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths))
-        return Expansion(float(self.values[0]), self.values[at.slopes], self.values[at.weights], *tables, self.kernel)
+        centres, widths = (
+            self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths)
+        )
+        slopes, weights = self.values[at.slopes], self.values[at.weights]
+        return Expansion(float(self.values[0]), slopes, weights, centres, widths, self.kernel)
 
     @property
     def packed(self) -> Float:

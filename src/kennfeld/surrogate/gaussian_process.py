@@ -90,15 +90,16 @@ def gaussian_process(
 ) -> GaussianProcess:
     """Train a process on points `x` Float[points, inputs] and values `y` Float[points], in physical units.
 
-    `method` "auto" is exact up to 1000 points, unless fewer `centres` are given, and else sparse with `centres` inducing
-    inputs, by default 300, chosen greedily by variance. Length scales of a sparse process are searched on at most 2000
+    `method` "auto" is exact up to 1000 points, unless fewer `centres` are given, and else sparse with `centres`
+    inducing inputs, by default 300, chosen greedily by variance. Length scales of a sparse process are searched on at most 2000
     points, its noise on all; `seed` draws these points and some of the `starts` of the search.
 
     The kernel is the one with the smaller residuals of points left out; a plane is returned if these are not smaller
     than the plane's. Noise is normal or, if the residuals have wide tails and become smaller but for these, Student's.
     Points of the same number in `blocks` Int[points] are left out together. `names` of the inputs appear in messages.
 
-    Once `stopped` returns true, the search ends at the best so far. Raises `ArgumentError` if the points cannot be used.
+    Once `stopped` returns true, the search ends at the best so far. Raises `ArgumentError` if the points cannot be
+    used.
 
     >>> import numpy as np
     >>> x = np.linspace(0, 6, 40)[:, None]
@@ -121,7 +122,7 @@ def gaussian_process(
     training = _Training(rows, values, ~outliers, method, centres, seed)
     if method == "exact" and len(training.points) > MOST_FORCED:
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
-    kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)  # type: ignore[assignment]
+    kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)
     found = training.search(kernels, starts, stopped)
     wrong = outliers & training.is_certain(found, blocks)
     if np.any(wrong != outliers):
@@ -196,7 +197,8 @@ class _Training:
         inside = np.clip(self.x, self.x[self.used].min(0), self.x[self.used].max(0))
         deviation = Deviation(best.expansion, best.uncertainty)(inside)
         certain: Bool = np.abs(best.expansion(inside) - self.y) > CERTAIN * deviation
-        return certain | np.any(inside != self.x, axis=1)
+        certain |= np.any(inside != self.x, axis=1)
+        return certain
 
     def with_student_noise(
         self, normal: GaussianProcess, blocks: Int | None, starts: int, *, forced: bool, stopped: Stopped

@@ -49,7 +49,7 @@ class Hyperparameters:
     @property
     def values(self) -> Float:
         """The logarithms of the lengths and, last, of eta."""
-        return np.log(np.append(self.lengths, self.noise))
+        return np.asarray(np.log(np.append(self.lengths, self.noise)), dtype=np.float64)
 
     @property
     def at_limit(self) -> str:

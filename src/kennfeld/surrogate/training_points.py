@@ -50,15 +50,15 @@ class TrainingPoints:
         first = np.unique(np.column_stack([point, y]), axis=0, return_index=True)[1]
         measured, values = point[first], y[first]
         shares = np.ones(len(first)) if weights is None else weights[first]
-        total = np.bincount(measured, shares)
-        mean = np.bincount(measured, shares * values) / total
+        total: Float = np.bincount(measured, shares).astype(np.float64)
+        mean: Float = np.bincount(measured, shares * values) / total
         scatter = np.bincount(measured, shares * (values - mean[measured]) ** 2)
         return cls(x[np.sort(firsts)], mean, total, scatter, np.bincount(measured) - 1.0, point)
 
     def part(self, chosen: Int) -> "TrainingPoints":
         """Return some of the points; their rows are not known by number."""
-        columns = (self.x, self.y, self.weights, self.scatter, self.repeats)
-        return TrainingPoints(*(column[chosen] for column in columns), np.empty(0, dtype=np.int64))
+        weights, scatter, repeats = self.weights[chosen], self.scatter[chosen], self.repeats[chosen]
+        return TrainingPoints(self.x[chosen], self.y[chosen], weights, scatter, repeats, np.empty(0, dtype=np.int64))
 
     def draw(self, most: int, rng: np.random.Generator) -> "TrainingPoints":
         """Return at most so many points, drawn without replacement."""
