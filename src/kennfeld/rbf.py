@@ -24,7 +24,7 @@ Kernel = Literal["gaussian", "matern52"]
 
 
 def kernel_of_square(square: Float, kernel: Kernel) -> tuple[Float, Float]:
-    """Return the bell b at squared distances r^2 in widths, and its decline -db/dr / r; both have the shape of `square`.
+    """Return the bell b at squared distances r^2 in widths, and its decline -db/dr / r; both of the shape of `square`.
 
     The Gaussian bell is exp(-r^2 / 2), which is its own decline. The one of the Matern kernel of order 5/2 is
     (1 + s + s^2 / 3) exp(-s) with s = sqrt(5) r; it is twice differentiable, and its decline is 5/3 (1 + s) exp(-s).
@@ -263,8 +263,11 @@ class RBF(Parameter):
     def expansion(self) -> Expansion:
         """The function of its values."""
         at = parts(self.coordinates, self.centres)
-        tables = (self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths))
-        return Expansion(float(self.values[0]), self.values[at.slopes], self.values[at.weights], *tables, self.kernel)
+        centres, widths = (
+            self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths)
+        )
+        slopes, weights = self.values[at.slopes], self.values[at.weights]
+        return Expansion(float(self.values[0]), slopes, weights, centres, widths, self.kernel)
 
     @property
     def packed(self) -> Float:

@@ -1,6 +1,8 @@
 """Projects that name data-driven models: what a run says where it leaves the data they were trained on."""
 
+import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from kennfeld.project import Project, partitioned_loading
 from kennfeld.rbf import Expansion
 from kennfeld.report import document, from_folder
 from kennfeld.surrogate import StaticSurrogate, Validity, write_surrogate
+from kennfeld.surrogate.uncertainty import Uncertainty
 
 
 def bench_model(name="bench", validity=True):
@@ -37,6 +40,31 @@ def outside(inside):
     """The same, and test data of which two samples are far out."""
     inside.bench("fast.csv", speed=(2000, 7000, 2500, 6000))
     return inside.add('[[dataset]]\nfiles = ["fast.csv"]\nuse = "test"')
+
+
+def uncertain_model():
+    model = bench_model("trained")
+    return replace(model, uncertainty=Uncertainty(4.0, 0.5, [0.01]))
+
+
+@pytest.mark.parametrize("partitions", [False, True])
+def test_a_simulation_has_a_column_with_the_deviation_if_asked(outside, monkeypatch, partitions):
+    write_surrogate(uncertain_model(), outside.folder / "bench.json")
+    if partitions:
+        monkeypatch.setattr(partitioned_loading, "EXCERPT", 1)
+        monkeypatch.setattr(partitioned_loading, "LEAST_EXCERPT", 1)
+        outside.add("[cluster]\npartition = 3")
+    file = outside.folder / "s.csv"
+    for options in ([], ["--deviation"]):
+        assert cli.run(["simulate", str(outside.path), "-o", str(file), *options]) == 0
+        with file.open(encoding="utf-8", newline="") as text:
+            table = list(csv.DictReader(text))
+        columns = [name for name in table[0] if name.startswith("bench (deviation)")]
+        assert len(columns) == len(options)
+    deviations = {use: [float(row[columns[0]]) for row in table if row["dataset"] == use] for use in ("bench", "fast")}
+    assert {use: len(column) for use, column in deviations.items()} == {"bench": 6, "fast": 4}
+    points = np.column_stack([[2000, 7000, 2500, 6000], [10, 11, 12, 13]])
+    np.testing.assert_allclose(deviations["fast"], uncertain_model().deviation(points), rtol=1e-12)
 
 
 SENTENCE = (

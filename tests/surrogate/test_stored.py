@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -6,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kennfeld.errors import InputError
+from kennfeld.errors import ArgumentError, InputError
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate import StaticSurrogate, read_surrogate, recognises_surrogate, write_surrogate
+from kennfeld.surrogate.uncertainty import Uncertainty
 from tests.surrogate.surrogates import dynamic_surrogate, random_expansion, static_surrogate
 
 
@@ -52,6 +54,55 @@ def test_a_plane_without_centres_can_be_stored(tmp_path):
     expansion = Expansion(1.0, [2.0, 3.0], [], np.empty((0, 2)), np.empty((0, 2)))
     write_surrogate(StaticSurrogate("f", ("a", "b"), "y", (), expansion), tmp_path / "f.json")
     assert read_surrogate(tmp_path / "f.json").expansion == expansion
+
+
+def uncertain_surrogate():
+    e = random_expansion(0, 2, 3)
+    expansion = Expansion(e.offset, e.slopes, e.weights, e.centres, e.widths, "matern52")
+    uncertainty = Uncertainty(1.5, 1 / 3, [0.01, 0.02, 1e-8])
+    return StaticSurrogate("f", ("a", "b"), "y", (), expansion, None, (), uncertainty, ("a remark",))
+
+
+def test_kernel_deviation_and_remarks_come_back_as_they_were(tmp_path):
+    made, path = uncertain_surrogate(), tmp_path / "f.json"
+    write_surrogate(made, path)
+    read = read_surrogate(path)
+    assert (read.expansion, read.remarks) == (made.expansion, made.remarks)
+    x = np.random.default_rng(0).normal(size=(9, 2))
+    np.testing.assert_array_equal(read.deviation(x), made.deviation(x))
+    assert np.all(read.deviation(x) >= 1 / 3)
+
+
+def test_a_file_of_another_kernel_is_not_read_as_one_of_version_1(tmp_path):
+    write_surrogate(uncertain_surrogate(), tmp_path / "f.json")
+    write_surrogate(static_surrogate(), tmp_path / "g.json")
+    contents = [json.loads((tmp_path / name).read_text("utf-8")) for name in ("f.json", "g.json")]
+    assert [content["version"] for content in contents] == [2, 1]
+    assert not {"kernel", "uncertainty", "remarks"} & {*contents[1], *contents[1]["expansion"]}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c["expansion"].update(kernel="cosine"), "kernel='cosine' of an expansion must be gaussian or"),
+        (lambda c: c["uncertainty"].update(noise=-1), "noise=-1.0 of an uncertainty must be a finite number >= 0"),
+        (lambda c: c["uncertainty"].update(nugget=[1.0]), "nugget of an uncertainty must be one number per centre, 3"),
+        (lambda c: c["uncertainty"].update(nugget=[0, 1, 1]), "must be one number > 0 per centre"),
+        (lambda c: c["uncertainty"].pop("signal"), "uncertainty signal: is missing"),
+        (lambda c: c.update(remarks=7), "remarks: must be a list of texts, got 7"),
+    ],
+)
+def test_a_broken_uncertainty_is_told(tmp_path, change, message):
+    path = broken(tmp_path, change, uncertain_surrogate())
+    with pytest.raises(InputError, match=re.escape(message)):
+        read_surrogate(path)
+
+
+def test_a_dynamic_surrogate_has_gaussian_bells():
+    e = random_expansion(1, 5, 4)
+    matern = Expansion(e.offset, e.slopes, e.weights, e.centres, e.widths, "matern52")
+    with pytest.raises(ArgumentError, match="kernel='matern52' of dynamic surrogate engine must be gaussian"):
+        dynamic_surrogate(expansion=matern)
 
 
 def broken(tmp_path, change, made=None):

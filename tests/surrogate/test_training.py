@@ -53,6 +53,72 @@ def test_missing_values_and_unscored_samples_teach_nothing():
     assert rows(made)["a", "static"].rmse < 3
 
 
+def static_settings(**changes):
+    return SurrogateSettings("torque", ("speed", "air"), "torque", **({"starts": 1, "kernel": "gaussian"} | changes))
+
+
+@pytest.mark.parametrize("method", ["auto", "expansion"])
+def test_the_plane_stands_beside_the_errors_of_the_model(method):
+    data = [bench("a", 0), bench("b", 1, "test")]
+    found = rows(train_surrogate(data, static_settings(method=method, centres=30)))
+    design = [np.column_stack([np.ones(120), each["speed"].values, each["air"].values]) for each in data]
+    plane = np.linalg.lstsq(design[0], data[0]["torque"].values, rcond=None)[0]
+    for each, rows_of in zip(data, design, strict=True):
+        residual = rows_of @ plane - each["torque"].values
+        assert found[each.name, "plane"].rmse == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert found["b", "static"].rmse < 0.3 * found["b", "plane"].rmse
+    assert (("all", "plane left out") in found) == (method == "auto")
+
+
+def test_samples_that_are_not_used_are_named():
+    data = bench("a", 0)
+    torque = data["torque"].values.copy()
+    torque[[0, 41]] = np.nan, 1e6
+    columns = {"speed": data["speed"].values, "air": data["air"].values, "torque": torque}
+    made = train_surrogate([Dataset.of("a", columns)], static_settings())
+    assert len(made.remarks) == 1
+    assert made.remarks[0].startswith("sample 42 of a is an outlier and was not used: torque is 1e+06, its neighbours")
+    assert rows(made)["a", "static"].samples == 118
+    assert rows(made)["a", "static"].rmse < 3
+
+
+def test_a_dataset_that_is_given_twice_is_said_and_does_not_spoil_the_figures():
+    once = train_surrogate([bench("a", 0)], static_settings())
+    twice = train_surrogate([bench("a", 0), bench("b", 0)], static_settings())
+    message = "120 of 240 rows repeat the inputs of another row; they count as one point with less noise"
+    assert (once.remarks, twice.remarks) == ((), (message,))
+    figures = [rows(made)["all", "leave one out"].rmse for made in (once, twice)]
+    assert figures[1] == pytest.approx(figures[0], rel=1e-6)
+
+
+def drive(name, seed, use="training", samples=300):
+    """A recording over time whose output has a slow part that is not a function of the inputs."""
+    time = np.arange(samples) * 0.1
+    rng = np.random.default_rng(seed)
+    speed = 2000 + 800 * np.interp(time, np.arange(0, 40, 2.0), rng.normal(size=20))
+    air = 50 + 20 * np.interp(time, np.arange(0, 40, 1.0), rng.normal(size=40))
+    slow = 5 * np.interp(time, np.arange(0, 40, 4.0), rng.normal(size=10))
+    torque = 2 * air - 30 * np.sin(speed / 900) + slow
+    return Dataset.of(name, {"speed": speed, "air": air, "torque": torque}, time=time, use=use)
+
+
+def test_of_a_recording_whole_blocks_are_left_out():
+    data = [drive("a", 0), drive("b", 1, "test")]
+    made = train_surrogate(data, static_settings())
+    found = rows(made)
+    assert ("all", "leave one out") not in found
+    assert found["all", "blocks left out"].rmse == pytest.approx(found["b", "static"].rmse, rel=0.6)
+    assert found["a", "static"].rmse < 0.8 * found["all", "blocks left out"].rmse
+    points = np.column_stack([data[1]["speed"].values, data[1]["air"].values])
+    error = np.abs(made(points) - data[1]["torque"].values)
+    assert np.mean(error < 2 * made.deviation(points)) > 0.85
+
+
+def test_without_an_uncertainty_the_deviation_is_unknown():
+    made = train_surrogate([bench("a", 0)], static_settings(method="expansion", centres=5))
+    assert np.isnan(made.deviation(np.array([[1000.0, 50.0], [2000.0, 20.0]]))).tolist() == [True, True]
+
+
 def tank_settings(**changes):
     given = {"kind": "dynamic", "lags": {"u": (1,)}, "output_lags": (1,), "centres": 15, "starts": 1, "hold": 1.0}
     return SurrogateSettings("tank", ("u",), "level", **(given | changes))

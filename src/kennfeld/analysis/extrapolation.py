@@ -3,20 +3,18 @@
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset, Use
+from kennfeld.dataset import Dataset, Use
 from kennfeld.formatting import count_noun
-from kennfeld.graph.traversal import with_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.numeric import finite_or_none
 from kennfeld.optimize.partitions import StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem, partitions_of
-from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.surrogate_calls import SurrogateCalls
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.sample_statistics import merge_all
@@ -181,22 +179,10 @@ class _Uses:
 
 
 class _Calls:
-    """The calls of one surrogate."""
+    """The calls of one surrogate, and where they leave its validity range."""
 
     def __init__(self, problem: Problem, parameters: ParameterSet, surrogate: "Surrogate") -> None:
-        nodes = problem.graph.nodes
-        self.problem, self.parameters, self.surrogate = problem, parameters, surrogate
-        self.calls = [n.args for n in nodes if n.op == "lookup" and n.payload == surrogate.name]
-        places = dict.fromkeys(at for args in self.calls for at in args)
-        self.inputs = {at: str(nodes[at].payload) for at in places if nodes[at].op == "input"}
-        self.computed = {at: f"\0at {at}" for at in places if at not in self.inputs}
-
-    @cached_property
-    def _nodes(self) -> NodeSimulator | None:
-        if not self.computed:
-            return None
-        grown = with_names(self.problem.graph, self.computed)
-        return NodeSimulator(grown, self.parameters, list(self.computed.values()))
+        self.surrogate, self.calls = surrogate, SurrogateCalls(problem, parameters, surrogate.name)
 
     def over(self, bound: BoundDataset) -> "_Uses":
         """Return the uses of the surrogate over a dataset or a part of it."""
@@ -204,27 +190,10 @@ class _Calls:
         if self.surrogate.validity is None:
             return uses
         search = _FarthestPoint(self.surrogate.validity)
-        for at, points in self._points(bound):
+        for at, points in self.calls.points(bound):
             search.add(at, points)
         uses.outside, uses.score, uses.worst = search.outside, search.score, self._farthest(bound, search)
         return uses
-
-    def _points(self, bound: BoundDataset) -> Iterator[tuple[Int, Sequence[Float]]]:
-        """Yield numbers of kept samples, and the points Float[samples, inputs] of each call, block by block."""
-        for here, values in self._blocks(bound):
-            coordinates: dict[int, Float] = dict(zip(self.computed, values, strict=True))
-            coordinates |= {at: bound.columns[name][here] for at, name in self.inputs.items()}
-            at = np.arange(here.start, here.stop)
-            counted = slice(None) if bound.hold is None else (at + 1) % bound.hold.samples == 0
-            yield at[counted], [np.column_stack([coordinates[a] for a in args])[counted] for args in self.calls]
-
-    def _blocks(self, bound: BoundDataset) -> Iterator[tuple[slice, Float]]:
-        if self._nodes is not None:
-            yield from self._nodes.blocks(bound, self.parameters)
-            return
-        for first in range(0, bound.count, SAMPLES_PER_BLOCK):
-            here = slice(first, min(first + SAMPLES_PER_BLOCK, bound.count))
-            yield here, np.empty((0, here.stop - here.start))
 
     def _farthest(self, bound: BoundDataset, search: "_FarthestPoint") -> Farthest | None:
         if not search.outside:

@@ -265,7 +265,9 @@ class _JsonReader:
             if numbers is None:
                 return None
             parts.append(numbers)
-        expansion = Expansion(float(parts[0]), *parts[1:], kernel=entry.get("kernel", "gaussian"))
+        slopes, weights, positions, widths = parts[1:]
+        kernel = entry.get("kernel", "gaussian")
+        expansion = Expansion(float(parts[0]), slopes, weights, positions, widths, kernel)
         return RBF(name, expansion, list(map(str, entry["inputs"])), **attributes)
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:

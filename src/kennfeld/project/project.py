@@ -350,12 +350,20 @@ class Project:
         return datasets
 
     def simulation(
-        self, parameters: ParameterSet | None = None, shifts: Mapping[str, Mapping[str, float]] | None = None
+        self,
+        parameters: ParameterSet | None = None,
+        shifts: Mapping[str, Mapping[str, float]] | None = None,
+        *,
+        deviation: bool = False,
     ) -> "Simulation":
-        """Return the same as `simulate`, to be computed part by part; data may be in partitions."""
+        """Return the same as `simulate`, to be computed part by part; data may be in partitions.
+
+        With `deviation`, there is a channel with the predictive deviation of each static
+        surrogate, `engine (deviation)`.
+        """
         from kennfeld.project.simulation import Simulation
 
-        return Simulation(self._simulated(shifts), parameters)
+        return Simulation(self._simulated(shifts), parameters, deviation=deviation)
 
     def _simulated(self, shifts: Mapping[str, Mapping[str, float]] | None) -> "Problem":
         if not shifts:

@@ -3,6 +3,7 @@
 import pickle
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +15,16 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.partitions import Part, Partition, Partitions, StoredDatasets, shared_content
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.quality import NodeSimulator
+from kennfeld.optimize.surrogate_calls import SurrogateCalls
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.skipped_samples import SkippedSamples
 from kennfeld.project.initial_calibration import describe_parameter
 from kennfeld.threads import map_in_order
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_models import StaticSurrogate
 
 
 def simulate_problem(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
@@ -47,8 +52,9 @@ class Simulation:
         skipped: the samples of each dataset that are not simulated, by its name, as far as they are known.
     """
 
-    def __init__(self, problem: Problem, parameters: ParameterSet | None) -> None:
+    def __init__(self, problem: Problem, parameters: ParameterSet | None, *, deviation: bool = False) -> None:
         self._problem, self._values = problem, replace_parameters(problem, parameters)
+        self._deviation = deviation
         self._compiled = NodeSimulator(problem.model.graph, self._values)
         whole = problem.partitions is None
         self.samples = {data.name: problem.bind(data).shown.count if whole else 0 for data in problem.datasets}
@@ -57,6 +63,8 @@ class Simulation:
         self.files = short_names(list(_paths(problem)))
         units = problem.model.graph.units
         self.units = {name: units.get(name, "") for name in problem.model.graph.names}
+        if deviation:
+            self.units |= {_deviation_name(s): s.units[-1] if s.units else "" for s in _uncertain(problem)}
         for data in problem.datasets:
             for channel in _targets(problem, data, self.units):
                 self.units.setdefault(channel.name, channel.unit)
@@ -70,13 +78,13 @@ class Simulation:
             yield from map_in_order(self._part, self._problem.parts(self._problem.bind(data)))
 
     def _part(self, part: BoundPart) -> SimulatedPart:
-        data = _simulate_bound(self._problem, part.bound, self._values, self._compiled)
+        data = _simulate_bound(self._problem, part.bound, self._values, self._compiled, self._deviation)
         return SimulatedPart(data, part.piece)
 
     def _partitions(self, partitions: Partitions) -> Iterator[SimulatedPart]:
         """Yield the parts of all partitions, which are simulated by their runner."""
         ordered = sorted([*partitions.training, *partitions.test], key=_dataset_of)
-        shared = partitions.share((self._problem.skeleton, self._values))
+        shared = partitions.share((self._problem.skeleton, self._values, self._deviation))
         pieces = [0] * len(self._problem.datasets)
         for partition, parts in zip(ordered, partitions.map(simulate_partition, shared, ordered), strict=True):
             number = _dataset_of(partition)
@@ -105,13 +113,13 @@ def _dataset_of(partition: Partition) -> int:
 
 def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Dataset, bool, SkippedSamples | None]]:
     """Simulate each part of a partition; return also if it continues the piece before it, and what it skips."""
-    recordings, (skeleton, values) = shared_content(shared)
+    recordings, (skeleton, values, deviation) = shared_content(shared)
     parts = pickle.loads(item).parts
     problem = skeleton.over(StoredDatasets(recordings, parts))
     compiled = problem.once("simulator", lambda problem: NodeSimulator(problem.model.graph, values))
     simulated = []
     for data, part in zip(problem.datasets, parts, strict=True):
-        nodes = _simulate_bound(problem, problem.bind(data), values, compiled)
+        nodes = _simulate_bound(problem, problem.bind(data), values, compiled, deviation)
         starts = _starts_in_file(problem.bind(recordings.file(part)).shown, part)
         continues = 0 not in starts or (data.time is None and not problem.model.graph.states)
         nodes = replace(nodes, starts=np.union1d([0], starts).astype(np.int64))
@@ -125,8 +133,12 @@ def _starts_in_file(file: BoundDataset, part: Part) -> Int:
     return np.asarray(file.starts[slice(*np.searchsorted(file.starts, [first, last]))] - first)
 
 
-def _simulate_bound(problem: Problem, bound: BoundDataset, values: ParameterSet, compiled: NodeSimulator) -> Dataset:
+def _simulate_bound(
+    problem: Problem, bound: BoundDataset, values: ParameterSet, compiled: NodeSimulator, deviation: bool = False
+) -> Dataset:
     nodes = compiled.dataset(bound, values)
+    if deviation:
+        nodes = nodes.with_channels(*_deviations(problem, bound, values))
     shown, data = bound.shown, bound.dataset
     targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, nodes)]
     files = None if data.files is None else data.files.picked(shown.kept)
@@ -137,6 +149,28 @@ def _simulate_bound(problem: Problem, bound: BoundDataset, values: ParameterSet,
 
 def _skipped(problem: Problem, bound: BoundDataset) -> SkippedSamples | None:
     return SkippedSamples.of(bound, problem.channels, restarts=bool(problem.graph.states))
+
+
+def _uncertain(problem: Problem) -> "list[StaticSurrogate]":
+    """Return the surrogates of a model whose predictions have a known deviation."""
+    if not problem.model.surrogates:
+        return []
+    from kennfeld.surrogate.surrogate_models import StaticSurrogate
+
+    return [s for s in problem.model.surrogates if isinstance(s, StaticSurrogate) and s.uncertainty is not None]
+
+
+def _deviation_name(surrogate: "StaticSurrogate") -> str:
+    return f"{surrogate.name} (deviation)"
+
+
+def _deviations(problem: Problem, bound: BoundDataset, values: ParameterSet) -> Iterator[Channel]:
+    """Yield the predictive deviation of each surrogate, the largest of its calls at a sample."""
+    for surrogate in _uncertain(problem):
+        calls = SurrogateCalls(problem, values, surrogate.name)
+        parts = [np.max([surrogate.deviation(x) for x in points], axis=0) for _, points in calls.points(bound)]
+        column = np.concatenate(parts) if parts else np.empty(0)
+        yield Channel(_deviation_name(surrogate), column, surrogate.units[-1] if surrogate.units else "")
 
 
 def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Channel]:

@@ -105,6 +105,11 @@ class SurrogateEntry:
         "residuals of points left out. Dynamic surrogates have Gaussian bells",
         SurrogateSettings.kernel,
     )
+    noise: Literal["auto", "gaussian", "student"] = key(
+        'distribution of the noise; with `"student"`, large errors count less. `"auto"` takes it if residuals of '
+        "points left out have wide tails and become smaller but for these. Static surrogates only",
+        SurrogateSettings.noise,
+    )
     centres: int | None = key(
         "maximum number of centres", None, least=1, default_text="one per point up to 1000 points, else 300"
     )
@@ -166,6 +171,8 @@ class SurrogateEntry:
             yield "method", f'"{self.method}" requires a static surrogate', 'Write "auto" or "sparse".'
         if self.kernel == "matern52":
             yield "kernel", '"matern52" requires a static surrogate', 'Write "auto" or "gaussian".'
+        if self.noise == "student":
+            yield "noise", '"student" requires a static surrogate', 'Write "auto" or "gaussian".'
         lags = self.lags if isinstance(self.lags, Mapping) else dict.fromkeys(self.inputs)
         for name in lags:
             if self.inputs and name not in self.inputs:
@@ -214,7 +221,7 @@ class Training:
         return f"{self.settings.output} = {self.settings.name}({', '.join(self.settings.inputs)})"
 
     def datasets(self, warn: Callable[[Finding], None] = lambda finding: None) -> list[Dataset]:
-        """Return the recordings; call `warn` with each warning. Raises `InputError` with every problem of their files."""
+        """Return the recordings; call `warn` with each warning. Raises `InputError` with all problems of the files."""
         datasets, findings = self._load()
         for finding in findings.finish():
             warn(finding)
@@ -236,7 +243,7 @@ class Training:
         return loaded.datasets, Findings((*calculated.findings, *loaded.findings, *twice))
 
     def _training_points(self, datasets: list[Dataset]) -> list[Float]:
-        """Return the input rows of the points that a static surrogate is trained on, by dataset; none of a dynamic one."""
+        """Return the inputs of the points that a static surrogate is trained on, by dataset; none of a dynamic one."""
         if self.settings.kind == "dynamic":
             return []
         return [self._tables(data, 0.0)[0][:, :-1] for data in datasets if data.use == "training"]

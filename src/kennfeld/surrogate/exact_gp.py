@@ -1,15 +1,15 @@
 """Exact Gaussian process: every training point is a centre, and the cost grows with the cube of their number.
 
 y = plane + f + noise, where f has variance s^2 and the kernel R, and the noise of a point of weight w the variance
-s^2 eta / w. The plane has a vague prior and s^2 has a closed form, so the likelihood is maximised over the length scales
-and eta only:
+s^2 eta / w. The plane has a vague prior and s^2 has a closed form, so the likelihood is maximised over the length
+scales and eta only:
 
     P = K^-1 - K^-1 U (U'K^-1 U)^-1 U'K^-1,  K = R + eta D,  D = diag(1/w),  s^2 = (y'P y + c / eta) / (N - rank)
     -2 log L = (N - rank) log s^2 + log|K| + log|U'K^-1 U| + (N - n) log eta
 
-for n points from N rows, with the scatter c of repeated rows. C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for
-Machine Learning, 2006, equation 2.45. Leaving some points B out: O. Dubrule: Cross validation of kriging in a unique
-neighborhood, 1983: their residuals are P_BB^-1 (P y)_B, with the covariance s^2 P_BB^-1.
+for n points from N rows, with the scatter c of repeated rows. C. E. Rasmussen, C. K. I. Williams: Gaussian Processes
+for Machine Learning, 2006, equation 2.45. Leaving some points B out: O. Dubrule: Cross validation of kriging in a
+unique neighborhood, 1983: their residuals are P_BB^-1 (P y)_B, with the covariance s^2 P_BB^-1.
 """
 
 from collections.abc import Sequence

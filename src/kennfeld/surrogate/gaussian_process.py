@@ -5,6 +5,7 @@ residuals, see `docs/benchmarks.md`.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -26,12 +27,20 @@ from kennfeld.surrogate.validity import Validity
 
 Method = Literal["auto", "exact", "sparse"]
 KernelChoice = Literal["auto", "gaussian", "matern52"]
+NoiseChoice = Literal["auto", "gaussian", "student"]
 
 MOST_EXACT = 1000
 MOST_FORCED = 10_000  # the kernel matrix takes 0.8 GB there
 CENTRES = 300  # of a sparse process, unless the number is given
 WORTH = 0.99  # a process stays if its left-out residuals are at most this share of the plane's
 CERTAIN = 6.0  # deviations from the model trained without it, beyond which a value is an error
+FREEDOM = 4.0  # degrees of freedom of Student's distribution
+NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviations
+WIDE = 4.0  # deviations
+WIDE_SHARE, FEW_WIDE = 0.003, 2  # tails are wide if more residuals than this share and this number are beyond
+CUT = 3.0  # deviations at which residuals are cut to compare noise
+BETTER = 0.8  # share of the squares that Student noise must come down to
+REWEIGHTED = 3  # times
 CALIBRATED = 5000  # points that the deviation is calibrated on
 
 
@@ -48,6 +57,7 @@ class GaussianProcess:
         plane: the plane of least squares through the same points.
         plane_left_out: its residuals, each without its point or block.
         outliers: rows that were not used because of a gross error, Bool[rows].
+        hyperparameters: of the process; None of a plane.
         repeated: number of rows that repeat the inputs of another one.
         remarks: sentences on the training for the user.
     """
@@ -59,6 +69,7 @@ class GaussianProcess:
     plane: Expansion
     plane_left_out: Float
     outliers: Bool
+    hyperparameters: Hyperparameters | None
     repeated: int
     remarks: tuple[str, ...]
 
@@ -69,6 +80,7 @@ def gaussian_process(
     *,
     method: Method = "auto",
     kernel: KernelChoice = "auto",
+    noise: NoiseChoice = "auto",
     centres: int | None = None,
     starts: int = 3,
     seed: int = 0,
@@ -78,12 +90,16 @@ def gaussian_process(
 ) -> GaussianProcess:
     """Train a process on points `x` Float[points, inputs] and values `y` Float[points], in physical units.
 
-    "auto" is exact up to 1000 points, unless fewer `centres` are given, and else sparse with `centres` inducing inputs,
-    by default 300, chosen greedily by variance; its length scales are searched on at most 2000 points, its noise on all.
-    `starts` searches begin at places that `seed` draws. The kernel is that with the smaller residuals of points left
-    out; a plane is returned if these are not smaller than the plane's. Points of the same number in `blocks` Int[points]
-    are left out together. `names` of the inputs appear in messages. Once `stopped` returns true, the search ends at the
-    best so far. Raises `ArgumentError` if the points cannot be used.
+    `method` "auto" is exact up to 1000 points, unless fewer `centres` are given, and else sparse with `centres`
+    inducing inputs, by default 300, chosen greedily by variance. Length scales of a sparse process are searched on at most 2000
+    points, its noise on all; `seed` draws these points and some of the `starts` of the search.
+
+    The kernel is the one with the smaller residuals of points left out; a plane is returned if these are not smaller
+    than the plane's. Noise is normal or, if the residuals have wide tails and become smaller but for these, Student's.
+    Points of the same number in `blocks` Int[points] are left out together. `names` of the inputs appear in messages.
+
+    Once `stopped` returns true, the search ends at the best so far. Raises `ArgumentError` if the points cannot be
+    used.
 
     >>> import numpy as np
     >>> x = np.linspace(0, 6, 40)[:, None]
@@ -96,6 +112,8 @@ def gaussian_process(
         raise ArgumentError(f"method={method!r} of a Gaussian process must be auto, exact or sparse")
     if kernel not in get_args(KernelChoice):
         raise ArgumentError(f"kernel={kernel!r} of a Gaussian process must be {' or '.join(get_args(KernelChoice))}")
+    if noise not in get_args(NoiseChoice):
+        raise ArgumentError(f"noise={noise!r} of a Gaussian process must be {' or '.join(get_args(NoiseChoice))}")
     if centres is not None and centres < 1:
         raise ArgumentError(f"centres={centres} of a Gaussian process must be at least 1")
     outliers = _suspects(rows, values)
@@ -104,12 +122,15 @@ def gaussian_process(
     training = _Training(rows, values, ~outliers, method, centres, seed)
     if method == "exact" and len(training.points) > MOST_FORCED:
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
-    kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)  # type: ignore[assignment]
+    kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)
     found = training.search(kernels, starts, stopped)
     wrong = outliers & training.is_certain(found, blocks)
     if np.any(wrong != outliers):
         training = _Training(rows, values, ~wrong, method, centres, seed)
-    return training.choose(found, blocks, wrong)
+    process = training.choose(found, blocks, wrong)
+    if noise == "gaussian" or process.hyperparameters is None or stopped():
+        return process
+    return training.with_student_noise(process, blocks, starts, forced=noise == "student", stopped=stopped)
 
 
 def _suspects(x: Float, y: Float) -> Bool:
@@ -124,20 +145,32 @@ def _suspects(x: Float, y: Float) -> Bool:
 class _Training:
     """Rows that are used for training, scaled and merged, and the processes over them."""
 
-    def __init__(self, x: Float, y: Float, used: Bool, method: Method, centres: int | None, seed: int) -> None:
-        self.x, self.y, self.used, self.seed = x, y, used, seed
+    def __init__(
+        self,
+        x: Float,
+        y: Float,
+        used: Bool,
+        method: Method,
+        centres: int | None,
+        seed: int,
+        weights: Float | None = None,
+    ) -> None:
+        self.x, self.y, self.used, self.method, self.seed = x, y, used, method, seed
         self.scaling = Scaling.of(x[used], y[used])
         target = (y[used] - self.scaling.level) / self.scaling.height
-        self.points = TrainingPoints.of(self.scaling.inward(x[used]), target)
+        shares = None if weights is None else weights[used]
+        self.points = TrainingPoints.of(self.scaling.inward(x[used]), target, shares)
         most = MOST_EXACT if centres is None else min(centres, MOST_EXACT)
         self.exact = method == "exact" or (method == "auto" and len(self.points) <= most)
         self.given, self.centres = centres, centres or CENTRES
 
-    def search(self, kernels: Sequence[Kernel], starts: int, stopped: Stopped) -> list[Hyperparameters]:
-        """Return the best length scales and noise of each kernel; those of one are a start of the next."""
+    def search(
+        self, kernels: Sequence[Kernel], starts: int, stopped: Stopped, near: Hyperparameters | None = None
+    ) -> list[Hyperparameters]:
+        """Return the best length scales and noise of each kernel; those of the first are a start of the next."""
         found: list[Hyperparameters] = []
         for kernel in kernels:
-            near = found[0] if found else None
+            near = found[0] if found else near
             if near and stopped():
                 break
             if self.exact:
@@ -164,7 +197,39 @@ class _Training:
         inside = np.clip(self.x, self.x[self.used].min(0), self.x[self.used].max(0))
         deviation = Deviation(best.expansion, best.uncertainty)(inside)
         certain: Bool = np.abs(best.expansion(inside) - self.y) > CERTAIN * deviation
-        return certain | np.any(inside != self.x, axis=1)
+        certain |= np.any(inside != self.x, axis=1)
+        return certain
+
+    def with_student_noise(
+        self, normal: GaussianProcess, blocks: Int | None, starts: int, *, forced: bool, stopped: Stopped
+    ) -> GaussianProcess:
+        """Return the process with Student noise, if its residuals have wide tails and are smaller but for these.
+
+        The noise of a row is normal with a variance that is drawn; its mean weight, given the residual r of the row
+        left out, is (nu + 1) / (nu + (r / sigma)^2): K. L. Lange, R. J. A. Little, J. M. G. Taylor: Robust statistical
+        modeling using the t distribution, 1989.
+        """
+        at, residual = normal.hyperparameters, normal.left_out
+        sigma = NORMAL * float(np.median(np.abs(residual[self.used])))
+        wide = np.count_nonzero(np.abs(residual[self.used]) > WIDE * sigma)
+        if at is None or sigma == 0 or not (forced or wide > max(WIDE_SHARE * self.used.sum(), FEW_WIDE)):
+            return normal
+        robust = normal
+        for round_ in range(REWEIGHTED):
+            weights = (FREEDOM + 1) / (FREEDOM + (np.nan_to_num(robust.left_out) / sigma) ** 2)
+            training = _Training(self.x, self.y, self.used, self.method, self.given, self.seed, weights)
+            if round_ == REWEIGHTED - 1:
+                at = training.search((at.kernel,), starts, stopped, at)[0]
+            robust = training.choose([at], blocks, normal.outliers)
+            if robust.hyperparameters is None:
+                return normal
+        before, after = (process.left_out[self.used] for process in (normal, robust))
+        cut = np.mean(np.minimum(after**2, (CUT * sigma) ** 2)) / np.mean(np.minimum(before**2, (CUT * sigma) ** 2))
+        is_better = cut < BETTER and np.mean(after**2) < np.mean(before**2) / WORTH
+        if not (forced or is_better):
+            return normal
+        remarks = (*robust.remarks, "the noise has wide tails; large errors count less")
+        return replace(robust, plane=normal.plane, plane_left_out=normal.plane_left_out, remarks=remarks)
 
     def choose(self, found: Sequence[Hyperparameters], blocks: Int | None, outliers: Bool) -> GaussianProcess:
         """Return the process, or the plane, with the smallest residuals of points or blocks left out."""
@@ -188,6 +253,7 @@ class _Training:
             flat,
             self._by_row(plane),
             outliers,
+            None if is_plane else found[best],
             int(self.used.sum()) - len(self.points),
             (*self._remarks(), *_remarks(found[best], is_plane)),
         )

@@ -1,7 +1,7 @@
 """Length scales and noise of a Gaussian process, by maximising its likelihood from several starts.
 
-The likelihood is multiplied by a prior exp(-SHORTEST sqrt(inputs) / (2 length)) of each length, in units of spread: of few
-points in many inputs, it is highest for lengths at which each point is alone, and the process then fits noise.
+The likelihood is multiplied by a prior exp(-SHORTEST sqrt(inputs) / (2 length)) of each length, in units of spread: of
+few points in many inputs, it is highest for lengths at which each point is alone, and the process then fits noise.
 """
 
 from collections.abc import Callable, Iterable
@@ -49,11 +49,11 @@ class Hyperparameters:
     @property
     def values(self) -> Float:
         """The logarithms of the lengths and, last, of eta."""
-        return np.log(np.append(self.lengths, self.noise))
+        return np.asarray(np.log(np.append(self.lengths, self.noise)), dtype=np.float64)
 
     @property
     def at_limit(self) -> str:
-        """ "lower" if a length ended at its least value, else "upper" if all ended at their greatest, else empty."""
+        """Return "lower" if a length ended at its least value, "upper" if all ended at their greatest, else ""."""
         if np.any(self.lengths <= LENGTHS[0] * 1.001):
             return "lower"
         return "upper" if np.all(self.lengths >= LENGTHS[1] * 0.999) else ""

@@ -64,6 +64,7 @@ def train_static(
             y,
             method=settings.method,
             kernel=settings.kernel,
+            noise=settings.noise,
             centres=settings.centres,
             starts=settings.starts,
             seed=settings.seed,

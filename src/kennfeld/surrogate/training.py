@@ -11,7 +11,7 @@ from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.surrogate.gaussian_process import CENTRES, KernelChoice
+from kennfeld.surrogate.gaussian_process import CENTRES, KernelChoice, NoiseChoice
 from kennfeld.surrogate.model_selection import MIDDLE, ModelChoice, choose_regularisation, folds, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, one_step_lengths, train_over_horizons
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
@@ -37,6 +37,8 @@ class SurrogateSettings:
         kind: "static" for points, "dynamic" for recordings over time.
         method: "auto", "exact" or "sparse" (Gaussian processes), or "expansion": few centres by k-means, static only.
         kernel: "gaussian" or "matern52"; by "auto" the one with the smaller residuals of points left out. Static only.
+        noise: "gaussian" or "student", whose large errors count less; "auto" takes the latter if residuals of points
+            left out have wide tails and become smaller but for these. Static only.
         centres: maximum number; by default one per point up to 1000 points, else 300.
         seed: of the search for length scales.
         starts: number of starts of that search.
@@ -75,6 +77,7 @@ class SurrogateSettings:
     hold: float | None = None
     iterations: int = 10
     kernel: KernelChoice = "auto"
+    noise: NoiseChoice = "auto"
 
     @property
     def most_centres(self) -> int:
@@ -108,6 +111,11 @@ class SurrogateSettings:
         if self.kernel not in kernels:
             message = f"kernel={self.kernel!r} of {self.kind} surrogate {self.name} must be {' or '.join(kernels)}"
             raise ArgumentError(message)
+        noises = ("auto", "gaussian", "student") if self.kind == "static" else ("auto", "gaussian")
+        if self.noise not in noises:
+            raise ArgumentError(
+                f"noise={self.noise!r} of {self.kind} surrogate {self.name} must be {' or '.join(noises)}"
+            )
         for name in self.lags if self.lags != "auto" else ():
             if name not in self.inputs:
                 message = f"lags of {name!r}, which is not an input of {self.name}. {nearest(name, self.inputs)}"

@@ -16,12 +16,12 @@ TWO_DEVIATIONS = 0.9545  # share of normal residuals within them
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The standard deviation of a new measurement, as the universal kriging of values at the centres gives it:
+    """The standard deviation of a new measurement, as the universal kriging of values at the centres gives it.
 
     deviation^2 = signal^2 (1 - k'K^-1 k + u'(U'K^-1 U)^-1 u) + noise^2,  K = R + diag(nugget),  u = U'K^-1 k - [1; x]
 
-    where k is the kernel between the point and the centres of the model, and U the plane at the centres. C. E. Rasmussen,
-    C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, equation 2.42.
+    where k is the kernel between the point and the centres of the model, and U the plane at the centres.
+    C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, equation 2.42.
 
     Attributes:
         signal: deviation of the process about its plane, in the unit of the output.

@@ -360,12 +360,19 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 @option(
     "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
 )
+@option("--deviation", "Add a column with the predictive deviation of each static surrogate.")
 @by_file
 @as_json
 @trusted
 @only_problems
 def simulate(
-    path: Path, parameters: Path | None, output: Path | None, by_file: bool, as_json: bool, trust: bool
+    path: Path,
+    parameters: Path | None,
+    output: Path | None,
+    deviation: bool,
+    by_file: bool,
+    as_json: bool,
+    trust: bool,
 ) -> int:
     """Evaluate the function over all datasets."""
     from kennfeld.project.results import output_file, write_simulation
@@ -374,7 +381,7 @@ def simulate(
     with _open(path, trust=trust) as project:
         values = None if parameters is None else project.read_values(parameters)
         shifts = _stored_shifts(project, parameters)
-        simulation = project.simulation(values, shifts)
+        simulation = project.simulation(values, shifts, deviation=deviation)
         written = write_simulation(simulation, target, follow=output is not None)
         locations = {entry.name: entry.location for entry in project.file.datasets}
         for name, skipped in simulation.skipped.items():
