@@ -190,6 +190,18 @@ def test_instances_become_the_labels_that_their_types_describe():
     assert (a2l.characteristics["all[0].b"].type, a2l.characteristics["all[0].b"].shape) == ("VAL_BLK", (3,))
 
 
+@pytest.mark.parametrize("read_only", ["", "type", "instance"])
+def test_an_instance_is_read_only_if_it_or_its_type_is(read_only):
+    options = {name: "READ_ONLY" if name == read_only else "" for name in ("type", "instance")}
+    a2l, _ = parsed(
+        module(
+            f'/begin TYPEDEF_CHARACTERISTIC T "" VALUE RL 0 C 0 10 {options["type"]} /end TYPEDEF_CHARACTERISTIC',
+            f'/begin INSTANCE K "" T 0x10 {options["instance"]} /end INSTANCE',
+        )
+    )
+    assert a2l.characteristics["K"].read_only == bool(read_only)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

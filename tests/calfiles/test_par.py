@@ -306,7 +306,9 @@ def test_values_of_other_files_are_merged_into_a_parameter_file(par, tmp_path):
     merged = merge([("start.par", read(par())), ("new.dcm", read(tmp_path / "new.dcm"))]).parameters
     findings = write(merged, tmp_path / "out.par")
     assert read(tmp_path / "out.par")["Kp"].value == 0.5
-    assert [f.message for f in findings] == ["left out, since the file does not have them: 1 label (New)"]
+    assert [str(finding) for finding in findings] == [
+        "out.par: left out, since the file does not have them: 1 label (New)"
+    ]
 
 
 @few_or_many(

@@ -287,6 +287,7 @@ NUMBERS = {
     "interp2([1 2], [10 20], [1 2; 3 4], 1.5, 15)": 2.5,
     "interp2([1 2], [10 20], [1 2; 3 4], 3, 15)": nan,
     "interp2([1 2; 3 4], 1, 2)": 3,
+    "size(string([1 2 3; 4 5 6]))": [[2, 3]],
     "filter(1, [1 -0.5], [1 0 0])": [[1, 0.5, 0.25]],
     # finding
     "find([0 1 1])": [[2, 3]],
@@ -419,6 +420,7 @@ TEXTS = {
     "class(@sin)": "function_handle",
     'class("a")': "string",
     'upper("a") + "b"': "Ab",
+    'string(2.5) + "b"': "2.5b",
     "class(Simulink.Parameter)": "Simulink.Parameter",
     "c{2}": "ten",
     "s.b.c{2}": "hi",

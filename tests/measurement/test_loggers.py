@@ -374,6 +374,29 @@ def test_haltech_scales_the_types_that_are_known(csv):
     ]
 
 
+@pytest.mark.parametrize(
+    ("kind", "unit", "value"),
+    [
+        ("Raw", "", 3531),
+        ("Gear", "", 3531),
+        ("EngineSpeed", "rpm", 3531),
+        ("Percentage", "%", 353.1),
+        ("AbsPressure", "kPa", 353.1),
+        ("Angle", "deg", 353.1),
+        ("BatteryVoltage", "V", 3.531),
+        ("Time_us", "us", 3531),
+        ("Time_ms", "ms", 3531),
+        ("Ratio", "", 3.531),
+        ("AFR", "lambda", 3.531),
+        ("Speed", "km/h", 353.1),
+        ("AngularVelocity", "deg/s", 353.1),
+    ],
+)
+def test_haltech_integers_are_scaled_by_their_type(csv, kind, unit, value):
+    data = read(csv(HALTECH.replace("Type : Temperature", f"Type : {kind}")))
+    assert (data["Coolant Temperature"].unit, data["Coolant Temperature"].values[0]) == (unit, value)
+
+
 def test_a_haltech_log_without_rows_is_reported(csv):
     with pytest.raises(InputError, match="no rows below its channels"):
         read(csv(HALTECH[: HALTECH.index("23:59")]))

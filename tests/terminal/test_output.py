@@ -32,6 +32,11 @@ def test_columns_of_a_table_fit_what_is_shown():
     assert heading.index("unit") == row.index("rpm")
 
 
+def test_a_column_is_aligned_right_if_all_its_cells_are_numbers():
+    rows = [("name", "first", "all"), ("a", "none", "1.5"), ("b", "10", "10")]
+    assert align(rows) == ["name  first  all", "a     none   1.5", "b     10      10"]
+
+
 @pytest.mark.parametrize("name", ["bench.csv", "be\x1b[31mnch.csv"])
 def test_info_shows_names_of_channels_units_and_files_as_escapes(tmp_path, capsys, name):
     path = tmp_path / name

@@ -1,4 +1,4 @@
-"""What a user should know about the end of a fit: warnings, and remarks for its message."""
+"""Warnings about the end of a fit, and remarks for its message."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -73,9 +73,10 @@ class Chart:
     """A chart: states by name with their labels, transitions (from, to, label), data (name, scope).
 
     `parents` are the states around states, junctions and functions; those of `parallel` have children that are active
-    at once, and "" among them stands for the chart. A transition may have a fourth part, the state that it is drawn in,
-    data an initial value, a size and a parent, events (name, scope, trigger) a parent. `functions` are states that are
-    functions, with their code in MATLAB or "" where they are drawn. `types` are those of data by their names.
+    at once, and "" among them stands for the chart; `boxes` are boxes, not states. A transition may have a fourth part,
+    the state that it is drawn in, data an initial value, a size and a parent, events (name, scope, trigger) a parent.
+    `functions` are states that are functions, with their code in MATLAB or "" where they are drawn. `types` are those
+    of data by their names.
     """
 
     states: dict[str, str] = field(default_factory=dict)
@@ -87,6 +88,7 @@ class Chart:
     junctions: tuple[str, ...] = ()
     histories: tuple[str, ...] = ()
     functions: dict[str, str] = field(default_factory=dict)
+    boxes: tuple[str, ...] = ()
     settings: dict[str, str] = field(default_factory=dict)
     language: str = "C"
     types: dict[str, str] = field(default_factory=dict)
@@ -111,6 +113,8 @@ class Chart:
 
     def keys(self, name):
         """What the file says of a state besides its label."""
+        if name in self.boxes:
+            return {"type": "GROUP_STATE"}
         parent = self.parents.get(name, "")
         found = {"type": "FUNC_STATE" if name in self.functions else "OR_STATE"}
         if parent in self.parallel and name not in self.functions:

@@ -205,6 +205,15 @@ def test_charts_are_the_same_in_every_layout(name, layout, tmp_path):
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+def test_states_in_a_box_are_those_of_the_chart(tmp_path):
+    arrows = [(*arrow, "Box") for arrow in SWITCH.transitions]
+    parents = {"Off": "Box", "On": "Box"}
+    boxed = Chart({"Box": "Box", **SWITCH.states}, arrows, IO, parents=parents, boxes=("Box",))
+    outputs = [run(imported(drawn_chart(chart), tmp_path), {"u": U})["y_out"] for chart in (boxed, SWITCH)]
+    np.testing.assert_array_equal(*outputs)
+    assert np.unique(outputs).size > 1
+
+
 # parameters
 
 GAINED = pair(
