@@ -1,6 +1,6 @@
-"""What a project makes this computer do that only the user can allow: the code and the addresses that it uses.
+"""Requests of a project for the consent of the user: the code that it runs, and the addresses that it uses.
 
-It is found from the project file without running code, connecting, or writing.
+They are found from the project file without running code, connecting, or writing.
 """
 
 from collections.abc import Iterator
