@@ -12,7 +12,7 @@ from kennfeld import cli
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.workspace import _OWN, AppWorkspace
 from kennfeld.errors import KennfeldError
-from tests.project.hostile_projects import TRAINING, TRAPS, contents, write_outside, write_project
+from tests.project.hostile_projects import TRAINING, TRAPS, contents, plant_pickles, write_outside, write_project
 
 links = pytest.mark.skipif(os.name != "posix", reason="making links needs rights on Windows")
 
@@ -58,7 +58,7 @@ GIVEN: dict[str, dict[str, Any]] = {
     "export": {"formats": [".json", ".dcm"], "report": True, "script": True, "simulation": ".parquet", "force": True},
     "new-function": {"name": "../new.kf"},
     "new-surrogate": {"name": "engine", "inputs": ["u"], "output": "wanted"},
-    "save": {},
+    "save": {"force": True},
     "set-keys": {"title": "t", "changes": [[["calibration", "initial"], ["start.json"]]]},
     "set-text": {"title": "t", "file": "function.kf", "text": "y = K * u + 1\n"},
     "set-toml": {"path": ["optimizer", "seed"], "text": "3", "title": "t"},
@@ -145,10 +145,37 @@ def test_a_page_saves_and_exports_through_no_link(project: Path, outside: Path) 
         workspace.answer("export", GIVEN["export"])
     workspace.answer("export", {"report": True})
     TRAPS["values"](project.parent, outside)
+    assert workspace.answer("save", {}).head["conflicts"][0]["file"] == "values.json"
     with pytest.raises(KennfeldError, match=r"values\.json: cannot be written: it is a symbolic link"):
-        workspace.answer("save", {})
+        workspace.answer("save", {"force": True})
     workspace.close()
     assert contents(outside) == before
+
+
+def test_what_is_kept_of_an_earlier_session_runs_no_code(project: Path, outside: Path) -> None:
+    write_start(project)
+    plant_pickles(project.parent, outside / "exploded")
+    for line in (["check", "."], ["report", "."], ["calibrate", ".", "--resume"], ["info", "values.json"]):
+        cli.run(line)
+    workspace = AppWorkspace(project)
+    for question, given in (("recover", {}), ("outcome", {}), ("export", {"stored": True}), ("calibrations", {})):
+        with suppress(KennfeldError):
+            workspace.answer(question, given)
+    workspace.close()
+    assert not (outside / "exploded").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
+def test_files_that_others_may_write_are_read_as_any_other(project: Path) -> None:
+    (project.parent / ".kennfeld").mkdir()
+    for path in (project.parent, project.parent / ".kennfeld", *project.parent.iterdir()):
+        path.chmod(0o777)
+    assert cli.run(["check", "."]) == 0
+    workspace = AppWorkspace(project)
+    workspace.answer("set-values", GIVEN["set-values"])
+    workspace.answer("save", {})
+    workspace.close()
+    assert (project.parent / "values.json").is_file()
 
 
 def answers(workspace: AppWorkspace) -> Iterator[str]:
