@@ -1,5 +1,6 @@
 """A project from a stranger does no harm: each entrance, through every command and every question of the app."""
 
+import ast
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -176,6 +177,41 @@ def test_files_that_others_may_write_are_read_as_any_other(project: Path) -> Non
     workspace.answer("save", {})
     workspace.close()
     assert (project.parent / "values.json").is_file()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        'a"); import os; os.mkdir("ran"); ("b.toml',
+        'a"""\nimport os\nos.mkdir("ran")\n"""b.toml',
+        "it's {0}.toml",
+        "ä.toml",
+    ],
+)
+@pytest.mark.skipif(os.name != "posix", reason="names that Windows does not have")
+def test_the_name_of_a_project_is_no_code_of_the_exported_script(project: Path, name: str) -> None:
+    named = project.rename(project.with_name(name))
+    workspace = AppWorkspace(named)
+    workspace.answer("export", {"script": True})
+    workspace.close()
+    tree = ast.parse(project.with_name("calibrate.py").read_text("utf-8"))
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
+    assert texts.count(name) == 1
+    imported = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    assert imported == ["kennfeld"]
+
+
+def test_another_script_is_replaced_only_after_a_question(project: Path) -> None:
+    script = project.with_name("calibrate.py")
+    script.write_text("mine = True\n", encoding="utf-8")
+    workspace = AppWorkspace(project)
+    assert workspace.answer("export", {"script": True, "formats": [".dcm"]}).head == {"exists": "calibrate.py"}
+    assert script.read_text("utf-8") == "mine = True\n"
+    assert not (project.parent / "results").exists()
+    answer = workspace.answer("export", {"script": True, "force": True}).head
+    assert answer["files"] == ["calibrate.py"]
+    assert "exists" not in workspace.answer("export", {"script": True}).head  # the same content
+    workspace.close()
 
 
 def answers(workspace: AppWorkspace) -> Iterator[str]:
