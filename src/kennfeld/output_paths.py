@@ -10,7 +10,7 @@ import stat
 import unicodedata
 from contextlib import suppress
 from errno import EINVAL, ELOOP, EPERM
-from pathlib import Path, PurePath, PureWindowsPath
+from pathlib import Path, PurePath
 
 MAX_NAME = 200  # bytes of a name that comes from elsewhere, so that temporary files beside it have names, too
 _UNSAFE = '<>:"/\\|?*'  # what a file system or a page may take for more than a name
@@ -38,7 +38,7 @@ def within(folder: Path, *names: str | PurePath) -> Path:
     """
     path = folder
     for part in PurePath(*names).parts:
-        if part == os.pardir or PurePath(part).anchor or PureWindowsPath(part).anchor:
+        if part == os.pardir or PurePath(part).anchor:
             raise OSError(EPERM, f"it is outside of the folder {folder.name or folder}", str(PurePath(*names)))
         if not is_plain_name(part):
             raise OSError(EINVAL, f"{part!r} is not a name for a file", str(PurePath(*names)))

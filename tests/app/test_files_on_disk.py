@@ -1,5 +1,6 @@
 """What another program, or another app, writes to the files of a project is not overwritten unseen."""
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import pytest
 
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.session import Session
+from kennfeld.app.workspace import AppWorkspace
 from kennfeld.errors import InputError
 from tests.app.browser import browser_page
 from tests.app.serving import served
@@ -18,7 +20,8 @@ def ask(session: Session, question: str, **given: Any) -> dict[str, Any]:
 
 
 @pytest.fixture
-def project(tmp_path: Path) -> Path:
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(Path, "home", classmethod(lambda cls: tmp_path / "home"))
     return write_project(tmp_path / "project")
 
 
@@ -155,3 +158,23 @@ def test_the_page_shows_both_texts_and_asks(project: Path) -> None:
         page.click("#replace-disk")
         dialog.wait_for(state="detached")
         assert "seed = 5" in project.read_text("utf-8")
+
+
+def test_a_clock_that_goes_backwards_loses_nothing(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = itertools.count(2_000_000_000, -3600)
+    monkeypatch.setattr("time.time", lambda: float(next(now)))
+    monkeypatch.setattr("time.time_ns", lambda: next(now) * 1_000_000_000)
+    for seed in (1, 2):
+        workspace = AppWorkspace(project)
+        assert workspace.session is not None
+        set_seed(workspace.session, seed)
+        set_value(workspace.session, float(seed))
+        workspace.answer("save", {})
+        workspace.close()
+        assert f"seed = {seed}" in project.read_text("utf-8")
+    session = Session(project)
+    assert float(session.parameters["K"].values) == 2.0
+    set_seed(session, 3)
+    again = Session(project)
+    ask(again, "recover")
+    assert again.settings["optimizer"]["seed"] == 3

@@ -1,6 +1,8 @@
 """Project folders as a stranger may send them: small projects, and traps in them that lead to files outside."""
 
 import json
+import os
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 
@@ -120,3 +122,28 @@ TRAPS: dict[str, Callable[[Path, Path], None]] = {
     "calibration": _link("out.dcm"),
     "new calibration": _link("out.dcm", "made.txt"),
 }
+
+
+class _Bomb:
+    """A value whose pickle makes a folder when it is read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Callable[[str], None], tuple[str]]:
+        return os.mkdir, (str(self.path),)
+
+
+KEPT = (
+    *(".kennfeld/cache/0-0-0.parquet", ".kennfeld/cache/0.json", ".kennfeld/partitions/0.columns"),
+    *(".kennfeld/kennfeld.unsaved.json", ".kennfeld/saves/1-000001.json", "results/saves/1-000001.json"),
+    *("results/saves/2-end.json", "results/result.json", "results/parameters.json", "results/trace.csv"),
+    *("results/trust.csv", "results/simulation.parquet", "results/cross_validation.json", "values.json"),
+)
+
+
+def plant_pickles(project: Path, exploded: Path) -> None:
+    """Replace all that Kennfeld keeps in a project folder by pickles that make a folder when they are read."""
+    for name in KEPT:
+        (project / name).parent.mkdir(parents=True, exist_ok=True)
+        (project / name).write_bytes(pickle.dumps(_Bomb(exploded)))

@@ -1,5 +1,6 @@
 """A project from a stranger does no harm: each entrance, through every command and every question of the app."""
 
+import ast
 import os
 from collections.abc import Iterator
 from contextlib import suppress
@@ -12,7 +13,7 @@ from kennfeld import cli
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.workspace import _OWN, AppWorkspace
 from kennfeld.errors import KennfeldError
-from tests.project.hostile_projects import TRAINING, TRAPS, contents, write_outside, write_project
+from tests.project.hostile_projects import TRAINING, TRAPS, contents, plant_pickles, write_outside, write_project
 
 links = pytest.mark.skipif(os.name != "posix", reason="making links needs rights on Windows")
 
@@ -58,7 +59,7 @@ GIVEN: dict[str, dict[str, Any]] = {
     "export": {"formats": [".json", ".dcm"], "report": True, "script": True, "simulation": ".parquet", "force": True},
     "new-function": {"name": "../new.kf"},
     "new-surrogate": {"name": "engine", "inputs": ["u"], "output": "wanted"},
-    "save": {},
+    "save": {"force": True},
     "set-keys": {"title": "t", "changes": [[["calibration", "initial"], ["start.json"]]]},
     "set-text": {"title": "t", "file": "function.kf", "text": "y = K * u + 1\n"},
     "set-toml": {"path": ["optimizer", "seed"], "text": "3", "title": "t"},
@@ -145,10 +146,72 @@ def test_a_page_saves_and_exports_through_no_link(project: Path, outside: Path) 
         workspace.answer("export", GIVEN["export"])
     workspace.answer("export", {"report": True})
     TRAPS["values"](project.parent, outside)
+    assert workspace.answer("save", {}).head["conflicts"][0]["file"] == "values.json"
     with pytest.raises(KennfeldError, match=r"values\.json: cannot be written: it is a symbolic link"):
-        workspace.answer("save", {})
+        workspace.answer("save", {"force": True})
     workspace.close()
     assert contents(outside) == before
+
+
+def test_what_is_kept_of_an_earlier_session_runs_no_code(project: Path, outside: Path) -> None:
+    write_start(project)
+    plant_pickles(project.parent, outside / "exploded")
+    for line in (["check", "."], ["report", "."], ["calibrate", ".", "--resume"], ["info", "values.json"]):
+        cli.run(line)
+    workspace = AppWorkspace(project)
+    for question, given in (("recover", {}), ("outcome", {}), ("export", {"stored": True}), ("calibrations", {})):
+        with suppress(KennfeldError):
+            workspace.answer(question, given)
+    workspace.close()
+    assert not (outside / "exploded").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions as POSIX has them")
+def test_files_that_others_may_write_are_read_as_any_other(project: Path) -> None:
+    (project.parent / ".kennfeld").mkdir()
+    for path in (project.parent, project.parent / ".kennfeld", *project.parent.iterdir()):
+        path.chmod(0o777)
+    assert cli.run(["check", "."]) == 0
+    workspace = AppWorkspace(project)
+    workspace.answer("set-values", GIVEN["set-values"])
+    workspace.answer("save", {})
+    workspace.close()
+    assert (project.parent / "values.json").is_file()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        'a"); import os; os.mkdir("ran"); ("b.toml',
+        'a"""\nimport os\nos.mkdir("ran")\n"""b.toml',
+        "it's {0}.toml",
+        "ä.toml",
+    ],
+)
+@pytest.mark.skipif(os.name != "posix", reason="names that Windows does not have")
+def test_the_name_of_a_project_is_no_code_of_the_exported_script(project: Path, name: str) -> None:
+    named = project.rename(project.with_name(name))
+    workspace = AppWorkspace(named)
+    workspace.answer("export", {"script": True})
+    workspace.close()
+    tree = ast.parse(project.with_name("calibrate.py").read_text("utf-8"))
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
+    assert texts.count(name) == 1
+    imported = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    assert imported == ["kennfeld"]
+
+
+def test_another_script_is_replaced_only_after_a_question(project: Path) -> None:
+    script = project.with_name("calibrate.py")
+    script.write_text("mine = True\n", encoding="utf-8")
+    workspace = AppWorkspace(project)
+    assert workspace.answer("export", {"script": True, "formats": [".dcm"]}).head == {"exists": "calibrate.py"}
+    assert script.read_text("utf-8") == "mine = True\n"
+    assert not (project.parent / "results").exists()
+    answer = workspace.answer("export", {"script": True, "force": True}).head
+    assert answer["files"] == ["calibrate.py"]
+    assert "exists" not in workspace.answer("export", {"script": True}).head  # the same content
+    workspace.close()
 
 
 def answers(workspace: AppWorkspace) -> Iterator[str]:

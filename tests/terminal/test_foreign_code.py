@@ -173,14 +173,14 @@ def test_a_terminal_asks_once_for_each_content(
     project = write_python_project(tmp_path, "pass", f"import helper\n{MARKER}")
     (tmp_path / "helper.py").write_text("")
     terminal.append("n")
-    assert cli.run(["check", str(project)]) == 2
+    assert cli.run(["simulate", str(project)]) == 2
     assert not (tmp_path / "ran").exists()
     assert "runs code of table.py with helper.py, and has not been allowed to" in capsys.readouterr().err
     terminal.append("y")
-    assert cli.run(["check", str(project)]) == 0
+    assert cli.run(["simulate", str(project)]) == 0
     assert "remark: The project runs code of table.py with helper.py." in capsys.readouterr().err
     assert (tmp_path / "ran").exists()
-    assert cli.run(["simulate", str(project)]) == 0  # without a question
+    assert cli.run(["check", str(project)]) == 0  # without a question
     (tmp_path / "helper.py").write_text("# changed")
     terminal.append("n")
     assert cli.run(["simulate", str(project)]) == 2

@@ -1,4 +1,4 @@
-"""What a project may make this computer do because the user allowed it: run code of files, and use addresses.
+"""Consent of the user to run code of files, and to use addresses, that a project names.
 
 Commands and the app ask once for each content of a file with all that its code loads, and once for each address. What
 the user allowed is remembered by digests, in a file of the user's own folder.
@@ -32,7 +32,7 @@ REMEDY = "Allow it if you trust who wrote it."
 
 @dataclass(frozen=True)
 class ConsentRequest:
-    """What the user is asked to allow.
+    """A question to the user: code of a file to run, or an address to use.
 
     Attributes:
         kind: code of a file that runs, or an address that is used.

@@ -28,6 +28,7 @@ class FunctionKind(NamedTuple):
         digester: `module:function` that returns the digest of a file with all that its code loads, by its path; empty
             if that is the file alone.
         companions: `module:function` that returns the other files that its code loads, by its path.
+        translated: True if functions of such files may be translated, and do not run then.
     """
 
     label: str
@@ -39,6 +40,7 @@ class FunctionKind(NamedTuple):
     lister: str = ""
     digester: str = ""
     companions: str = ""
+    translated: bool = False
 
 
 KINDS: tuple[FunctionKind, ...] = (
@@ -67,6 +69,7 @@ KINDS: tuple[FunctionKind, ...] = (
         lister="kennfeld.models.python_code.importing:list_functions",
         digester="kennfeld.models.python_code.loaded_files:digest_of_loaded",
         companions="kennfeld.models.python_code.loaded_files:files_loaded_by",
+        translated=True,
     ),
     FunctionKind(
         "an ONNX network",

@@ -1,10 +1,11 @@
-"""What a project makes this computer do that only the user can allow: the code and the addresses that it uses.
+"""Requests of a project for the consent of the user: the code that it runs, and the addresses that it uses.
 
-It is found from the project file without running code, connecting, or writing.
+They are found from the project file without running code, connecting, or writing.
 """
 
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 from kennfeld.dask_runner import ClusterAddress, scheduler_address
@@ -68,10 +69,20 @@ def _references(file: ProjectFile, text: str | None) -> Iterator[tuple[str, str]
 
 def _runs(file: ProjectFile, name: str, reference: str) -> bool:
     """Return True if code of a file runs with a function; False if it is translated, or cannot be read."""
-    with suppress(InputError):
-        graph = as_model(read_function_file(reference, file.folder, name, file.model.step)).graph
-        return any(node.op == "external" for node in graph.nodes)
+    kind, path = kind_of(reference), file.folder / split_reference(reference)[0]
+    if kind is None or not kind.translated:
+        return path.is_file()
+    with suppress(OSError, InputError):
+        status = path.stat()
+        return _is_called(reference, file.folder, name, (status.st_mtime_ns, status.st_size))
     return False
+
+
+@lru_cache(maxsize=64)
+def _is_called(reference: str, folder: Path, name: str, stamp: tuple[int, int]) -> bool:
+    """Return True if code of a function runs; `stamp` tells whether its file has changed. Raises `InputError`."""
+    graph = as_model(read_function_file(reference, folder, name)).graph
+    return any(node.op == "external" for node in graph.nodes)
 
 
 def _folders(file: ProjectFile) -> Iterator[ConsentRequest]:

@@ -25,7 +25,7 @@ Gate = Callable[[ExternalFunction], None]
 
 
 class Consent:
-    """What the user allows while a command runs.
+    """Consent of the user while a command runs.
 
     Args:
         trust: allow everything without a question.
