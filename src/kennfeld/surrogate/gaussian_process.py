@@ -91,8 +91,8 @@ def gaussian_process(
     """Train a process on points `x` Float[points, inputs] and values `y` Float[points], in physical units.
 
     `method` "auto" is exact up to 1000 points, unless fewer `centres` are given, and else sparse with `centres`
-    inducing inputs, by default 300, chosen greedily by variance. Length scales of a sparse process are searched on at most 2000
-    points, its noise on all; `seed` draws these points and some of the `starts` of the search.
+    inducing inputs, by default 300, chosen greedily by variance. Length scales of a sparse process are searched on at
+    most 2000 points, its noise on all; `seed` draws these points and some of the `starts` of the search.
 
     The kernel is the one with the smaller residuals of points left out; a plane is returned if these are not smaller
     than the plane's. Noise is normal or, if the residuals have wide tails and become smaller but for these, Student's.
@@ -116,7 +116,8 @@ def gaussian_process(
         raise ArgumentError(f"noise={noise!r} of a Gaussian process must be {' or '.join(get_args(NoiseChoice))}")
     if centres is not None and centres < 1:
         raise ArgumentError(f"centres={centres} of a Gaussian process must be at least 1")
-    outliers = _suspects(rows, values)
+    far = far_inputs(rows)
+    outliers = far | _suspects(rows, values, ~far)
     if outliers.any():
         check_points(rows[~outliers], values[~outliers], names)
     training = _Training(rows, values, ~outliers, method, centres, seed)
@@ -124,7 +125,7 @@ def gaussian_process(
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
     kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)
     found = training.search(kernels, starts, stopped)
-    wrong = outliers & training.is_certain(found, blocks)
+    wrong = far | (outliers & training.is_certain(found, blocks))
     if np.any(wrong != outliers):
         training = _Training(rows, values, ~wrong, method, centres, seed)
     process = training.choose(found, blocks, wrong)
@@ -133,10 +134,10 @@ def gaussian_process(
     return training.with_student_noise(process, blocks, starts, forced=noise == "student", stopped=stopped)
 
 
-def _suspects(x: Float, y: Float) -> Bool:
-    """Return the rows that may have gross errors, Bool[rows]."""
-    suspects = far_inputs(x)
-    rest = np.flatnonzero(~suspects)
+def _suspects(x: Float, y: Float, among: Bool) -> Bool:
+    """Return the rows among some whose values may have gross errors, Bool[rows]."""
+    suspects = np.zeros(len(y), dtype=bool)
+    rest = np.flatnonzero(among)
     spread = x[rest].std(0)
     suspects[rest] = gross_errors((x[rest] - x[rest].mean(0)) / np.where(spread > 0, spread, 1.0), y[rest])
     return suspects
@@ -194,10 +195,8 @@ class _Training:
         if self.used.all():
             return np.zeros(len(self.y), dtype=bool)
         best = self.choose(found, blocks, ~self.used)
-        inside = np.clip(self.x, self.x[self.used].min(0), self.x[self.used].max(0))
-        deviation = Deviation(best.expansion, best.uncertainty)(inside)
-        certain: Bool = np.abs(best.expansion(inside) - self.y) > CERTAIN * deviation
-        certain |= np.any(inside != self.x, axis=1)
+        deviation = Deviation(best.expansion, best.uncertainty)(self.x)
+        certain: Bool = np.abs(best.expansion(self.x) - self.y) > CERTAIN * deviation
         return certain
 
     def with_student_noise(
