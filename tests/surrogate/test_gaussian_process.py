@@ -294,9 +294,9 @@ def test_a_wild_input_is_found_and_not_used():
 
 
 def test_steep_corners_and_rare_states_are_not_outliers():
-    x = np.random.default_rng(0).uniform(0.01, 1, size=(150, 1))
+    x = np.random.default_rng(0).uniform(0.01, 1, size=(100, 1))
     steep = gaussian_process(x, 1 / x[:, 0], kernel="gaussian", starts=1)
-    x, y = drive(600)
+    x, y = drive(260)
     rare = gaussian_process(x, y + 5 * (x[:, 2] > 4), kernel="gaussian", starts=1)
     assert not steep.outliers.any()
     assert not rare.outliers.any()
