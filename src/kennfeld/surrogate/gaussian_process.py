@@ -33,6 +33,7 @@ MOST_EXACT = 1000
 MOST_FORCED = 10_000  # the kernel matrix takes 0.8 GB there
 CENTRES = 300  # of a sparse process, unless the number is given
 WORTH = 0.99  # a process stays if its left-out residuals are at most this share of the plane's
+MORE_NOISE = (10.0, 10.0)  # factors by which the noise of a recording is increased, one after the other
 CERTAIN = 6.0  # deviations from the model trained without it, beyond which a value is an error
 FREEDOM = 4.0  # degrees of freedom of Student's distribution
 NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviations
@@ -237,9 +238,11 @@ class _Training:
         processes = [self.process(at) for at in found]
         residuals = [process.left_out(together) for process in processes]
         best = int(np.argmin([self._rmse(residual) for residual in residuals]))
-        is_plane = not self._rmse(residuals[best]) <= WORTH * self._rmse(plane)
-        process = processes[best]
-        residual = self._by_row(plane if is_plane else residuals[best])
+        process, residual = processes[best], residuals[best]
+        if together is not None:
+            process, residual = self._smoothed(process, residual, together)
+        is_plane = not self._rmse(residual) <= WORTH * self._rmse(plane)
+        residual = self._by_row(plane if is_plane else residual)
         flat = plane_through(self.points, self.scaling)
         expansion = flat
         if not is_plane:
@@ -260,6 +263,27 @@ class _Training:
     def _remarks(self) -> Iterator[str]:
         if self.exact and self.given is not None and self.given < len(self.points):
             yield f"centres = {self.given} is not used: an exact Gaussian process has one per point, {len(self.points)}"
+
+    def _smoothed(
+        self, process: Exact | Sparse, residual: Float, together: Sequence[Int]
+    ) -> tuple[Exact | Sparse, Float]:
+        """Return the process with more noise as long as residuals of blocks left out become smaller, and these.
+
+        Errors of neighbouring samples of a recording are alike, so that it tells less on the function than as many
+        points with independent errors would, for which the likelihood is.
+        """
+        for factor in MORE_NOISE:
+            noise = process.noise * factor
+            trial: Exact | Sparse
+            if isinstance(process, Exact):
+                trial = Exact.at(self.points, process.lengths, noise, process.kernel)
+            else:
+                trial = Sparse.at(self.points, process.z, process.lengths, noise, process.kernel, refine=False)
+            changed = trial.left_out(together)
+            if self._rmse(changed) >= self._rmse(residual):
+                break
+            process, residual = trial, changed
+        return process, residual
 
     def _together(self, blocks: Int | None) -> list[Int] | None:
         """Return the points of each block; a point of several rows is in the block of the first of them."""
