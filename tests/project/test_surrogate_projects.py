@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from kennfeld.analysis.extrapolation import find_extrapolation
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.rbf import Expansion
 from kennfeld.report import document, from_folder
-from kennfeld.surrogate import StaticSurrogate, Validity, write_surrogate
+from kennfeld.surrogate import StaticSurrogate, SurrogateQuality, Validity, write_surrogate
 from kennfeld.surrogate.uncertainty import Uncertainty
 
 
@@ -135,6 +136,18 @@ def test_the_report_warns_and_lists_and_can_be_made_again(outside):
         assert f'<li class="warning">{SENTENCE}' in text
         assert "add training data from this range" in text
         assert "farthest outside its data" in text
+
+
+def test_the_report_lists_the_errors_of_a_surrogate_and_of_the_plane(inside):
+    lines = tuple(
+        SurrogateQuality("rig", "test", mode, 12, rmse, 0.9, 3.0) for mode, rmse in (("static", 1.25), ("plane", 7.5))
+    )
+    write_surrogate(replace(bench_model("trained"), quality=lines), inside.folder / "bench.json")
+    assert cli.run(["calibrate", str(inside.path)]) == 0
+    report = (inside.folder / "results" / "report.html").read_text(encoding="utf-8")
+    text = re.sub(r"(<[^>]+>)+", "|", report)
+    assert re.search(r"bench\|+rig\|+test\|+static\|+12\|+1\.25", text)
+    assert re.search(r"bench\|+rig\|+test\|+plane\|+12\|+7\.5", text)
 
 
 def test_the_report_praises_a_surrogate_that_stays_inside(inside):

@@ -277,3 +277,24 @@ def test_a_quiet_training_prints_nothing(training, shop, capsys):
     assert cli.run(["surrogate", "train", str(training()), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
     assert (shop.folder / "engine.json").is_file()
+
+
+def test_a_file_that_is_listed_twice_is_said(training, shop, capsys):
+    shop.bench("bench.csv", speed=np.linspace(1000, 3000, 12))
+    again = 'files = ["bench.csv"]\n\n[[dataset]]\nname = "again"\nfiles = ["bench.csv"]'
+    path = training(STATIC, ('files = ["bench.csv"]', again))
+    found = " ".join(problems(path))
+    assert "file bench.csv is used 2 times, by bench, again" in found
+    assert "12 of 24 training rows repeat the inputs of another row" in found
+    assert cli.run(["surrogate", "train", str(path)]) == 0
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "file bench.csv is used 2 times" in printed
+    assert "12 of 24 rows repeat the inputs of another row; they count as one point with less noise" in printed
+
+
+def test_the_number_of_centres_of_the_file_is_kept_to(training, shop):
+    shop.bench("bench.csv", speed=np.linspace(1000, 3000, 30))
+    path = training(STATIC, ("starts = 1", 'starts = 1\ncentres = 7\nkernel = "matern52"'))
+    assert cli.run(["surrogate", "train", str(path)]) == 0
+    expansion = read_surrogate(shop.folder / "engine.json").expansion
+    assert (expansion.size, expansion.kernel) in [(7, "matern52"), (0, "gaussian")]

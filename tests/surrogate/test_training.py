@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -112,6 +114,21 @@ def test_of_a_recording_whole_blocks_are_left_out():
     points = np.column_stack([data[1]["speed"].values, data[1]["air"].values])
     error = np.abs(made(points) - data[1]["torque"].values)
     assert np.mean(error < 2 * made.deviation(points)) > 0.85
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kernel": "cosine"}, "kernel='cosine' of static surrogate torque must be auto or gaussian or matern52"),
+        ({"noise": "cauchy"}, "noise='cauchy' of static surrogate torque must be auto or gaussian or student"),
+        ({"kernel": "matern52", "kind": "dynamic"}, "kernel='matern52' of dynamic surrogate torque must be auto or"),
+        ({"noise": "student", "method": "expansion"}, "noise='student' of surrogate torque is not possible with"),
+        ({"centres": 0}, "centres=0 of surrogate torque must be >= 1"),
+    ],
+)
+def test_kernel_noise_and_centres_that_do_not_fit_are_refused(changes, message):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
+        static_settings(**changes)
 
 
 def test_without_an_uncertainty_the_deviation_is_unknown():

@@ -162,6 +162,9 @@ class SurrogateEntry:
         if self.kind == "dynamic":
             yield from self._dynamic_problems()
             return
+        for name, value in (("kernel", "matern52"), ("noise", "student")):
+            if self.method == "expansion" and getattr(self, name) == value:
+                yield name, f'"{value}" requires a Gaussian process', 'Remove it, or write method = "auto".'
         for name, part in keys_of(SurrogateEntry).items():
             if part.metadata.get("dynamic") and name in present:
                 yield name, f"{name} requires a dynamic surrogate", 'Write kind = "dynamic", or remove it.'

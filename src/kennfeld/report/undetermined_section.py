@@ -39,7 +39,19 @@ def render_undetermined(report: ReportData) -> Html:
         else None,
         None if rows or lines else note("Every value is determined by training data."),
         _extrapolation_table(report.extrapolation) if report.extrapolation else None,
+        _surrogate_errors(report),
     )
+
+
+def _surrogate_errors(report: ReportData) -> Html | None:
+    """Return the errors of the surrogates on the data of their training, beside those of linear models."""
+    rows = [
+        [s.name, q.dataset, q.use, q.mode, str(q.samples), decimal(q.rmse), decimal(q.r2), decimal(q.max_abs)]
+        for s in report.problem.model.surrogates
+        for q in s.quality
+    ]
+    head = ("surrogate", "dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|")
+    return table(head, rows, words=4, class_="wide") if rows else None
 
 
 def _extrapolation_table(extrapolation: Sequence[Extrapolation]) -> Html:

@@ -33,6 +33,7 @@ MOST_EXACT = 1000
 MOST_FORCED = 10_000  # the kernel matrix takes 0.8 GB there
 CENTRES = 300  # of a sparse process, unless the number is given
 WORTH = 0.99  # a process stays if its left-out residuals are at most this share of the plane's
+MORE_NOISE = (10.0, 10.0)  # factors by which the noise of a recording is increased, one after the other
 CERTAIN = 6.0  # deviations from the model trained without it, beyond which a value is an error
 FREEDOM = 4.0  # degrees of freedom of Student's distribution
 NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviations
@@ -91,8 +92,8 @@ def gaussian_process(
     """Train a process on points `x` Float[points, inputs] and values `y` Float[points], in physical units.
 
     `method` "auto" is exact up to 1000 points, unless fewer `centres` are given, and else sparse with `centres`
-    inducing inputs, by default 300, chosen greedily by variance. Length scales of a sparse process are searched on at most 2000
-    points, its noise on all; `seed` draws these points and some of the `starts` of the search.
+    inducing inputs, by default 300, chosen greedily by variance. Length scales of a sparse process are searched on at
+    most 2000 points, its noise on all; `seed` draws these points and some of the `starts` of the search.
 
     The kernel is the one with the smaller residuals of points left out; a plane is returned if these are not smaller
     than the plane's. Noise is normal or, if the residuals have wide tails and become smaller but for these, Student's.
@@ -116,7 +117,8 @@ def gaussian_process(
         raise ArgumentError(f"noise={noise!r} of a Gaussian process must be {' or '.join(get_args(NoiseChoice))}")
     if centres is not None and centres < 1:
         raise ArgumentError(f"centres={centres} of a Gaussian process must be at least 1")
-    outliers = _suspects(rows, values)
+    far = far_inputs(rows)
+    outliers = far | _suspects(rows, values, ~far)
     if outliers.any():
         check_points(rows[~outliers], values[~outliers], names)
     training = _Training(rows, values, ~outliers, method, centres, seed)
@@ -124,7 +126,7 @@ def gaussian_process(
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
     kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)
     found = training.search(kernels, starts, stopped)
-    wrong = outliers & training.is_certain(found, blocks)
+    wrong = far | (outliers & training.is_certain(found, blocks))
     if np.any(wrong != outliers):
         training = _Training(rows, values, ~wrong, method, centres, seed)
     process = training.choose(found, blocks, wrong)
@@ -133,10 +135,10 @@ def gaussian_process(
     return training.with_student_noise(process, blocks, starts, forced=noise == "student", stopped=stopped)
 
 
-def _suspects(x: Float, y: Float) -> Bool:
-    """Return the rows that may have gross errors, Bool[rows]."""
-    suspects = far_inputs(x)
-    rest = np.flatnonzero(~suspects)
+def _suspects(x: Float, y: Float, among: Bool) -> Bool:
+    """Return the rows among some whose values may have gross errors, Bool[rows]."""
+    suspects = np.zeros(len(y), dtype=bool)
+    rest = np.flatnonzero(among)
     spread = x[rest].std(0)
     suspects[rest] = gross_errors((x[rest] - x[rest].mean(0)) / np.where(spread > 0, spread, 1.0), y[rest])
     return suspects
@@ -194,10 +196,8 @@ class _Training:
         if self.used.all():
             return np.zeros(len(self.y), dtype=bool)
         best = self.choose(found, blocks, ~self.used)
-        inside = np.clip(self.x, self.x[self.used].min(0), self.x[self.used].max(0))
-        deviation = Deviation(best.expansion, best.uncertainty)(inside)
-        certain: Bool = np.abs(best.expansion(inside) - self.y) > CERTAIN * deviation
-        certain |= np.any(inside != self.x, axis=1)
+        deviation = Deviation(best.expansion, best.uncertainty)(self.x)
+        certain: Bool = np.abs(best.expansion(self.x) - self.y) > CERTAIN * deviation
         return certain
 
     def with_student_noise(
@@ -238,9 +238,11 @@ class _Training:
         processes = [self.process(at) for at in found]
         residuals = [process.left_out(together) for process in processes]
         best = int(np.argmin([self._rmse(residual) for residual in residuals]))
-        is_plane = not self._rmse(residuals[best]) <= WORTH * self._rmse(plane)
-        process = processes[best]
-        residual = self._by_row(plane if is_plane else residuals[best])
+        process, residual = processes[best], residuals[best]
+        if together is not None:
+            process, residual = self._smoothed(process, residual, together)
+        is_plane = not self._rmse(residual) <= WORTH * self._rmse(plane)
+        residual = self._by_row(plane if is_plane else residual)
         flat = plane_through(self.points, self.scaling)
         expansion = flat
         if not is_plane:
@@ -261,6 +263,27 @@ class _Training:
     def _remarks(self) -> Iterator[str]:
         if self.exact and self.given is not None and self.given < len(self.points):
             yield f"centres = {self.given} is not used: an exact Gaussian process has one per point, {len(self.points)}"
+
+    def _smoothed(
+        self, process: Exact | Sparse, residual: Float, together: Sequence[Int]
+    ) -> tuple[Exact | Sparse, Float]:
+        """Return the process with more noise as long as residuals of blocks left out become smaller, and these.
+
+        Errors of neighbouring samples of a recording are alike, so that it tells less on the function than as many
+        points with independent errors would, for which the likelihood is.
+        """
+        for factor in MORE_NOISE:
+            noise = process.noise * factor
+            trial: Exact | Sparse
+            if isinstance(process, Exact):
+                trial = Exact.at(self.points, process.lengths, noise, process.kernel)
+            else:
+                trial = Sparse.at(self.points, process.z, process.lengths, noise, process.kernel, refine=False)
+            changed = trial.left_out(together)
+            if self._rmse(changed) >= self._rmse(residual):
+                break
+            process, residual = trial, changed
+        return process, residual
 
     def _together(self, blocks: Int | None) -> list[Int] | None:
         """Return the points of each block; a point of several rows is in the block of the first of them."""

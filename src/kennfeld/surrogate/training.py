@@ -116,6 +116,9 @@ class SurrogateSettings:
             raise ArgumentError(
                 f"noise={self.noise!r} of {self.kind} surrogate {self.name} must be {' or '.join(noises)}"
             )
+        if self.method == "expansion" and (self.kernel == "matern52" or self.noise == "student"):
+            key, value = ("kernel", self.kernel) if self.kernel == "matern52" else ("noise", self.noise)
+            raise ArgumentError(f"{key}={value!r} of surrogate {self.name} is not possible with method='expansion'")
         for name in self.lags if self.lags != "auto" else ():
             if name not in self.inputs:
                 message = f"lags of {name!r}, which is not an input of {self.name}. {nearest(name, self.inputs)}"

@@ -52,8 +52,8 @@ class TrainingPoints:
         shares = np.ones(len(first)) if weights is None else weights[first]
         total: Float = np.bincount(measured, shares).astype(np.float64)
         mean: Float = np.bincount(measured, shares * values) / total
-        scatter = np.bincount(measured, shares * (values - mean[measured]) ** 2)
-        return cls(x[np.sort(firsts)], mean, total, scatter, np.bincount(measured) - 1.0, point)
+        scatter: Float = np.bincount(measured, shares * (values - mean[measured]) ** 2).astype(np.float64)
+        return cls(x[np.sort(firsts)], mean, total, scatter, np.bincount(measured).astype(np.float64) - 1, point)
 
     def part(self, chosen: Int) -> "TrainingPoints":
         """Return some of the points; their rows are not known by number."""

@@ -8,7 +8,7 @@ from kennfeld.arrays import Float, readonly
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.gp_kernel import JITTER, Plane, kernel_matrix
+from kennfeld.surrogate.gp_kernel import Plane, factor, kernel_matrix
 
 BLOCK = 4096
 TWO_DEVIATIONS = 0.9545  # share of normal residuals within them
@@ -79,8 +79,7 @@ class Deviation:
         if not e.size:
             return
         kernel = kernel_matrix(self._scale(e.centres), self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
-        kernel.flat[:: e.size + 1] += np.maximum(self.uncertainty.nugget, JITTER)
-        root: Float = np.asarray(np.linalg.cholesky(kernel), dtype=np.float64)
+        root = factor(kernel + np.diag(self.uncertainty.nugget))
         plane = Plane.over(self._scale(e.centres))
         half: Float = solve_triangular(root, plane.basis, lower=True)
         plane_root = np.asarray(np.linalg.cholesky(half.T @ half), dtype=np.float64)
