@@ -11,7 +11,7 @@ import pytest
 from kennfeld import cli
 from kennfeld.terminal.shell_completion import COMPLETE, SHELLS
 
-COMMANDS = {"calibrate", "check", "completion", "convert"}  # those that begin with c
+COMMANDS = {"cache", "calibrate", "check", "completion", "convert"}  # those that begin with c
 ZSH = """
 compdef() {{ }}
 compadd() {{ while [[ $1 != -a ]] {{ shift }}; print -l -- ${{(P)2}} }}
