@@ -74,7 +74,7 @@ def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples:
 
     If there are more than `samples`, blocks are skipped evenly.
     """
-    blocks = _blocks(pieces, lags, count, samples)
+    blocks = held_out_blocks(pieces, lags, count, samples)
     thinned = sum(len(piece) for piece in pieces) > samples
     step = max(len(blocks) // FEW, 1) if thinned else 1
     result = []
@@ -87,7 +87,9 @@ def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples:
     return result
 
 
-def _blocks(pieces: Sequence[Recording], lags: Lags, count: int, samples: int) -> list[tuple[int, int, int]]:
+def held_out_blocks(
+    pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES
+) -> list[tuple[int, int, int]]:
     """Return (piece, first, end) of each block: at least `count`, evenly over the pieces, of similar length."""
     total = sum(len(piece) for piece in pieces)
     count = 2 * count if total > samples else count
@@ -299,6 +301,11 @@ def _change_lags(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, 
         beside = {lag - 1, lag + 1} - set(lags)
         more |= {(*lags[:at], near, *lags[at + 1 :]) for near in beside if min(among) <= near <= max(among)}
     return more
+
+
+def lag_error(pieces: Sequence[Recording], lags: Lags, settings: TrainingSettings) -> float:
+    """Return the RMSE on held-out blocks of a small model with these lags, trained for free run."""
+    return _score(pieces, lags, replace(settings, hold=HOLD, iterations=LAG_ITERATIONS, moves_centres=False))
 
 
 def _score(pieces: Sequence[Recording], lags: Lags, small: TrainingSettings) -> float:

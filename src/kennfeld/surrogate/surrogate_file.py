@@ -109,6 +109,7 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
             "limits": [None if math.isinf(limit) else limit for limit in surrogate.limits],
             "stability": surrogate.stability,
         }
+        result |= {"remarks": list(surrogate.remarks)} if surrogate.remarks else {}
     result["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
     result["expansion"] = {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
     if surrogate.validity is not None:
@@ -242,6 +243,7 @@ def _dynamic(reader: _TableReader) -> dict[str, Any]:
         "start_inputs": _row(reader, "start_inputs"),
         "limits": _limits(reader),
         "stability": reader.text("stability"),
+        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
     }
 
 

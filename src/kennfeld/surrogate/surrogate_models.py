@@ -18,7 +18,7 @@ from kennfeld.rbf import Expansion
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.validity import Validity
 
-Mode = Literal["static", "leave one out", "one step", "free run"]
+Mode = Literal["static", "leave one out", "one step", "free run", "plane", "ARX"]  # the last two are linear baselines
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,7 @@ class DynamicSurrogate:
         stability: the text of the stability check.
         start_inputs: values of the inputs before the recording if a closed loop has none yet; otherwise those of its
             first sample are used.
+        remarks: sentences on the training, such as limits that were recognised.
 
     Raises:
         ArgumentError: names, lags and expansion do not match.
@@ -155,6 +156,7 @@ class DynamicSurrogate:
     units: tuple[str, ...] = ()
     stability: str = ""
     start_inputs: tuple[float, ...] = ()
+    remarks: tuple[str, ...] = ()
     _lags: Lags = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
