@@ -3,10 +3,10 @@ import pytest
 
 from kennfeld.errors import ArgumentError
 from kennfeld.surrogate.narx_training import (
+    TrainedValues,
     TrainingSettings,
     _evaluate,
     _normal,
-    TrainedValues,
     free_run_rmse,
     train_free_run,
 )

@@ -34,8 +34,8 @@ def even_grid(time: Float, raster: float) -> Float:
 def is_stepped(values: Float) -> bool:
     """Return whether a channel jumps between levels and stays there, so that it must not be interpolated.
 
-    It is a switch, has few whole levels, or keeps its value for most of the time and then changes by more than a quantum: a
-    slow signal of a coarse sensor keeps its value as well, but changes by small steps.
+    It is a switch, has few whole levels, or keeps its value for most of the time and then changes by more than a
+    quantum: a slow signal of a coarse sensor keeps its value as well, but changes by small steps.
 
     >>> is_stepped(np.array([0.0, 1.0, 1.0])), is_stepped(np.array([0.0, 0.5])), is_stepped(np.arange(100.0))
     (True, False, False)

@@ -1,7 +1,7 @@
 """Report sections of undetermined parameters, extrapolating surrogates and active limits."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from kennfeld.formatting import join_names
 from kennfeld.markup import MISSING, Html, decimal, element, full_decimal, note, percent, table
 from kennfeld.parameters import AXIS_LETTERS, Parameter
 from kennfeld.report.report_data import ReportData
+
+if TYPE_CHECKING:
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 MAX_LISTED = 8  # values in a row
 
@@ -35,6 +38,7 @@ def render_undetermined(report: ReportData) -> Html:
         table(head, rows, class_="wide") if rows else None,
         None if rows or lines else note("Every value is determined by training data."),
         _extrapolation_table(report.extrapolation) if report.extrapolation else None,
+        _surrogate_errors(report.problem.model.surrogates),
     )
 
 
@@ -46,6 +50,17 @@ def _extrapolation_table(extrapolation: Sequence[Extrapolation]) -> Html:
         rows.append([row.name, row.dataset, row.use, farthest, str(row.samples), *counts])
     head = ("surrogate", "dataset", "use", "farthest outside its data", "samples", "outside", "share")
     return table(head, rows, words=4, class_="wide")
+
+
+def _surrogate_errors(surrogates: Sequence["Surrogate"]) -> Html | None:
+    """Return the errors that surrogates had at their training, beside those of linear models."""
+    rows = [
+        [surrogate.name, row.dataset, row.use, row.mode, str(row.samples), decimal(row.rmse), decimal(row.max_abs)]
+        for surrogate in surrogates
+        for row in surrogate.quality
+    ]
+    head = ("surrogate", "dataset of its training", "use", "mode", "samples", "RMSE", "max |error|")
+    return table(head, rows, words=4, class_="wide") if rows else None
 
 
 def render_limits(report: ReportData) -> Html:

@@ -41,7 +41,9 @@ def _linear(offset: float, slopes: Float) -> Expansion:
     return Expansion(offset, slopes, np.empty(0), np.empty((0, slopes.size)), np.empty((0, slopes.size)))
 
 
-def arx(pieces: Sequence[Recording], limits: tuple[float, float] = UNLIMITED, further: Sequence[Lags] = ()) -> LinearRecursion:
+def arx(
+    pieces: Sequence[Recording], limits: tuple[float, float] = UNLIMITED, further: Sequence[Lags] = ()
+) -> LinearRecursion:
     """Return the linear autoregressive model with exogenous inputs whose free run meets the recordings best.
 
     Coefficients are those of least squares one step ahead (L. Ljung: System Identification, 1999, section 4.2). The

@@ -25,7 +25,7 @@ from kennfeld.surrogate.model_selection import (
 from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, one_step_lengths, train_over_horizons
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
 from kennfeld.surrogate.saturation import find_saturation, limits_of
-from kennfeld.surrogate.stability import check_stability
+from kennfeld.surrogate.stability import Stability, check_stability
 from kennfeld.surrogate.stopping import Stopped
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, SurrogateQuality, quality_of
 from kennfeld.surrogate.training_data import raster_of, split_recordings
@@ -81,6 +81,7 @@ def train_dynamic(
     else:
         expansion, lengths = model
     runs = Runs.of(training, lags)
+    limits, stability = _bounded(expansion, runs, limits, settings, remarks)
     surrogate = DynamicSurrogate(
         settings.name,
         settings.inputs,
@@ -94,7 +95,7 @@ def train_dynamic(
         start_inputs=tuple(np.mean([run.u[0] for run in training], axis=0).tolist()),
         limits=limits,
         units=units,
-        stability=str(check_stability(expansion, runs, limits, settings.seed)),
+        stability=str(stability),
     )
     quality = [*_scores(surrogate, recordings), *_baselines(recordings, linear, limits)]
     remarks += _lost(quality)
@@ -145,6 +146,22 @@ def _limits_and_lags(
         return limits, lags
     remarks.append(f"{seen}; {shown} do not lower the error on held-out blocks and are not used")
     return UNLIMITED, _lags(training, settings, UNLIMITED, report, stopped)
+
+
+def _bounded(
+    expansion: Expansion, runs: Runs, limits: tuple[float, float], settings: "SurrogateSettings", remarks: list[str]
+) -> tuple[tuple[float, float], Stability]:
+    """Return limits and stability; automatic limits are set beyond the training data if free runs leave them far."""
+    stability = check_stability(expansion, runs, limits, settings.seed)
+    if settings.limits != "auto" or stability.bounded == stability.runs:
+        return limits, stability
+    target = runs.one_step_target
+    low, high = float(target.min()), float(target.max())
+    wide = (float(f"{2 * low - high:.4g}"), float(f"{2 * high - low:.4g}"))
+    limits = (max(limits[0], wide[0]), min(limits[1], wide[1]))
+    left = f"{stability.runs - stability.bounded} of {stability.runs} free runs left the range of the training data"
+    remarks.append(f"{left} far behind; limits = [{limits[0]:g}, {limits[1]:g}] are set")
+    return limits, check_stability(expansion, runs, limits, settings.seed)
 
 
 def _lags(
@@ -260,7 +277,12 @@ def _baselines(
 ) -> Iterator[SurrogateQuality]:
     """Yield the errors of the linear model in free run, and of a plane over the present inputs."""
     training = recordings.training
-    flat = plane(*(np.concatenate(parts) for parts in zip(*((run.u[run.scored], run.y[run.scored]) for run in training), strict=True)))
+    flat = plane(
+        *(
+            np.concatenate(parts)
+            for parts in zip(*((run.u[run.scored], run.y[run.scored]) for run in training), strict=True)
+        )
+    )
     back = max(linear.lags.output)
     for data, pieces in zip(recordings.datasets, recordings.pieces, strict=True):
         usable = [run for run in pieces if len(run) > back]

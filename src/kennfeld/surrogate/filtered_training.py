@@ -1,10 +1,10 @@
 """Training of filtered models: a static function of the inputs and of the same inputs through first-order filters.
 
 The time constants, common to all inputs, minimise the error on held-out blocks of a polynomial of second degree in the
-filtered inputs, which is linear in its coefficients: sums of products over each block, computed once, give all divisions
-(variable projection, G. H. Golub, V. Pereyra, 1973). The function itself is a sparse Gaussian process. Its length scales
-are cut, and its noise is raised, to where the error on held-out blocks is least: the residuals of recordings are
-correlated, which the likelihood does not know.
+filtered inputs, which is linear in its coefficients: sums of products over each block, computed once, give all
+divisions (variable projection, G. H. Golub, V. Pereyra, 1973). The function itself is a sparse Gaussian process. Its
+length scales are cut, and its noise is raised, to where the error on held-out blocks is least: the residuals of
+recordings are correlated, which the likelihood does not know.
 """
 
 from collections.abc import Callable, Sequence
@@ -58,7 +58,7 @@ def train_filtered(
     report: Callable[[str], None] = lambda line: None,
     stopped: Stopped = never,
 ) -> FilteredModel | None:
-    """Return the filtered model; None if the recordings are too short for held-out blocks or the training is stopped."""
+    """Return the filtered model; None if the recordings are too short for held-out blocks, or once `stopped`."""
     lags = Lags((1,), ((0, 1),) * pieces[0].u.shape[1])
     blocks, all_blocks = held_out_blocks(pieces, lags), held_out_blocks(pieces, lags, samples=ALL)
     if len(blocks) < 2 or stopped():
@@ -142,9 +142,11 @@ def _time_constants(
     """Return the delay, 0 or 1 sample, and as many time constants as lower the error on held-out blocks."""
     longest = SLOWEST * max(len(piece) for piece in pieces)
     every = max(sum(map(len, pieces)) // SEARCHED, 1)
-    error = _PolynomialError([_averaged(piece, every) for piece in pieces], [(i, a // every, b // every) for i, a, b in blocks])
+    error = _PolynomialError(
+        [_averaged(piece, every) for piece in pieces], [(i, a // every, b // every) for i, a, b in blocks]
+    )
     longest /= every
-    grid = np.log([T for T in GRID if T < longest] or [longest])
+    grid = np.log([T for T in GRID if longest > T] or [longest])
     best, least = np.empty(0), np.inf
     for _ in range(MOST_FILTERS):
         # from the best so far, with the one more that lowers the error most
@@ -161,8 +163,9 @@ def _time_constants(
 def _averaged(piece: Recording, every: int) -> Recording:
     """Return the means over so many samples each."""
     count = len(piece) // every
-    u, y, scored = (values[: count * every].reshape(count, every, -1) for values in (piece.u, piece.y, piece.scored))
-    return Recording(u.mean(1), y.mean(1)[:, 0], scored.all(1)[:, 0])
+    used = slice(0, count * every)
+    u, y = piece.u[used].reshape(count, every, -1).mean(1), piece.y[used].reshape(count, every).mean(1)
+    return Recording(u, y, np.all(piece.scored[used].reshape(count, every), axis=1))
 
 
 def _descend(error: "_PolynomialError", start: Float, most: float) -> tuple[Float, float]:
@@ -183,7 +186,7 @@ class _PolynomialError:
 
     def __call__(self, logarithms: Float, delay: int = 0) -> float:
         """Return the RMSE for the logarithms of the time constants, in samples."""
-        points = [filtered_points(piece.u, delay, 1.0, np.exp(logarithms)) for piece in self._pieces]
+        points = [filtered_points(piece.u, delay, 1.0, np.exp(logarithms).tolist()) for piece in self._pieces]
         parts = [(points[i][a:b], self._pieces[i].part(a, b)) for i, a, b in self._blocks]
         whole = np.concatenate([x for x, _ in parts])
         middle, spread = whole.mean(0), whole.std(0)
@@ -204,7 +207,8 @@ def _block_sums(terms: Float, piece: Recording) -> BlockSums:
 def _error_without(sums: Sequence[BlockSums], number: int) -> float:
     """Return the squared error over one block of the polynomial that is fitted to the others."""
     others = [part for other, part in enumerate(sums) if other != number]
-    matrix, right = sum(part[0] for part in others), sum(part[1] for part in others)
+    matrix = np.sum([part[0] for part in others], axis=0)
+    right = np.sum([part[1] for part in others], axis=0)
     ridge = np.full(len(right), RIDGE * sum(part[3] for part in others))
     ridge[0] = 0.0
     weights = np.linalg.solve(matrix + np.diag(ridge), right)

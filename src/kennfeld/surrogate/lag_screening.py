@@ -26,6 +26,7 @@ from kennfeld.surrogate.recursion import FreeRun, Lags, Recording, Runs, run_thr
 
 OUTPUT = -1  # in place of the number of an input
 BLOCK = 1 << 21  # numbers of the derivatives held at a time: 16 MB
+FAR = 100.0  # spans of the target that a run may leave its range by
 STRAIGHT, CURVED = 0.1, 10.0  # ridge of linear and quadratic terms, in squares of the output's spread
 
 ChannelLag = tuple[int, int]  # number of an input, or OUTPUT, and the lag in samples
@@ -56,13 +57,21 @@ def screen_lags(
     run = simulate(model, runs, settings.limits)
     present = channel_lags(lags)
     new = [i for i, candidate in enumerate(channel_lags(pool)) if candidate not in present]
-    if not new or not np.isfinite(run.y).all():
+    if not new or not _is_bounded(run, runs):
         return {}
     values = TrainedValues(model, runs, settings)
     terms = _Terms.of(runs.visited(run.y), wide.visited(run.y)[..., new])
     matrix, gradient = _normal(values, model, runs, run, terms)
     gains = _gains(matrix, gradient, values.hold, terms.ridge)
     return dict(zip([channel_lags(pool)[i] for i in new], gains, strict=True))
+
+
+def _is_bounded(run: FreeRun, runs: Runs) -> bool:
+    """Return whether the run stays near the range of its target, so that its linearisation means something."""
+    low, high = np.nanmin(runs.target), np.nanmax(runs.target)
+    reach = FAR * (high - low)
+    with np.errstate(invalid="ignore"):
+        return bool(((run.y >= low - reach) & (run.y <= high + reach)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,16 +103,16 @@ def _scale(values: Float) -> Float:
     return scaled
 
 
-def _normal(
-    values: TrainedValues, model: Expansion, runs: Runs, run: FreeRun, terms: _Terms
-) -> tuple[Float, Float]:
+def _normal(values: TrainedValues, model: Expansion, runs: Runs, run: FreeRun, terms: _Terms) -> tuple[Float, Float]:
     """Return the products of [J, s] with itself and with the residual."""
     residual = np.where(runs.scored, run.y - runs.target, 0.0) / values.height
-    matrix, gradient = 0.0, 0.0
+    width = values.first.size + terms.candidates.shape[-1] * terms.ridge.size
+    matrix, gradient = np.zeros((width, width)), np.zeros(width)
     for part, rows in _derivatives(values, model, runs, run, terms):
         counted = rows[runs.scored[part]]
-        matrix, gradient = matrix + counted.T @ counted, gradient + counted.T @ residual[part][runs.scored[part]]
-    return np.asarray(matrix), np.asarray(gradient)
+        matrix += counted.T @ counted
+        gradient += counted.T @ residual[part][runs.scored[part]]
+    return matrix, gradient
 
 
 def _derivatives(

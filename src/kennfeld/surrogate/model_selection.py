@@ -30,6 +30,7 @@ from kennfeld.surrogate.stopping import Stopped, never
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
 MIDDLE = LONGEST[1]  # without a selection
+ALIKE = 0.7  # share of a length scale from which a shorter one is not tried beside it
 HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
 BLOCKS = 6  # twice as many if there are more samples than are used
 FEW = 4  # at least so many are held out in turn if there are more samples than are used
@@ -128,28 +129,39 @@ def choose_regularisation(
 ) -> ModelChoice:
     """Return the length scales and `hold` with the least RMSE over the blocks left out.
 
-    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses. Once `stopped`
-    returns true, the choice is among those tried so far, and that without a selection if there are none.
+    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses. Beside them,
+    equal lengths are tried: what is likely one step ahead need not run freely, and others may be nearly as likely.
+    Once `stopped` returns true, the choice is among those tried so far, and that without a selection if there are none.
     """
     # As many steps as the training itself takes where that is affordable: to end early is to hold firmly, too.
     most = ITERATIONS if divisions[0].thinned else settings.iterations
     iterations = min(settings.iterations, most)
-    table = np.full((len(LONGEST), len(HOLDS)), np.inf)
-    for i, longest in enumerate(LONGEST):
+    rows = _length_rows(lengths)
+    table = np.full((len(rows), len(HOLDS)), np.inf)
+    for i, (name, row) in enumerate(rows):
         if stopped():
             break
-        cut = np.minimum(lengths, longest)
-        starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
+        starts = [one_step_expansion(f.training, row, min(centres, CENTRES), settings.limits) for f in divisions]
         for j, hold in enumerate(HOLDS):
             if stopped():
                 break
             trial = replace(settings, hold=hold, iterations=iterations, moves_centres=False)
             table[i, j] = held_out_rmse(divisions, starts, trial)
-            report(f"length scales up to {longest:g} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
+            report(f"{name} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
     if np.isinf(table).all():
         return ModelChoice(np.minimum(lengths, MIDDLE), settings, np.nan)
     i, j = _lowest(table)
-    return ModelChoice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
+    return ModelChoice(rows[i][1], replace(settings, hold=HOLDS[j]), float(table[i, j]))
+
+
+def _length_rows(lengths: Float) -> list[tuple[str, Float]]:
+    """Return the length scales to try, each with its name, the smoothest last."""
+    rows = [(f"length scales of {longest:g}", np.full(lengths.size, longest)) for longest in LONGEST]
+    for longest in LONGEST:
+        cut = np.minimum(lengths, longest)
+        if cut.min() < ALIKE * longest:
+            rows.append((f"length scales up to {longest:g}", cut))
+    return rows
 
 
 def _lowest(table: Float) -> tuple[int, int]:
@@ -206,7 +218,9 @@ def select_lags(
     first = [(1,)] * inputs if input_lags is None else list(input_lags)
     best = Lags(output_lags or (1,), tuple(first))
     for _ in range(MOST):
-        neighbours = search.promising(list(_neighbours(best, search.reach, output_lags is None, input_lags is None)), best)
+        neighbours = search.promising(
+            list(_neighbours(best, search.reach, output_lags is None, input_lags is None)), best
+        )
         trial = min(neighbours, key=search.score, default=best)
         if trial is best or stopped() or not search.score(trial) <= WORTH * search.score(best):
             break

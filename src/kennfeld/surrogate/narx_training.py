@@ -40,6 +40,7 @@ PATIENCE = 2  # small gains in a row after which training ends
 WIDEST = 1.5  # a centre's width changes by at most exp of this
 
 HORIZONS = (30, 120, 500)  # samples
+EARLY_SAMPLES = 15_000  # that are used at most for all horizons but the last
 
 FIRST_NOISE = 1e-2
 LEFT = 1e-6
@@ -232,11 +233,14 @@ def train_over_horizons(
 ) -> Expansion:
     """Return the expansion that meets the output best in free runs of the longest horizon; see `train_free_run`."""
     longest = max(len(piece) for piece in pieces)
-    expansion = start
-    for horizon in [h for h in HORIZONS if h < longest] or [longest]:
+    expansion, horizons = start, [h for h in HORIZONS if h < longest] or [longest]
+    for horizon in horizons:
         if stopped():
             break
-        runs = Runs.of(cut_recordings(pieces, lags, horizon), lags)
+        stretches = cut_recordings(pieces, lags, horizon)
+        if horizon != horizons[-1]:  # only a start for longer runs
+            stretches = stretches[:: max(sum(map(len, stretches)) // EARLY_SAMPLES, 1)]
+        runs = Runs.of(stretches, lags)
         expansion = train_free_run(expansion, runs, settings, partial(report, horizon), stopped)
     return expansion
 

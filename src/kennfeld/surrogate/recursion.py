@@ -211,7 +211,8 @@ def run_through(rows: Float, slopes: Float, lags: Sequence[int]) -> None:
     """
     from kennfeld.surrogate.recursion_code import derivative_code
 
-    assert rows.flags.c_contiguous and rows.dtype == np.float64, "the code changes them in place"
+    assert rows.flags.c_contiguous, "the code changes them in place"
+    assert rows.dtype == np.float64, "the code changes them in place"
     back, (steps, pieces, _) = max(lags), slopes.shape
     offsets = pieces * (back - np.array(lags, dtype=np.int64))
     steep = np.ascontiguousarray(slopes, dtype=np.float64)

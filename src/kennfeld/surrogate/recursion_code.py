@@ -39,7 +39,7 @@ def _derivatives(lags: int) -> list[FunctionWriter]:
 
 
 def write_free_run(lags: int) -> FunctionWriter:
-    """Write `free_run(count, centres, offsets, model, flat, ahead, past, free, back)`, all arrays of doubles but one."""
+    """Write `free_run(count, centres, offsets, model, flat, ahead, past, free, back)`, arrays of doubles but one."""
     parameters = (
         ("i64", "count"),  # steps times pieces
         ("i64", "centres"),  # a multiple of eight

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from kennfeld.dataset import Dataset
-from kennfeld.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.errors import ArgumentError, Findings, Location
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.surrogate.dynamic_training import train_dynamic

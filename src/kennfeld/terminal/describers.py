@@ -158,7 +158,7 @@ def describe_a2l(file: "calfiles.A2lFile") -> FileInfo:
 def describe_surrogate_file(path: Path) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
     from kennfeld.surrogate.surrogate_file import read_surrogate
-    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, surrogate_notes
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table, ranges_table
 
     surrogate = read_surrogate(path)
@@ -170,12 +170,11 @@ def describe_surrogate_file(path: Path) -> FileInfo:
         **_select(surrogate, "name", "inputs", "output"),
         centres=surrogate.expansion.size,
         quality=list(map(asdict, surrogate.quality)),
-        **(_select(surrogate, "step", "lags", "output_lags", "stability") if is_dynamic else {}),
+        **(_select(surrogate, "step", "lags", "output_lags", "stability", "limits", "remarks") if is_dynamic else {}),
         ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},
     )
-    notes = [as_json["stability"]] if as_json.get("stability") else []
     summary = f"{path.name}: a surrogate, {describe_surrogate(surrogate)}"
-    return FileInfo(summary, [quality_table(surrogate), ranges], notes, as_json)
+    return FileInfo(summary, [quality_table(surrogate), ranges], surrogate_notes(surrogate), as_json)
 
 
 def describe_training(path: Path) -> FileInfo:

@@ -401,6 +401,7 @@ def train(path: Path) -> int:
     """
     from kennfeld.project.surrogate_training import read_training
     from kennfeld.surrogate.surrogate_file import write_surrogate
+    from kennfeld.surrogate.surrogate_models import surrogate_notes
     from kennfeld.terminal.progress import Interrupt
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
@@ -411,8 +412,7 @@ def train(path: Path) -> int:
             write_surrogate(surrogate, training.target)
     except KeyboardInterrupt:
         return _stop()
-    stability = getattr(surrogate, "stability", "")
-    print_lines(describe_surrogate(surrogate), *([stability] if stability else []))
+    print_lines(describe_surrogate(surrogate), *surrogate_notes(surrogate))
     print_lines("", *align(quality_table(surrogate)), "")
     print_lines(f"Written to {training.target}")
     if interrupt.pressed:

@@ -77,6 +77,8 @@ def _stored(path: Path) -> dict[str, Any]:
 
 
 def _described(own: "Surrogate") -> dict[str, Any]:
+    from kennfeld.surrogate.surrogate_models import surrogate_notes
+
     quality = [
         asdict(line) | {name: finite(getattr(line, name)) for name in ("rmse", "r2", "max_abs")} for line in own.quality
     ]
@@ -87,7 +89,7 @@ def _described(own: "Surrogate") -> dict[str, Any]:
         "unit": own.units[-1] if own.units else "",
         "centres": own.expansion.size,
         "step": step,
-        "stability": getattr(own, "stability", ""),
+        "stability": " ".join(surrogate_notes(own)),
         "quality": quality,
         "bounded": own.validity is not None,
     }
