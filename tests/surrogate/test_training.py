@@ -338,6 +338,6 @@ def test_a_model_that_runs_away_is_limited_beyond_its_training_data(monkeypatch)
     level = data[0]["level"].values
     span = np.ptp(level)
     assert model.limits == pytest.approx((level.min() - span, level.max() + span), abs=1e-3 * span)
-    assert "free runs left the range of the training data far behind" in model.remarks[0]
+    assert "free runs left the training data far behind" in model.remarks[0]
     assert np.isfinite(model.simulate(np.full((10_000, 1), 9.0))).all()
     assert train_surrogate(data, tank_settings(limits=(-np.inf, np.inf))).limits == (-np.inf, np.inf)

@@ -243,9 +243,9 @@ def step_findings(
 def _training_steps(model: Model) -> dict[str, float]:
     if not model.surrogates:
         return {}
-    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+    from kennfeld.surrogate.surrogate_models import StaticSurrogate
 
-    return {s.name: s.step for s in model.surrogates if isinstance(s, DynamicSurrogate)}
+    return {s.name: s.step for s in model.surrogates if not isinstance(s, StaticSurrogate)}
 
 
 def delay_findings(model: Model, values: int) -> list[Finding]:

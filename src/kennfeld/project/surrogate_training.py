@@ -128,6 +128,13 @@ class SurrogateEntry:
         form=LimitsForm("must be a lower and a higher number", 'Write limits = [0, inf], or "auto".', shows=True),
         dynamic=True,
     )
+    structure: Literal["auto", "narx", "filtered"] = key(
+        '`"narx"` feeds past outputs back; `"filtered"` is a static function of the inputs and of the inputs through '
+        'first-order filters; `"auto"` takes the one with the smaller error on held-out blocks, or `"narx"` if `lags`, '
+        "`output_lags` or `hold` are given",
+        SurrogateSettings.structure,
+        dynamic=True,
+    )
     held: tuple[str, ...] = key(
         "inputs that keep their value until the next sample, and are not interpolated where the step of the data "
         "differs from `step`; channels that jump between levels do so by themselves",

@@ -1,7 +1,12 @@
-"""Training of a dynamic surrogate: lags, regularisation and free run, judged beside a plane and a linear ARX model."""
+"""Training of a dynamic surrogate: structure, lags, regularisation and free run, judged beside linear models.
+
+Of a nonlinear recursion (NARX), a linear one (ARX), and a function of filtered inputs without feedback, the structure
+with the smallest error on held-out blocks is trained in full.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +18,8 @@ from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.baselines import LinearRecursion, arx, free_run_residual, plane
+from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
+from kennfeld.surrogate.filtered_training import FilteredModel, train_filtered
 from kennfeld.surrogate.model_selection import (
     MIDDLE,
     ModelChoice,
@@ -25,7 +32,7 @@ from kennfeld.surrogate.model_selection import (
 from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, one_step_lengths, train_over_horizons
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs
 from kennfeld.surrogate.saturation import find_saturation, limits_of
-from kennfeld.surrogate.stability import Stability, check_stability
+from kennfeld.surrogate.stability import check_stability
 from kennfeld.surrogate.stopping import Stopped
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, SurrogateQuality, quality_of
 from kennfeld.surrogate.training_data import raster_of, split_recordings
@@ -35,6 +42,7 @@ if TYPE_CHECKING:
     from kennfeld.surrogate.training import SurrogateSettings
 
 Report = Callable[[str], None]
+Limits = tuple[float, float]
 
 CONSTANT = 0.99  # share of the samples at one value from which a channel is remarked on
 
@@ -63,51 +71,211 @@ class _Recordings:
         pairs = zip(self.datasets, self.pieces, strict=True)
         return [run for data, runs in pairs if data.use == "training" for run in runs]
 
+    def __iter__(self) -> Iterator[tuple[Dataset, Sequence[Recording]]]:
+        return zip(self.datasets, self.pieces, strict=True)
+
 
 def train_dynamic(
     datasets: Sequence[Dataset], settings: "SurrogateSettings", units: tuple[str, ...], report: Report, stopped: Stopped
-) -> DynamicSurrogate:
+) -> DynamicSurrogate | FilteredSurrogate:
     """Train a dynamic surrogate on the datasets for training and score it on all, see `train_surrogate`."""
     recordings = _Recordings.of(datasets, settings)
-    training = recordings.training
-    _check_changing(training, settings)
-    remarks = list(_nearly_constant(training, settings))
-    limits, lags = _limits_and_lags(training, settings, report, stopped, remarks)
-    linear = arx(training, limits, [lags])
-    model = _choose(training, lags, limits, linear, settings, report, stopped)
-    if model is None:
-        remarks.append("a linear ARX model has the smallest error on held-out blocks, and is used")
-        lags, expansion, lengths = linear.lags, linear.expansion, np.full(linear.lags.size, MIDDLE)
-    else:
-        expansion, lengths = model
-    runs = Runs.of(training, lags)
-    limits, stability = _bounded(expansion, runs, limits, settings, remarks)
-    surrogate = DynamicSurrogate(
-        settings.name,
-        settings.inputs,
-        lags.inputs,
-        settings.output,
-        lags.output,
-        recordings.step,
-        expansion,
-        Validity.around(runs.points, runs.points.std(0) * lengths, settings.seed),
-        start=float(np.mean([run.y[0] for run in training])),
-        start_inputs=tuple(np.mean([run.u[0] for run in training], axis=0).tolist()),
-        limits=limits,
-        units=units,
-        stability=str(stability),
-    )
+    _check_changing(recordings.training, settings)
+    training = _DynamicTraining(recordings.training, recordings.step, settings, report, stopped)
+    surrogate = training.filtered() if settings.structure == "filtered" else training.best()
+    linear, limits = training.linear, training.limits
     quality = [*_scores(surrogate, recordings), *_baselines(recordings, linear, limits)]
-    remarks += _lost(quality)
+    remarks = (*_nearly_constant(recordings.training, settings), *training.remarks, *_lost(quality))
     for remark in remarks:
         report(f"Remark: {remark}")
-    return replace(surrogate, quality=tuple(quality), remarks=tuple(remarks))
+    starts = tuple(np.mean([run.u[0] for run in recordings.training], axis=0).tolist())
+    return replace(surrogate, quality=tuple(quality), remarks=remarks, units=units, start_inputs=starts)
+
+
+class _DynamicTraining:
+    """One training. `limits` and `remarks` are known once a model is trained."""
+
+    def __init__(
+        self, pieces: list[Recording], step: float, settings: "SurrogateSettings", report: Report, stopped: Stopped
+    ) -> None:
+        self.pieces, self.step, self.settings = pieces, step, settings
+        self.report, self.stopped = report, stopped
+        self.remarks: list[str] = []
+        self.limits: Limits = UNLIMITED
+        self._lags: tuple[Lags, ...] = ()
+
+    @cached_property
+    def linear(self) -> LinearRecursion:
+        """The linear model; its lags may be those of the nonlinear one."""
+        return arx(self.pieces, self.limits, self._lags)
+
+    def filtered(self) -> FilteredSurrogate:
+        """Return the model of filtered inputs."""
+        self.limits, self.remarks = self._saturation()
+        model = self._filtered_model()
+        if model is None:
+            message = "the recordings are too short for a filtered model, or its training was stopped"
+            raise InputError.of(Location(), message, 'Record more data, or set structure = "narx".')
+        return self._of_filtered(model)
+
+    def best(self) -> DynamicSurrogate | FilteredSurrogate:
+        """Return the structure with the smallest error on held-out blocks, or the recursion that is asked for."""
+        lags = self._limits_and_lags()
+        self._lags = (lags,)
+        choice = self._regularisation(lags)
+        alternative = self._alternative(choice)
+        if isinstance(alternative, FilteredModel):
+            return self._of_filtered(alternative)
+        if alternative is not None:
+            self.remarks.append("a linear ARX model has the smallest error on held-out blocks, and is used")
+            lengths = np.full(alternative.lags.size, MIDDLE)
+            return self._of_recursion(alternative.lags, alternative.expansion, lengths)
+        return self._of_recursion(lags, self._trained(lags, choice), choice.lengths)
+
+    def _alternative(self, choice: ModelChoice) -> FilteredModel | LinearRecursion | None:
+        """Return the model that is better than the nonlinear recursion on held-out blocks, if there is one."""
+        settings = self.settings
+        if not settings.selects_all or settings.structure != "auto" or np.isnan(choice.rmse) or self.stopped():
+            return None
+        error = _linear_error(self.pieces, self.linear, self.limits)
+        self.report(f"linear ARX model: {error:.4g} on the blocks left out")
+        filtered = self._filtered_model()
+        if filtered is not None and filtered.rmse < min(choice.rmse, error):
+            return filtered
+        return self.linear if error < choice.rmse else None
+
+    def _filtered_model(self) -> FilteredModel | None:
+        centres, starts, seed = self.settings.centres, self.settings.starts, self.settings.seed
+        return train_filtered(self.pieces, self.step, self.limits, centres, starts, seed, self.report, self.stopped)
+
+    def _of_filtered(self, model: FilteredModel) -> FilteredSurrogate:
+        settings = self.settings
+        return FilteredSurrogate(
+            settings.name,
+            settings.inputs,
+            settings.output,
+            self.step,
+            model.time_constants,
+            model.expansion,
+            model.delay,
+            Validity.around(model.points, model.points.std(0) * model.lengths, settings.seed),
+            limits=self.limits,
+        )
+
+    def _of_recursion(self, lags: Lags, expansion: Expansion, lengths: Float) -> DynamicSurrogate:
+        runs, settings = Runs.of(self.pieces, lags), self.settings
+        stability = self._bounded(expansion, runs)
+        return DynamicSurrogate(
+            settings.name,
+            settings.inputs,
+            lags.inputs,
+            settings.output,
+            lags.output,
+            self.step,
+            expansion,
+            Validity.around(runs.points, runs.points.std(0) * lengths, settings.seed),
+            start=float(np.mean([run.y[0] for run in self.pieces])),
+            limits=self.limits,
+            stability=stability,
+        )
+
+    def _bounded(self, expansion: Expansion, runs: Runs) -> str:
+        """Return the result of the stability check.
+
+        Automatic limits are set beyond the training data if free runs leave them far behind.
+        """
+        stability = check_stability(expansion, runs, self.limits, self.settings.seed)
+        if self.settings.limits != "auto" or stability.bounded == stability.runs:
+            return str(stability)
+        low, high = float(runs.one_step_target.min()), float(runs.one_step_target.max())
+        lower, upper = (float(f"{end:.4g}") for end in (2 * low - high, 2 * high - low))
+        self.limits = max(self.limits[0], lower), min(self.limits[1], upper)
+        left = f"{stability.runs - stability.bounded} of {stability.runs} free runs left the training data far behind"
+        self.remarks.append(f"{left}; limits = [{self.limits[0]:g}, {self.limits[1]:g}] are set")
+        return str(check_stability(expansion, runs, self.limits, self.settings.seed))
+
+    def _limits_and_lags(self) -> Lags:
+        """Set the limits, and return lags; limits that are recognised must not raise the error on held-out blocks."""
+        self.limits, remarks = self._saturation()
+        lags = self._select_lags()
+        if not remarks:
+            return lags
+        limited, free = (lag_error(self.pieces, lags, TrainingSettings(limits=e)) for e in (self.limits, UNLIMITED))
+        if limited <= free:
+            self.remarks = remarks
+            return lags
+        seen = remarks[0].split(";")[0]
+        self.remarks = [f"{seen}; limits there raise the error on held-out blocks and are not used"]
+        self.limits = UNLIMITED
+        return self._select_lags()
+
+    def _saturation(self) -> tuple[Limits, list[str]]:
+        """Return the limits as given, or those at which the output saturates, with a remark."""
+        if self.settings.limits != "auto":
+            return self.settings.limits, []
+        ends = find_saturation([run.y for run in self.pieces])
+        if not ends:
+            return UNLIMITED, []
+        lower, upper = limits_of(ends)
+        seen = " and ".join(f"{self.settings.output} {end}" for end in ends)
+        used = f"limits = [{lower:g}, {upper:g}] are used, write limits = [-inf, inf] for none"
+        return (lower, upper), [f"{seen} of {sum(map(len, self.pieces))}; {used}"]
+
+    def _select_lags(self) -> Lags:
+        settings = self.settings
+        own = None if settings.output_lags == "auto" else settings.output_lags
+        of_inputs = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
+        if own is not None and of_inputs is not None:
+            return Lags(own, tuple(of_inputs))
+        return select_lags(
+            self.pieces,
+            len(settings.inputs),
+            TrainingSettings(limits=self.limits),
+            longest=settings.longest_lag,
+            output_lags=own,
+            input_lags=of_inputs,
+            report=self.report,
+            stopped=self.stopped,
+        )
+
+    def _regularisation(self, lags: Lags) -> ModelChoice:
+        """Choose length scales and regularisation: as given, or by a search."""
+        settings, runs = self.settings, Runs.of(self.pieces, lags)
+        lengths = one_step_lengths(runs, settings.centres, self.limits, settings.starts, settings.seed, self.stopped)
+        stated = TrainingSettings(
+            limits=self.limits, moves_centres=settings.moves_centres, iterations=settings.iterations
+        )
+        if settings.hold is not None:
+            return ModelChoice(np.minimum(lengths, MIDDLE), replace(stated, hold=settings.hold), np.nan)
+        divisions = folds(self.pieces, lags) if settings.free_run else []
+        if not divisions:
+            return ModelChoice(lengths, stated, np.nan)
+        return choose_regularisation(divisions, lengths, settings.centres, stated, self.report, self.stopped)
+
+    def _trained(self, lags: Lags, choice: ModelChoice) -> Expansion:
+        """Return the function trained one step ahead, and then for free run unless that is not asked for."""
+        settings, runs = self.settings, Runs.of(self.pieces, lags)
+        start = one_step_expansion(runs, choice.lengths, settings.centres, self.limits, settings.seed)
+        if not settings.free_run:
+            return start
+        if self.stopped():
+            self.report("stopped before the training for free run; the model predicts one step ahead")
+            return start
+        return train_over_horizons(start, self.pieces, lags, choice.settings, self._report_step, self.stopped)
+
+    def _report_step(self, horizon: int, step: int, rmse: float) -> None:
+        self.report(f"free run over {horizon} samples, step {step + 1}: RMSE {rmse:.4g}")
+
+
+def _table(training: Sequence[Recording], settings: "SurrogateSettings") -> Iterator[tuple[str, Float]]:
+    """Yield each channel with all its training samples."""
+    table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
+    yield from zip((*settings.inputs, settings.output), table.T, strict=True)
 
 
 def _check_changing(training: Sequence[Recording], settings: "SurrogateSettings") -> None:
-    table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
     findings = Findings()
-    for name, column in zip((*settings.inputs, settings.output), table.T, strict=True):
+    for name, column in _table(training, settings):
         if np.ptp(column) == 0:
             remedy = "Remove it: a constant channel carries no information."
             findings.error(Location(f"channel {name}"), f"is {column[0]:g} in all training data", remedy)
@@ -116,130 +284,16 @@ def _check_changing(training: Sequence[Recording], settings: "SurrogateSettings"
 
 def _nearly_constant(training: Sequence[Recording], settings: "SurrogateSettings") -> Iterator[str]:
     """Yield a remark on each channel that has one value nearly everywhere."""
-    table = np.concatenate([np.column_stack([run.u, run.y]) for run in training])
-    for name, column in zip((*settings.inputs, settings.output), table.T, strict=True):
+    for name, column in _table(training, settings):
         levels, counts = np.unique(column, return_counts=True)
-        level, count = levels[counts.argmax()], counts.max()
+        count = int(counts.max())
         if count >= CONSTANT * column.size:
-            changes = count_noun(int(column.size - count), "sample")
-            yield f"{name} is {level:g} except at {changes} of {column.size}; the model can hardly know its effect"
+            others = count_noun(column.size - count, "sample")
+            level = levels[counts.argmax()]
+            yield f"{name} is {level:g} except at {others} of {column.size}; the model can hardly know its effect"
 
 
-def _limits_and_lags(
-    training: Sequence[Recording], settings: "SurrogateSettings", report: Report, stopped: Stopped, remarks: list[str]
-) -> tuple[tuple[float, float], Lags]:
-    """Return the limits and lags as given, or as selected; limits must lower the error on held-out blocks."""
-    if settings.limits != "auto":
-        return settings.limits, _lags(training, settings, settings.limits, report, stopped)
-    ends = find_saturation([run.y for run in training])
-    limits = limits_of(ends)
-    lags = _lags(training, settings, limits, report, stopped)
-    if not ends:
-        return UNLIMITED, lags
-    samples = sum(map(len, training))
-    seen = " and ".join(f"{settings.output} {end} of {samples}" for end in ends)
-    lower, upper = limits
-    shown = f"limits = [{lower:g}, {upper:g}]"
-    with_limits, without = (lag_error(training, lags, TrainingSettings(limits=each)) for each in (limits, UNLIMITED))
-    if with_limits <= without:
-        remarks.append(f"{seen}; {shown} are used, write limits = [-inf, inf] for none")
-        return limits, lags
-    remarks.append(f"{seen}; {shown} do not lower the error on held-out blocks and are not used")
-    return UNLIMITED, _lags(training, settings, UNLIMITED, report, stopped)
-
-
-def _bounded(
-    expansion: Expansion, runs: Runs, limits: tuple[float, float], settings: "SurrogateSettings", remarks: list[str]
-) -> tuple[tuple[float, float], Stability]:
-    """Return limits and stability; automatic limits are set beyond the training data if free runs leave them far."""
-    stability = check_stability(expansion, runs, limits, settings.seed)
-    if settings.limits != "auto" or stability.bounded == stability.runs:
-        return limits, stability
-    target = runs.one_step_target
-    low, high = float(target.min()), float(target.max())
-    wide = (float(f"{2 * low - high:.4g}"), float(f"{2 * high - low:.4g}"))
-    limits = (max(limits[0], wide[0]), min(limits[1], wide[1]))
-    left = f"{stability.runs - stability.bounded} of {stability.runs} free runs left the range of the training data"
-    remarks.append(f"{left} far behind; limits = [{limits[0]:g}, {limits[1]:g}] are set")
-    return limits, check_stability(expansion, runs, limits, settings.seed)
-
-
-def _lags(
-    training: Sequence[Recording],
-    settings: "SurrogateSettings",
-    limits: tuple[float, float],
-    report: Report,
-    stopped: Stopped,
-) -> Lags:
-    own = None if settings.output_lags == "auto" else settings.output_lags
-    of_inputs = None if settings.lags == "auto" else [settings.lags[name] for name in settings.inputs]
-    if own is not None and of_inputs is not None:
-        return Lags(own, tuple(of_inputs))
-    return select_lags(
-        training,
-        len(settings.inputs),
-        TrainingSettings(limits=limits),
-        longest=settings.longest_lag,
-        output_lags=own,
-        input_lags=of_inputs,
-        report=report,
-        stopped=stopped,
-    )
-
-
-def _choose(
-    training: Sequence[Recording],
-    lags: Lags,
-    limits: tuple[float, float],
-    linear: LinearRecursion,
-    settings: "SurrogateSettings",
-    report: Report,
-    stopped: Stopped,
-) -> tuple[Expansion, Float] | None:
-    """Return the trained function and its length scales; None if the linear model is better on held-out blocks."""
-    runs = Runs.of(training, lags)
-    lengths = one_step_lengths(runs, settings.centres, limits, settings.starts, settings.seed, stopped)
-    choice = _regularisation(training, lags, limits, lengths, settings, report, stopped)
-    if settings.selects_all and choice.rmse > (error := _linear_error(training, linear, limits)):
-        report(f"linear ARX model: {error:.4g} on the blocks left out, against {choice.rmse:.4g}")
-        return None
-    start = one_step_expansion(runs, choice.lengths, settings.centres, limits, settings.seed)
-    if not settings.free_run:
-        return start, choice.lengths
-    if stopped():
-        report("stopped before the training for free run; the model predicts one step ahead")
-        return start, choice.lengths
-    expansion = train_over_horizons(
-        start,
-        training,
-        lags,
-        choice.settings,
-        lambda horizon, k, rmse: report(f"free run over {horizon} samples, step {k + 1}: RMSE {rmse:.4g}"),
-        stopped,
-    )
-    return expansion, choice.lengths
-
-
-def _regularisation(
-    training: Sequence[Recording],
-    lags: Lags,
-    limits: tuple[float, float],
-    lengths: Float,
-    settings: "SurrogateSettings",
-    report: Report,
-    stopped: Stopped,
-) -> ModelChoice:
-    """Choose length scales and regularisation: as given, or by a search."""
-    stated = TrainingSettings(limits=limits, moves_centres=settings.moves_centres, iterations=settings.iterations)
-    if settings.hold is not None:
-        return ModelChoice(np.minimum(lengths, MIDDLE), replace(stated, hold=settings.hold), np.nan)
-    divisions = folds(training, lags) if settings.free_run else []
-    if not divisions:
-        return ModelChoice(lengths, stated, np.nan)
-    return choose_regularisation(divisions, lengths, settings.centres, stated, report, stopped)
-
-
-def _linear_error(training: Sequence[Recording], linear: LinearRecursion, limits: tuple[float, float]) -> float:
+def _linear_error(training: Sequence[Recording], linear: LinearRecursion, limits: Limits) -> float:
     """Return the RMSE of ARX models with these lags on the blocks that are held out of them."""
     divisions = folds(training, linear.lags)
     fits = []
@@ -250,21 +304,23 @@ def _linear_error(training: Sequence[Recording], linear: LinearRecursion, limits
     return held_out_rmse(divisions, fits, TrainingSettings(limits=limits, iterations=0)) if divisions else np.inf
 
 
-def _scores(surrogate: DynamicSurrogate, recordings: _Recordings) -> Iterator[SurrogateQuality]:
+def _scores(surrogate: DynamicSurrogate | FilteredSurrogate, recordings: _Recordings) -> Iterator[SurrogateQuality]:
     """Yield one step ahead and in free run, from the first measured outputs of each piece on."""
-    back = max(surrogate.output_lags)
-    for data, pieces in zip(recordings.datasets, recordings.pieces, strict=True):
+    back = max(surrogate.output_lags) if isinstance(surrogate, DynamicSurrogate) else 0
+    for data, pieces in recordings:
         ahead, free = [], []  # (residual, target) of each piece
         for run in pieces:
             if len(run) <= back:
                 continue
-            predicted = surrogate.predict(run.u, run.y)
-            known = np.isfinite(predicted) & run.scored
-            ahead.append(((predicted - run.y)[known], run.y[known]))
+            if isinstance(surrogate, DynamicSurrogate):
+                predicted = surrogate.predict(run.u, run.y)
+                known = np.isfinite(predicted) & run.scored
+                ahead.append(((predicted - run.y)[known], run.y[known]))
             scored = run.scored & (np.arange(len(run)) >= back)
             free.append(((surrogate.simulate(run.u, run.y[:back]) - run.y)[scored], run.y[scored]))
         if ahead:
             yield quality_of(data.name, data.use, "one step", *_joined(ahead))
+        if free:
             yield quality_of(data.name, data.use, "free run", *_joined(free))
 
 
@@ -272,19 +328,11 @@ def _joined(pairs: Sequence[tuple[Float, Float]]) -> list[Float]:
     return [np.concatenate(parts) for parts in zip(*pairs, strict=True)]
 
 
-def _baselines(
-    recordings: _Recordings, linear: LinearRecursion, limits: tuple[float, float]
-) -> Iterator[SurrogateQuality]:
+def _baselines(recordings: _Recordings, linear: LinearRecursion, limits: Limits) -> Iterator[SurrogateQuality]:
     """Yield the errors of the linear model in free run, and of a plane over the present inputs."""
-    training = recordings.training
-    flat = plane(
-        *(
-            np.concatenate(parts)
-            for parts in zip(*((run.u[run.scored], run.y[run.scored]) for run in training), strict=True)
-        )
-    )
+    flat = plane(*_joined([(run.u[run.scored], run.y[run.scored]) for run in recordings.training]))
     back = max(linear.lags.output)
-    for data, pieces in zip(recordings.datasets, recordings.pieces, strict=True):
+    for data, pieces in recordings:
         usable = [run for run in pieces if len(run) > back]
         if not usable:
             continue

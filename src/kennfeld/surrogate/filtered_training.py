@@ -18,6 +18,7 @@ from kennfeld.surrogate.gp_kernel import greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.input_filters import filtered_points
 from kennfeld.surrogate.model_selection import LONGEST, WORTH, held_out_blocks
+from kennfeld.surrogate.narx_training import LENGTH_STEPS
 from kennfeld.surrogate.recursion import Lags, Recording
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
@@ -28,11 +29,12 @@ GRID = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)  # time constants that the s
 EVALUATIONS = 20  # of the search, for each time constant
 RIDGE = 1e-3  # of the polynomial, as a share of the samples
 MOST_PRODUCTS = 12  # inputs up to which the polynomial has their products
-NOISES = (1.0, 10.0, 100.0, 1000.0)  # factors of the noise that are tried
+NOISES = (1.0, 30.0, 1000.0)  # factors of the noise that are tried
 CENTRES = 60  # of models on held-out blocks
-SEARCHED = 16_000  # samples that the time constants are searched on; of more, several are averaged
+SEARCHED = 10_000  # samples that the time constants are searched on; of more, several are averaged
 SAMPLES = 8000  # that the length scales and the final function are trained on
 ALL = 1 << 62  # samples: none is left out
+COMPARED = 4000  # samples on which the regularisation is chosen
 SLOWEST = 0.25  # share of the longest recording
 
 
@@ -69,7 +71,8 @@ def train_filtered(
     x, y = _thinned(np.concatenate([x for x, _ in data]), np.concatenate([y for _, y in data]))
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
-    lengths, noise = sparse_hyperparameters(scaling.inward(x), target, centres, starts, seed, stopped=stopped)
+    inner = scaling.inward(x)
+    lengths, noise = sparse_hyperparameters(inner, target, centres, starts, seed, LENGTH_STEPS, stopped)
     filtered = [filtered_points(piece.u, delay, step, time_constants) for piece in pieces]
     longest, factor = _regularisation(_parts(pieces, filtered, all_blocks), limits, lengths, noise, seed)
     rmse = _held_out(_parts(pieces, filtered, blocks), limits, np.minimum(lengths, longest), factor * noise, seed)
@@ -114,7 +117,7 @@ def _parts(
     pieces: Sequence[Recording], points: Sequence[Float], blocks: Sequence[tuple[int, int, int]]
 ) -> list[tuple[Float, Float]]:
     """Return points and outputs of the samples that count in each block, thinned evenly."""
-    every = max(sum(end - first for _, first, end in blocks) // SAMPLES, 1)
+    every = max(sum(end - first for _, first, end in blocks) // COMPARED, 1)
     parts = []
     for i, first, end in blocks:
         scored = pieces[i].part(first, end).scored

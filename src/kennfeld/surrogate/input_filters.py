@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.surrogate.recursion import run_through
 
 
 def filter_share(step: float, time_constant: float) -> float:
@@ -25,11 +26,13 @@ def filtered_points(u: Float, delay: int, step: float, time_constants: Sequence[
 
     `u` Float[samples, inputs] is read `delay` samples late, and has its first value before the recording.
     """
-    from scipy.signal import lfilter
-
     late = np.concatenate([np.repeat(u[:1], min(delay, len(u)), axis=0), u[: max(len(u) - delay, 0)]])
-    columns = [late]
-    for time_constant in time_constants:
-        share = filter_share(step, time_constant)
-        columns.append(lfilter([share], [1.0, share - 1.0], late, axis=0, zi=(1 - share) * late[:1])[0])
-    return np.concatenate(columns, axis=1)
+    filtered = [_low_passed(late, filter_share(step, time_constant)) for time_constant in time_constants]
+    return np.concatenate([late, *filtered], axis=1)
+
+
+def _low_passed(u: Float, share: float) -> Float:
+    """Return x_k = (1 - share) x_{k-1} + share u_k, which begins at the first u: Float[samples, inputs]."""
+    rows = np.concatenate([u[:1], share * u])[:, None, :]
+    run_through(rows, np.full((len(u), 1, 1), 1.0 - share), (1,))
+    return rows[1:, 0]

@@ -30,7 +30,7 @@ from kennfeld.surrogate.stopping import Stopped, never
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
 MIDDLE = LONGEST[1]  # without a selection
-ALIKE = 0.7  # share of a length scale from which a shorter one is not tried beside it
+ALIKE = 0.5  # share of a length scale from which a shorter one is not tried beside it
 HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
 BLOCKS = 6  # twice as many if there are more samples than are used
 FEW = 4  # at least so many are held out in turn if there are more samples than are used

@@ -39,8 +39,9 @@ NEGLIGIBLE = 0.1  # share of the tolerance: a step that promises less is not tri
 PATIENCE = 2  # small gains in a row after which training ends
 WIDEST = 1.5  # a centre's width changes by at most exp of this
 
+LENGTH_STEPS = 15  # of the search for length scales, which are cut in any case
 HORIZONS = (30, 120, 500)  # samples
-EARLY_SAMPLES = 15_000  # that are used at most for all horizons but the last
+EARLY_SAMPLES = 10_000  # that are used at most for all horizons but the last
 
 FIRST_NOISE = 1e-2
 LEFT = 1e-6
@@ -252,7 +253,7 @@ def one_step_lengths(
     x, y = _within_limits(runs, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
-    return sparse_hyperparameters(scaling.inward(x), target, centres, starts, seed, stopped=stopped)[0]
+    return sparse_hyperparameters(scaling.inward(x), target, centres, starts, seed, LENGTH_STEPS, stopped)[0]
 
 
 def one_step_expansion(

@@ -16,17 +16,22 @@ from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
+from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality
 from kennfeld.surrogate.validity import Validity
 
 VERSION = 1
-KINDS = {"static": "kennfeld-static-surrogate", "dynamic": "kennfeld-dynamic-surrogate"}
+KINDS = {
+    "static": "kennfeld-static-surrogate",
+    "dynamic": "kennfeld-dynamic-surrogate",
+    "filtered": "kennfeld-filtered-surrogate",
+}
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
 REWRITE = "Train it again with `kennfeld surrogate train`."
 NUMBERS = ("rmse", "r2", "max_abs")
 
-Surrogate = StaticSurrogate | DynamicSurrogate
+Surrogate = StaticSurrogate | DynamicSurrogate | FilteredSurrogate
 
 
 def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
@@ -80,19 +85,20 @@ def read_surrogate(path: str | Path) -> Surrogate:
     if version is not None and version != VERSION:
         reader.report("version", f"version {version:g} is not supported, only {VERSION}", "Update kennfeld.")
     findings.finish()
-    dynamic = kind == KINDS["dynamic"]
-    values = _shared(reader) | (_dynamic(reader) if dynamic else {})
+    make, further = _READERS.get(kind, _READERS[KINDS["static"]])
+    values = _shared(reader) | further(reader)
     findings.finish()
     try:
-        return DynamicSurrogate(**values) if dynamic else StaticSurrogate(**values)
+        surrogate: Surrogate = make(**values)
+        return surrogate
     except ArgumentError as error:
         raise InputError.of(Location(file.name), str(error), REWRITE) from None
 
 
 def _tables(surrogate: Surrogate) -> dict[str, Any]:
-    dynamic = isinstance(surrogate, DynamicSurrogate)
+    kind = next(name for name, (make, _) in _READERS.items() if isinstance(surrogate, make))
     result: dict[str, Any] = {
-        "kind": KINDS["dynamic" if dynamic else "static"],
+        "kind": kind,
         "version": VERSION,
         "name": surrogate.name,
         "inputs": list(surrogate.inputs),
@@ -106,9 +112,17 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
             "step": surrogate.step,
             "start": surrogate.start,
             "start_inputs": list(surrogate.start_inputs),
-            "limits": [None if math.isinf(limit) else limit for limit in surrogate.limits],
             "stability": surrogate.stability,
         }
+    elif isinstance(surrogate, FilteredSurrogate):
+        result |= {
+            "delay": surrogate.delay,
+            "time_constants": list(surrogate.time_constants),
+            "step": surrogate.step,
+            "start_inputs": list(surrogate.start_inputs),
+        }
+    if not isinstance(surrogate, StaticSurrogate):
+        result["limits"] = [None if math.isinf(limit) else limit for limit in surrogate.limits]
         result |= {"remarks": list(surrogate.remarks)} if surrogate.remarks else {}
     result["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
     result["expansion"] = {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
@@ -247,6 +261,24 @@ def _dynamic(reader: _TableReader) -> dict[str, Any]:
     }
 
 
+def _filtered(reader: _TableReader) -> dict[str, Any]:
+    return {
+        "delay": int(reader.number("delay") or 0),
+        "time_constants": _row(reader, "time_constants"),
+        "step": reader.number("step"),
+        "start_inputs": _row(reader, "start_inputs"),
+        "limits": _limits(reader),
+        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
+    }
+
+
+_READERS: dict[str, tuple[type[Any], Callable[[_TableReader], dict[str, Any]]]] = {
+    KINDS["static"]: (StaticSurrogate, lambda reader: {}),
+    KINDS["dynamic"]: (DynamicSurrogate, _dynamic),
+    KINDS["filtered"]: (FilteredSurrogate, _filtered),
+}
+
+
 def _row(reader: _TableReader, key: str) -> tuple[float, ...]:
     numbers = reader.numbers(key)
     if numbers is not None and numbers.ndim != 1:
@@ -302,6 +334,16 @@ def _quality(reader: _TableReader) -> tuple[SurrogateQuality, ...]:
 def _shorten(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def surrogate_notes(surrogate: Surrogate) -> list[str]:
+    """Return the sentences on a dynamic surrogate: its stability, and the remarks of its training."""
+    if isinstance(surrogate, StaticSurrogate):
+        return []
+    return [
+        *([surrogate.stability] if surrogate.stability else []),
+        *(f"Remark: {text}." for text in surrogate.remarks),
+    ]
 
 
 def as_parameters(surrogates: Iterable[Surrogate]) -> ParameterSet:

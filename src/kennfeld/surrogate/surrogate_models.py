@@ -238,13 +238,3 @@ class DynamicSurrogate:
                 f"u of shape {inputs.shape} must be [samples, {len(self.inputs)}], one column per input"
             )
         return inputs
-
-
-def surrogate_notes(surrogate: StaticSurrogate | DynamicSurrogate) -> list[str]:
-    """Return the sentences on a dynamic surrogate: its stability, and the remarks of its training."""
-    if not isinstance(surrogate, DynamicSurrogate):
-        return []
-    return [
-        *([surrogate.stability] if surrogate.stability else []),
-        *(f"Remark: {text}." for text in surrogate.remarks),
-    ]

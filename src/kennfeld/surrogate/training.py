@@ -10,6 +10,7 @@ from kennfeld.errors import ArgumentError, Findings, Location
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.surrogate.dynamic_training import train_dynamic
+from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.gaussian_process import gaussian_process
 from kennfeld.surrogate.rbf_fit import expand_data
 from kennfeld.surrogate.stopping import Stopped, never
@@ -40,6 +41,9 @@ class SurrogateSettings:
         longest_lag: maximum for automatic lags, in samples.
         limits: lower and upper limit of the output; "auto" recognises where the training output stays at its minimum
             or maximum.
+        structure: of a dynamic model: "narx" feeds past outputs back, "filtered" is a static function of inputs and of
+            filtered inputs; "auto" takes the one with the smallest error on held-out blocks, or "narx" if `lags`,
+            `output_lags` or `hold` are given.
         held: input channels that are held between samples, not interpolated, on the raster of a dynamic model.
         free_run: whether a dynamic model is trained for free run.
         moves_centres: whether that training refines centres and widths.
@@ -67,6 +71,7 @@ class SurrogateSettings:
     longest_lag: int = 20
     limits: tuple[float, float] | Literal["auto"] = "auto"
     held: tuple[str, ...] = ()
+    structure: Literal["auto", "narx", "filtered"] = "auto"
     free_run: bool = True
     moves_centres: bool = False
     hold: float | None = None
@@ -98,6 +103,9 @@ class SurrogateSettings:
     def _check_choices(self) -> None:
         if self.kind not in ("static", "dynamic"):
             raise ArgumentError(f"kind={self.kind!r} of surrogate {self.name} must be static or dynamic")
+        if self.structure not in ("auto", "narx", "filtered"):
+            message = f"structure={self.structure!r} of surrogate {self.name} must be auto, narx or filtered"
+            raise ArgumentError(message)
         known = ("auto", "exact", "sparse", "expansion") if self.kind == "static" else ("auto", "sparse")
         if self.method not in known:
             raise ArgumentError(
@@ -119,7 +127,7 @@ def train_surrogate(
     settings: SurrogateSettings,
     report: Report = lambda line: None,
     stopped: Stopped = never,
-) -> StaticSurrogate | DynamicSurrogate:
+) -> StaticSurrogate | DynamicSurrogate | FilteredSurrogate:
     """Train a model on the datasets for training, and score it on all of them.
 
     Args:

@@ -157,20 +157,25 @@ def describe_a2l(file: "calfiles.A2lFile") -> FileInfo:
 
 def describe_surrogate_file(path: Path) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
-    from kennfeld.surrogate.surrogate_file import read_surrogate
-    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, surrogate_notes
+    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
+    from kennfeld.surrogate.surrogate_file import read_surrogate, surrogate_notes
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table, ranges_table
 
     surrogate = read_surrogate(path)
     ranges = ranges_table(surrogate)
-    is_dynamic = isinstance(surrogate, DynamicSurrogate)
+    further: tuple[str, ...] = ()
+    if isinstance(surrogate, DynamicSurrogate):
+        further = "step", "lags", "output_lags", "stability", "limits", "remarks"
+    elif isinstance(surrogate, FilteredSurrogate):
+        further = "step", "delay", "time_constants", "stability", "limits", "remarks"
     as_json = _json(
         "surrogate",
         path,
         **_select(surrogate, "name", "inputs", "output"),
         centres=surrogate.expansion.size,
         quality=list(map(asdict, surrogate.quality)),
-        **(_select(surrogate, "step", "lags", "output_lags", "stability", "limits", "remarks") if is_dynamic else {}),
+        **_select(surrogate, *further),
         ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},
     )
     summary = f"{path.name}: a surrogate, {describe_surrogate(surrogate)}"

@@ -400,8 +400,7 @@ def train(path: Path) -> int:
     Ctrl-C, SIGTERM and SIGHUP stop the training; the best surrogate so far is written.
     """
     from kennfeld.project.surrogate_training import read_training
-    from kennfeld.surrogate.surrogate_file import write_surrogate
-    from kennfeld.surrogate.surrogate_models import surrogate_notes
+    from kennfeld.surrogate.surrogate_file import surrogate_notes, write_surrogate
     from kennfeld.terminal.progress import Interrupt
     from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 

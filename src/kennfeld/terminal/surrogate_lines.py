@@ -3,7 +3,9 @@
 import numpy as np
 
 from kennfeld.analysis.extrapolation import surrogate_coordinates
+from kennfeld.formatting import count_noun
 from kennfeld.optimize.quality import r2_text
+from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
@@ -12,6 +14,10 @@ def describe_surrogate(surrogate: Surrogate) -> str:
     """Return a sentence with the inputs, lags and size of a surrogate."""
     call = f"{surrogate.output} = {surrogate.name}({', '.join(surrogate.inputs)})"
     centres = f"{surrogate.expansion.size} centres"
+    if isinstance(surrogate, FilteredSurrogate):
+        filters = ", ".join(f"{T:.4g}" for T in surrogate.time_constants)
+        late = f", {count_noun(surrogate.delay, 'sample')} late" if surrogate.delay else ""
+        return f"{call}, steps of {surrogate.step:g} s, {centres}; inputs filtered over {filters} s{late}"
     if not isinstance(surrogate, DynamicSurrogate):
         return f"{call}, {centres}"
     delayed = [*zip(surrogate.inputs, surrogate.lags, strict=True), (surrogate.output, surrogate.output_lags)]

@@ -77,7 +77,7 @@ def _stored(path: Path) -> dict[str, Any]:
 
 
 def _described(own: "Surrogate") -> dict[str, Any]:
-    from kennfeld.surrogate.surrogate_models import surrogate_notes
+    from kennfeld.surrogate.surrogate_file import surrogate_notes
 
     quality = [
         asdict(line) | {name: finite(getattr(line, name)) for name in ("rmse", "r2", "max_abs")} for line in own.quality
