@@ -30,6 +30,7 @@ TOPICS = {
     "fmu": "benchmarks.fmu",
     "onnx": "benchmarks.onnx_networks",
     "smoothness": "benchmarks.automatic_smoothness",
+    "dynamic": "benchmarks.dynamic_models",
 }
 
 

@@ -97,7 +97,7 @@ class SurrogateSettings:
 
     @property
     def selects_all(self) -> bool:
-        """Whether lags and regularisation are selected, for free run."""
+        """True if lags and regularisation are selected, for free run."""
         return self.free_run and self.lags == "auto" and self.output_lags == "auto" and self.hold is None
 
     def _check_choices(self) -> None:
