@@ -26,6 +26,7 @@ from kennfeld.surrogate.recursion import FreeRun, Lags, Recording, Runs, run_thr
 
 OUTPUT = -1  # in place of the number of an input
 BLOCK = 1 << 21  # numbers of the derivatives held at a time: 16 MB
+COLUMNS = 1000  # of the candidates' terms at a time: their products grow with the square
 FAR = 100.0  # spans of the target that a run may leave its range by
 STRAIGHT, CURVED = 0.1, 10.0  # ridge of linear and quadratic terms, in squares of the output's spread
 
@@ -57,12 +58,16 @@ def screen_lags(
     run = simulate(model, runs, settings.limits)
     present = channel_lags(lags)
     new = [i for i, candidate in enumerate(channel_lags(pool)) if candidate not in present]
-    if not new or not _is_bounded(run, runs):
+    if not new or not runs.scored.any() or not _is_bounded(run, runs):
         return {}
     values = TrainedValues(model, runs, settings)
-    terms = _Terms.of(runs.visited(run.y), wide.visited(run.y)[..., new])
-    matrix, gradient = _normal(values, model, runs, run, terms)
-    gains = _gains(matrix, gradient, values.hold, terms.ridge)
+    near, candidates = runs.visited(run.y), wide.visited(run.y)
+    some = max(COLUMNS // (2 + near.shape[-1]), 1)
+    gains: list[float] = []
+    for first in range(0, len(new), some):
+        terms = _Terms.of(near, candidates[..., new[first : first + some]])
+        matrix, gradient = _normal(values, model, runs, run, terms)
+        gains += _gains(matrix, gradient, values.hold, terms.ridge)
     return dict(zip([channel_lags(pool)[i] for i in new], gains, strict=True))
 
 
