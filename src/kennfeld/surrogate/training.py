@@ -41,14 +41,14 @@ class SurrogateSettings:
         longest_lag: maximum for automatic lags, in samples.
         limits: lower and upper limit of the output; "auto" recognises where the training output stays at its minimum
             or maximum.
-        structure: of a dynamic model: "narx" feeds past outputs back, "filtered" is a static function of inputs and of
-            filtered inputs; "auto" takes the one with the smallest error on held-out blocks, or "narx" if `lags`,
-            `output_lags` or `hold` are given.
-        held: input channels that are held between samples, not interpolated, on the raster of a dynamic model.
         free_run: whether a dynamic model is trained for free run.
         moves_centres: whether that training refines centres and widths.
         hold: regularisation of that training; by default chosen on held-out blocks.
         iterations: maximum of that training.
+        structure: of a dynamic model: "narx" feeds past outputs back, "filtered" is a static function of inputs and of
+            filtered inputs; "auto" takes the one with the smallest error on held-out blocks, or "narx" if `lags`,
+            `output_lags` or `hold` are given.
+        held: input channels that are held between samples, not interpolated, on the raster of a dynamic model.
 
     Raises:
         ArgumentError: a value cannot be used.
@@ -70,12 +70,12 @@ class SurrogateSettings:
     output_lags: tuple[int, ...] | Literal["auto"] = "auto"
     longest_lag: int = 20
     limits: tuple[float, float] | Literal["auto"] = "auto"
-    held: tuple[str, ...] = ()
-    structure: Literal["auto", "narx", "filtered"] = "auto"
     free_run: bool = True
     moves_centres: bool = False
     hold: float | None = None
     iterations: int = 10
+    held: tuple[str, ...] = ()
+    structure: Literal["auto", "narx", "filtered"] = "auto"
 
     def __post_init__(self) -> None:
         self._check_choices()
