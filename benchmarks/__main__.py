@@ -31,6 +31,7 @@ TOPICS = {
     "onnx": "benchmarks.onnx_networks",
     "smoothness": "benchmarks.automatic_smoothness",
     "static": "benchmarks.static_models",
+    "dynamic": "benchmarks.dynamic_models",
 }
 
 

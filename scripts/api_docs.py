@@ -27,6 +27,7 @@ _INTERNAL = {  # members that only other parts of the package use
     "Block": {"index_axes"},
     "Criterion": {"internal"},
     "DynamicSurrogate": {"points", "longest"},
+    "FilteredSurrogate": {"points"},
     "Parameter": {"packed", "index_axes", "coordinates", "limited"},
     "ParameterSet": {"chosen", "everything", "others_by_name", "from_origin"},
     "Problem": {

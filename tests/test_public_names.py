@@ -44,7 +44,7 @@ IN_THE_DOCUMENTS = {
     ),
     "fmu",
     "function",
-    *("DynamicSurrogate", "read_surrogate", "write_surrogate", "compress_map"),
+    *("DynamicSurrogate", "FilteredSurrogate", "read_surrogate", "write_surrogate", "compress_map"),
 }
 NAMES = PROMISED | NEEDED_WITH_THEM | IN_THE_DOCUMENTS
 

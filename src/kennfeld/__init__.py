@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
     from kennfeld.project import Project
     from kennfeld.rbf import RBF, Expansion
-    from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, read_surrogate, write_surrogate
+    from kennfeld.surrogate import DynamicSurrogate, FilteredSurrogate, StaticSurrogate, read_surrogate, write_surrogate
     from kennfeld.surrogate.rbf_fit import compress_map
     from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 
@@ -66,6 +66,7 @@ __all__ = [
     "DynamicSurrogate",
     "Equality",
     "Expansion",
+    "FilteredSurrogate",
     "Finding",
     "Graph",
     "InputError",
@@ -143,7 +144,7 @@ _NAMES = {
     "parameters": "Axis Block Cube Curve Map Scalar Text",
     "project": "Project",
     "rbf": "RBF Expansion",
-    "surrogate": "DynamicSurrogate StaticSurrogate read_surrogate write_surrogate",
+    "surrogate": "DynamicSurrogate FilteredSurrogate StaticSurrogate read_surrogate write_surrogate",
     "surrogate.rbf_fit": "compress_map",
     "surrogate.training": "SurrogateSettings train_surrogate",
 }

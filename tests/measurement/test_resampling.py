@@ -64,3 +64,13 @@ def test_a_long_channel_is_judged_by_all_its_values(later, stepped):
     values = np.concatenate([np.tile([1.0, 2.0, 3.0], SAMPLES_PER_BLOCK), later])
     assert is_stepped(values) is stepped
     assert is_stepped(values[::-1]) is stepped
+
+
+def test_a_set_value_in_any_steps_is_held_and_a_slow_coarse_signal_is_not():
+    rng = np.random.default_rng(0)
+    set_value = np.repeat(rng.uniform(0, 1, 60), 20)
+    temperature = np.round(20 + 5 * np.sin(np.linspace(0, 9, 3000)), 1)
+    assert is_stepped(set_value)
+    assert is_stepped(np.where(rng.uniform(size=1200) < 0.1, np.nan, set_value))
+    assert not is_stepped(temperature)
+    assert not is_stepped(rng.normal(size=500))

@@ -134,3 +134,17 @@ def test_one_that_depends_on_the_data_alone_is_computed_before_the_fit(text):
     wanted = kf.simulate(model, data, {"k": 1.7})["y"].values
     result = kf.calibrate(model, {"x": x[:, 0], "z": x[:, 1], "m": wanted}, {"k": 0.5}, target="m", node="y")
     assert float(result.parameters["k"].values) == pytest.approx(1.7)
+
+
+def test_settled_points_run_at_the_step_of_the_training():
+    half = Expansion(0.0, [0.5, 0.25], [], np.zeros((0, 2)), np.zeros((0, 2)))
+    lag = DynamicSurrogate("lag", ("u",), ((1,),), "y", (1,), 0.1, half)
+    model = formula("y = lag(u)", surrogates=[lag])
+    points = {"u": np.array([1.0, 2.0, 5.0])}
+    settled = kf.simulate(model, kf.Dataset.of("points", points, settling=kf.Settling(60.0, step=0.1)), {})
+    np.testing.assert_allclose(settled["y"].values, 0.5 * points["u"])
+    other = kf.Dataset.of("points", points, settling=kf.Settling(60.0, step=0.2))
+    with pytest.raises(
+        InputError, match=r"lag was trained at steps of 0\.1 s, and dataset points has one of 0\.2 s\. Write step"
+    ):
+        kf.simulate(model, other, {})

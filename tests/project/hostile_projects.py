@@ -34,7 +34,7 @@ files = ["bench.csv"]
 def write_project(folder: Path) -> Path:
     """Write a harmless project and return its file."""
     folder.mkdir(parents=True, exist_ok=True)
-    rows = [f"{0.1 * number:.1f},{1 + number % 7},{2 + number % 5}" for number in range(60)]
+    rows = [f"{0.1 * number:.1f},{1 + number % 7},{2 + number % 5 + 0.001 * number}" for number in range(60)]
     (folder / "bench.csv").write_text("\n".join(["time,u,wanted", *rows, ""]))
     (folder / "function.kf").write_text("y = K * u\n")
     (folder / "kennfeld.toml").write_text(PROJECT)

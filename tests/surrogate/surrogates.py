@@ -51,6 +51,7 @@ def dynamic_surrogate(**changes):
         "limits": (-2.0, np.inf),
         "units": ("deg", "Nm", "rpm"),
         "stability": "All 48 free runs stayed bounded.",
+        "remarks": ("n stays at its minimum -2 for 20 samples",),
     }
     return DynamicSurrogate(**(attributes | changes))
 

@@ -3,10 +3,10 @@ import pytest
 
 from kennfeld.errors import ArgumentError
 from kennfeld.surrogate.narx_training import (
+    TrainedValues,
     TrainingSettings,
     _evaluate,
     _normal,
-    _TrainedValues,
     free_run_rmse,
     train_free_run,
 )
@@ -56,7 +56,7 @@ def test_sensitivities_through_the_recursion_agree_with_differences(moves_centre
     monkeypatch.setattr("kennfeld.surrogate.narx_training.BLOCK", 500)
     runs = Runs.of(pieces(), LAGS)
     settings = TrainingSettings(moves_centres=moves_centres, limits=limits, hold=0.5)
-    values = _TrainedValues(random_expansion(2, 4, 4), runs, settings)
+    values = TrainedValues(random_expansion(2, 4, 4), runs, settings)
     at = values.first + 0.01
     expansion, run, _ = _evaluate(values, at, runs, settings)
     gradient = _normal(values, expansion, run, runs)[1] + values.hold * (at - values.goal)
@@ -69,7 +69,7 @@ def test_sensitivities_through_the_recursion_agree_with_differences(moves_centre
 
 def test_training_starts_at_the_expansion_that_it_is_given():
     runs, start = Runs.of(pieces(), LAGS), random_expansion(3, 4, 4)
-    values = _TrainedValues(start, runs, TrainingSettings(moves_centres=True))
+    values = TrainedValues(start, runs, TrainingSettings(moves_centres=True))
     same = values.expansion(values.first)
     x = np.random.default_rng(0).normal(size=(20, 4))
     np.testing.assert_allclose(same(x), start(x), rtol=1e-6, atol=1e-8)

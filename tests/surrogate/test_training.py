@@ -1,11 +1,12 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
-from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate
+from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, dynamic_training
 from kennfeld.surrogate.model_selection import _lowest, select_lags
 from kennfeld.surrogate.narx_training import TrainingSettings
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
@@ -274,6 +275,7 @@ def test_a_recording_on_another_raster_is_brought_onto_the_step():
         ({"step": -1.0}, "step=-1.0 of surrogate tank"),
         ({"hold": -1.0}, "hold=-1.0 of surrogate tank"),
         ({"limits": (2.0, 1.0)}, r"limits=\(2.0, 1.0\) of surrogate tank"),
+        ({"held": ("w",)}, r"held=\('w',\) of surrogate tank: w is not an input"),
     ],
 )
 def test_settings_that_cannot_be_used_are_named(changes, message):
@@ -318,3 +320,106 @@ def test_recordings_that_are_too_short_are_told():
     data = Dataset.of("short", {"u": np.sin(time), "y": np.cos(time)}, time=time)
     with pytest.raises(InputError, match="no piece without gaps that is long enough"):
         train_surrogate([data], SurrogateSettings("x", ("u",), "y", kind="dynamic"))
+
+
+def overflowing(name, seed, use="training", samples=500):
+    """A level that is measured up to 1.2 only, where the tank overflows."""
+    rng = np.random.default_rng(seed)
+    u, level = np.repeat(rng.uniform(0.2, 1.6, samples // 10), 10), np.full(samples, 0.5)
+    for k in range(samples - 1):
+        level[k + 1] = min(level[k] + 0.2 * (u[k] - np.sqrt(level[k])), 1.2)
+    return Dataset.of(name, {"u": u, "level": level}, time=np.arange(float(samples)), use=use)
+
+
+def test_a_saturated_output_gets_its_limit_and_a_remark():
+    data = [overflowing("a", 0), overflowing("b", 1, "test")]
+    model = train_surrogate(data, tank_settings())
+    assert model.limits == (-np.inf, 1.2)
+    (remark,) = model.remarks
+    assert "level stays at its maximum 1.2" in remark
+    assert "limits = [-inf, 1.2] are used" in remark
+    free = train_surrogate(data, tank_settings(limits=(-np.inf, np.inf)))
+    assert free.remarks == ()
+    assert rows(model)["b", "free run"].rmse < 0.5 * rows(free)["b", "free run"].rmse
+
+
+def test_a_plane_and_a_linear_model_stand_beside_the_errors():
+    errors = rows(train_surrogate([tank_recording("a", 0), tank_recording("b", 1, use="test")], tank_settings()))
+    for name in "ab":
+        assert errors[name, "free run"].rmse < errors[name, "ARX"].rmse < errors[name, "plane"].rmse
+
+
+def test_a_linear_model_that_is_better_is_said():
+    """A model for each sample far away from its training data."""
+    rng = np.random.default_rng(0)
+    u, y = rng.normal(size=400), np.zeros(400)
+    for k in range(1, 400):
+        y[k] = 0.8 * y[k - 1] + u[k - 1]
+    time = np.arange(200.0)
+    data = [
+        Dataset.of("a", {"u": u[:200], "level": y[:200] + 0.3 * rng.normal(size=200)}, time=time),
+        Dataset.of("far", {"u": 5 * u[200:], "level": 5 * y[200:]}, time=time, use="test"),
+    ]
+    model = train_surrogate(data, tank_settings(free_run=False, centres=60))
+    (remark,) = model.remarks
+    assert "the free run over far (test) has RMSE" in remark
+    assert "a linear ARX model has" in remark
+
+
+@pytest.mark.slow
+def test_a_linear_system_is_modelled_as_well_as_by_a_linear_model():
+    rng = np.random.default_rng(0)
+    u, y = rng.normal(size=600), np.zeros(600)
+    for k in range(2, 600):
+        y[k] = 1.2 * y[k - 1] - 0.4 * y[k - 2] + u[k - 1]
+    time = np.arange(300.0)
+    data = [
+        Dataset.of("a", {"u": u[:300], "level": y[:300] + 0.1 * rng.normal(size=300)}, time=time),
+        Dataset.of("b", {"u": u[300:], "level": y[300:]}, time=time, use="test"),
+    ]
+    settings = tank_settings(lags="auto", output_lags="auto", hold=None, longest_lag=4)
+    errors = rows(train_surrogate(data, settings))
+    assert errors["b", "free run"].rmse <= 1.05 * errors["b", "ARX"].rmse
+
+
+def test_a_channel_that_hardly_changes_is_remarked_on():
+    data = tank_recording("a", 0)
+    switch = np.zeros(400)
+    switch[200:203] = 1.0
+    columns = {"u": data["u"].values, "switch": switch, "level": data["level"].values}
+    settings = SurrogateSettings(
+        "tank",
+        ("u", "switch"),
+        "level",
+        kind="dynamic",
+        lags={"u": (1,), "switch": (0,)},
+        output_lags=(1,),
+        centres=9,
+        starts=1,
+        hold=1.0,
+        iterations=1,
+    )
+    model = train_surrogate([Dataset.of("a", columns, time=np.arange(400.0))], settings)
+    assert model.remarks == ("switch is 0 except at 3 samples of 400; the model can hardly know its effect",)
+
+
+@pytest.mark.parametrize("held", [(), ("u",)])
+def test_inputs_that_are_held_are_not_interpolated(held):
+    time, u = 1.0 * np.arange(20), np.sin(np.arange(20.0))
+    (run,) = split_recordings(Dataset.of("a", {"u": u, "y": time}, time=time), ("u",), "y", 0.5, held)
+    expected = np.repeat(u, 2)[:-1] if held else np.interp(0.5 * np.arange(39), time, u)
+    np.testing.assert_allclose(run.u[:, 0], expected)
+
+
+def test_a_model_that_runs_away_is_limited_beyond_its_training_data(monkeypatch):
+    monkeypatch.setattr(
+        dynamic_training, "train_over_horizons", lambda start, *rest: replace(start, slopes=1.5 * start.slopes)
+    )
+    data = [tank_recording("a", 0)]
+    model = train_surrogate(data, tank_settings())
+    level = data[0]["level"].values
+    span = np.ptp(level)
+    assert model.limits == pytest.approx((level.min() - span, level.max() + span), abs=1e-3 * span)
+    assert "free runs left the training data far behind" in model.remarks[0]
+    assert np.isfinite(model.simulate(np.full((10_000, 1), 9.0))).all()
+    assert train_surrogate(data, tank_settings(limits=(-np.inf, np.inf))).limits == (-np.inf, np.inf)

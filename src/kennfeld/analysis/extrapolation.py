@@ -247,8 +247,12 @@ def _beyond(validity: "Validity", points: Float) -> Float:
 
 def surrogate_coordinates(surrogate: "Surrogate") -> list[tuple[str, int]]:
     """Return the channel and the lag, in samples, of each coordinate of a surrogate."""
+    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
+    if isinstance(surrogate, FilteredSurrogate):
+        filters = [f" filtered over {T:.4g} s" for T in surrogate.time_constants]
+        return [(f"{name}{text}", surrogate.delay) for text in ("", *filters) for name in surrogate.inputs]
     if not isinstance(surrogate, DynamicSurrogate):
         return [(name, 0) for name in surrogate.inputs]
     delayed = [(surrogate.output, surrogate.output_lags), *zip(surrogate.inputs, surrogate.lags, strict=True)]

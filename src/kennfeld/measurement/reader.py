@@ -77,8 +77,8 @@ def read(
     Args:
         path: the file; a sheet of a workbook may be named after a `#`, `bench.xlsx#Data`.
         channels: the channels to read, in any order; all by default.
-        raster: step in s; resamples to even time stamps, linearly between valid samples (channels with a few
-            whole-numbered levels are held), without extrapolation.
+        raster: step in s; resamples to even time stamps, linearly between valid samples (channels that jump between
+            levels are held), without extrapolation.
         sheet: the sheet of a workbook.
         units: units of columns for which the file has none or a wrong one. That of the time column, such as `ms`,
             converts it to seconds; numbers of other columns stay.

@@ -9,6 +9,10 @@ from kennfeld.dataset import PAUSE, SAMPLES_PER_BLOCK, longest_usual_step
 
 _SAME_INSTANT = 1e-9  # s; a grid point this close to a time stamp is that sample
 _MAX_LEVELS = 16  # of a gear, a mode or a switch
+_PER_LEVEL = 4  # samples
+_KEPT = 0.75  # share of the samples at which a stepped channel does not change
+_JUMP = 0.05  # of its range, by which it changes otherwise
+_FEWEST_JUMPS = 3
 
 
 def samples_on(time: Float, raster: float) -> float:
@@ -28,21 +32,52 @@ def even_grid(time: Float, raster: float) -> Float:
 
 
 def is_stepped(values: Float) -> bool:
-    """Return whether a channel jumps between a few whole numbers, so that it must not be interpolated.
+    """Return whether a channel jumps between levels and stays there, so that it must not be interpolated.
+
+    It is a switch, has few whole levels, or keeps its value for most of the time and then changes by more than a
+    quantum: a slow signal of a coarse sensor keeps its value as well, but changes by small steps.
 
     >>> is_stepped(np.array([0.0, 1.0, 1.0])), is_stepped(np.array([0.0, 0.5])), is_stepped(np.arange(100.0))
     (True, False, False)
+    >>> is_stepped(np.repeat(np.sin(np.arange(30.0)), 10)), is_stepped(np.round(np.sin(np.linspace(0, 9, 900)), 2))
+    (True, False)
     """
+    levels, count = _few_whole_levels(values)
+    if levels is not None and count > 0 and (np.isin(levels, (0, 1)).all() or count >= _PER_LEVEL * levels.size):
+        return True
+    return _keeps_levels(values)
+
+
+def _few_whole_levels(values: Float) -> tuple[Float | None, int]:
+    """Return the levels of a channel, None if they are many or not whole, and the number of its valid samples."""
     levels, count = np.empty(0), 0
     for first in range(0, values.size, SAMPLES_PER_BLOCK):
         block = values[first : first + SAMPLES_PER_BLOCK]
         valid = block[~np.isnan(block)]
-        if np.any(valid != np.round(valid)):
-            return False
         levels, count = np.union1d(levels, valid), count + valid.size
-        if levels.size > _MAX_LEVELS:
+        if levels.size > _MAX_LEVELS or np.any(levels != np.round(levels)):
+            return None, count
+    return levels, count
+
+
+def _keeps_levels(values: Float) -> bool:
+    """Return whether a channel keeps its value at most samples, and half of its changes are large."""
+    changes, kept, before, low, high = [], 0, np.empty(0), np.inf, -np.inf
+    for first in range(0, values.size, SAMPLES_PER_BLOCK):
+        block = values[first : first + SAMPLES_PER_BLOCK]
+        known = np.concatenate([before, block[np.isfinite(block)]])
+        if not known.size:
+            continue
+        change = np.abs(np.diff(known))
+        changed = change[change > 0]
+        kept += change.size - changed.size
+        changes.append(changed)
+        if sum(part.size for part in changes) > (1 - _KEPT) * values.size:
             return False
-    return count > 0 and (bool(np.isin(levels, (0, 1)).all()) or count >= 4 * levels.size)
+        before, low, high = known[-1:], min(low, known.min()), max(high, known.max())
+    jumps = np.concatenate(changes) if changes else np.empty(0)
+    often = jumps.size >= _FEWEST_JUMPS and kept >= _KEPT * (kept + jumps.size)
+    return often and bool(np.median(jumps) >= _JUMP * (high - low))
 
 
 def resample_all(time: Float, columns: Sequence[Float], at: Float, held: Sequence[bool]) -> list[Float]:

@@ -221,7 +221,10 @@ def step_findings(
     """
     trained = _training_steps(model)
     for data in datasets if trained else ():
-        if step is not None:
+        if data.settling is not None:
+            own_step = data.settling.step or step  # as `plan_hold` has it; without any it reports so itself
+            steps = np.array([] if own_step is None else [own_step])
+        elif step is not None:
             steps = np.array([step])
         elif data.time is not None:
             steps = np.delete(np.diff(data.time), data.starts[1:] - 1)  # within pieces
@@ -233,15 +236,16 @@ def step_findings(
             wrong = steps[np.abs(steps - own) > STEP_TOLERANCE * own]
             if wrong.size:
                 message = f"{name} was trained at steps of {own:g} s, and dataset {data.name} has one of {wrong[0]:g} s"
-                yield Finding(location(data), message, f"Write raster = {own:g}, or train it at the step of the data.")
+                key = "raster" if data.settling is None else "step"
+                yield Finding(location(data), message, f"Write {key} = {own:g}, or train it at the step of the data.")
 
 
 def _training_steps(model: Model) -> dict[str, float]:
     if not model.surrogates:
         return {}
-    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+    from kennfeld.surrogate.surrogate_models import StaticSurrogate
 
-    return {s.name: s.step for s in model.surrogates if isinstance(s, DynamicSurrogate)}
+    return {s.name: s.step for s in model.surrogates if not isinstance(s, StaticSurrogate)}
 
 
 def delay_findings(model: Model, values: int) -> list[Finding]:

@@ -65,6 +65,18 @@ class LagsForm(Form):
         return {"anyOf": [*lags, {"const": "auto"}] if self.least else lags}
 
 
+class LimitsForm(PairForm):
+    """A lower and an upper limit, or "auto"."""
+
+    label = '`"auto"` or `[lower, upper]`'
+
+    def read(self, section: Section, key: str) -> Any:
+        return "auto" if section.values[key] == "auto" else super().read(section, key)
+
+    def json_schema(self) -> dict[str, Any]:
+        return {"anyOf": [{"const": "auto"}, super().json_schema()]}
+
+
 class InputLagsForm(TableOfForm):
     """Lags by input, or "auto"."""
 
@@ -128,11 +140,25 @@ class SurrogateEntry:
     longest_lag: int = key(
         "longest lag in samples that the automatic choice tries", SurrogateSettings.longest_lag, least=1, dynamic=True
     )
-    limits: tuple[float, float] = key(
+    limits: tuple[float, float] | Literal["auto"] = key(
         "minimum and maximum output, `inf` for none. They also limit the output that is fed back, for a saturation "
-        "that is part of the system",
+        'that is part of the system. `"auto"` recognises where the training output stays at its minimum or maximum',
         SurrogateSettings.limits,
-        form=PairForm("must be a lower and a higher number", "Write limits = [0, inf].", shows=True),
+        form=LimitsForm("must be a lower and a higher number", 'Write limits = [0, inf], or "auto".', shows=True),
+        dynamic=True,
+    )
+    structure: Literal["auto", "narx", "filtered"] = key(
+        '`"narx"` feeds past outputs back; `"filtered"` is a static function of the inputs and of the inputs through '
+        'first-order filters; `"auto"` takes the one with the smaller error on held-out blocks, or `"narx"` if `lags`, '
+        "`output_lags` or `hold` are given",
+        SurrogateSettings.structure,
+        dynamic=True,
+    )
+    held: tuple[str, ...] = key(
+        "inputs that keep their value until the next sample, and are not interpolated where the step of the data "
+        "differs from `step`; channels that jump between levels do so by themselves",
+        (),
+        form=TextsForm(_CHANNELS),
         dynamic=True,
         default_text="none",
     )
@@ -176,6 +202,10 @@ class SurrogateEntry:
             yield "kernel", '"matern52" requires a static surrogate', 'Write "auto" or "gaussian".'
         if self.noise == "student":
             yield "noise", '"student" requires a static surrogate', 'Write "auto" or "gaussian".'
+        for name in self.held:
+            if self.inputs and name not in self.inputs:
+                remedy = nearest(name, self.inputs) or f"Inputs are {', '.join(self.inputs)}."
+                yield "held", f"unknown input {name}", remedy
         lags = self.lags if isinstance(self.lags, Mapping) else dict.fromkeys(self.inputs)
         for name in lags:
             if self.inputs and name not in self.inputs:
@@ -282,7 +312,7 @@ class Training:
         """Return the training samples of a dataset, Float[samples, inputs and output] per piece."""
         arguments = dataset, self.settings.inputs, self.settings.output
         if self.settings.kind == "dynamic":
-            return [np.column_stack([run.u, run.y]) for run in split_recordings(*arguments, step)]
+            return [np.column_stack([run.u, run.y]) for run in split_recordings(*arguments, step, self.settings.held)]
         return [np.column_stack(extract_points(*arguments)[:2])]
 
     def train(

@@ -1,7 +1,7 @@
 """Report sections of undetermined parameters, extrapolating surrogates and active limits."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from kennfeld.formatting import join_names
 from kennfeld.markup import MISSING, Html, decimal, element, full_decimal, note, percent, table
 from kennfeld.parameters import AXIS_LETTERS, Parameter
 from kennfeld.report.report_data import ReportData
+
+if TYPE_CHECKING:
+    pass
 
 MAX_LISTED = 8  # values in a row
 

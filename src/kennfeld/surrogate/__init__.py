@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from kennfeld.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
     from kennfeld.surrogate.surrogate_file import (
         Surrogate,
         as_parameters,
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DynamicSurrogate",
+    "FilteredSurrogate",
     "StaticSurrogate",
     "Surrogate",
     "SurrogateQuality",
@@ -30,6 +32,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
+        "filtered_surrogate": "FilteredSurrogate",
         "surrogate_file": "Surrogate as_parameters read_surrogate recognises_surrogate write_surrogate",
         "surrogate_models": "DynamicSurrogate StaticSurrogate SurrogateQuality",
         "validity": "Validity",

@@ -6,7 +6,7 @@ sample and lags that grow by about a third, because neighbouring lags carry near
 may then move by a sample. The length scales and the regularisation are selected on the same blocks.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,9 +15,11 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
+from kennfeld.surrogate.lag_screening import OUTPUT, ChannelLag, channel_lags, screen_lags
 from kennfeld.surrogate.narx_training import (
     HORIZONS,
     TrainingSettings,
+    cut_recordings,
     free_run_rmse,
     horizon_ranges,
     one_step_expansion,
@@ -28,10 +30,11 @@ from kennfeld.surrogate.stopping import Stopped, never
 
 LONGEST = (3.0, 5.0, 8.0)  # length scales are cut at so many spreads
 MIDDLE = LONGEST[1]  # without a selection
+ALIKE = 0.5  # share of a length scale from which a shorter one is not tried beside it
 HOLDS = (3e3, 1e3, 300.0, 100.0, 30.0, 10.0)
-BLOCKS = 6
-FEW = 3  # of them are held out in turn if there are more samples than are used
-SAMPLES = 3000  # used for choosing
+BLOCKS = 6  # twice as many if there are more samples than are used
+FEW = 4  # at least so many are held out in turn if there are more samples than are used
+SAMPLES = 8000  # used for choosing
 CENTRES = 60
 ITERATIONS = 6  # at most, if there are more samples than are used
 SHORTEST = 20  # samples of a block beyond the lags
@@ -39,7 +42,9 @@ SHORTEST = 20  # samples of a block beyond the lags
 LAG_CENTRES = 20
 LAG_ITERATIONS = 3
 LAG_BLOCKS = 4
-LAG_SAMPLES = 2500
+LAG_SAMPLES = 8000
+SCREENED = 5000  # samples that lags are screened on
+REFINED = (3, 2, 2)  # trials that add a lag of an input, add one of the output, or move one
 LENGTH = 5.0  # length scale, in spreads, while lags are chosen
 HOLD = 300.0
 WORTH = 0.98  # a lag stays if it lowers the RMSE to this share or less
@@ -70,7 +75,7 @@ def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples:
 
     If there are more than `samples`, blocks are skipped evenly.
     """
-    blocks = _blocks(pieces, lags, count, samples)
+    blocks = held_out_blocks(pieces, lags, count, samples)
     thinned = sum(len(piece) for piece in pieces) > samples
     step = max(len(blocks) // FEW, 1) if thinned else 1
     result = []
@@ -83,9 +88,12 @@ def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples:
     return result
 
 
-def _blocks(pieces: Sequence[Recording], lags: Lags, count: int, samples: int) -> list[tuple[int, int, int]]:
+def held_out_blocks(
+    pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES
+) -> list[tuple[int, int, int]]:
     """Return (piece, first, end) of each block: at least `count`, evenly over the pieces, of similar length."""
     total = sum(len(piece) for piece in pieces)
+    count = 2 * count if total > samples else count
     length = max(min(total, samples) // count, lags.longest + SHORTEST)
     blocks = []
     for i, piece in enumerate(pieces):
@@ -121,28 +129,39 @@ def choose_regularisation(
 ) -> ModelChoice:
     """Return the length scales and `hold` with the least RMSE over the blocks left out.
 
-    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses. Once `stopped`
-    returns true, the choice is among those tried so far, and that without a selection if there are none.
+    `lengths`, in units of spread, are those of the one-step process, cut at each of a few smoothnesses. Beside them,
+    equal lengths are tried: what is likely one step ahead need not run freely, and others may be nearly as likely.
+    Once `stopped` returns true, the choice is among those tried so far, and that without a selection if there are none.
     """
     # As many steps as the training itself takes where that is affordable: to end early is to hold firmly, too.
     most = ITERATIONS if divisions[0].thinned else settings.iterations
     iterations = min(settings.iterations, most)
-    table = np.full((len(LONGEST), len(HOLDS)), np.inf)
-    for i, longest in enumerate(LONGEST):
+    rows = _length_rows(lengths)
+    table = np.full((len(rows), len(HOLDS)), np.inf)
+    for i, (name, row) in enumerate(rows):
         if stopped():
             break
-        cut = np.minimum(lengths, longest)
-        starts = [one_step_expansion(f.training, cut, min(centres, CENTRES), settings.limits) for f in divisions]
+        starts = [one_step_expansion(f.training, row, min(centres, CENTRES), settings.limits) for f in divisions]
         for j, hold in enumerate(HOLDS):
             if stopped():
                 break
             trial = replace(settings, hold=hold, iterations=iterations, moves_centres=False)
             table[i, j] = held_out_rmse(divisions, starts, trial)
-            report(f"length scales up to {longest:g} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
+            report(f"{name} spreads, hold {hold:g}: {table[i, j]:.4g} on the blocks left out")
     if np.isinf(table).all():
         return ModelChoice(np.minimum(lengths, MIDDLE), settings, np.nan)
     i, j = _lowest(table)
-    return ModelChoice(np.minimum(lengths, LONGEST[i]), replace(settings, hold=HOLDS[j]), float(table[i, j]))
+    return ModelChoice(rows[i][1], replace(settings, hold=HOLDS[j]), float(table[i, j]))
+
+
+def _length_rows(lengths: Float) -> list[tuple[str, Float]]:
+    """Return the length scales to try, each with its name, the smoothest last."""
+    rows = [(f"length scales of {longest:g}", np.full(lengths.size, longest)) for longest in LONGEST]
+    for longest in LONGEST:
+        cut = np.minimum(lengths, longest)
+        if cut.min() < ALIKE * longest:
+            rows.append((f"length scales up to {longest:g}", cut))
+    return rows
 
 
 def _lowest(table: Float) -> tuple[int, int]:
@@ -195,24 +214,87 @@ def select_lags(
     Begins with the last output and the last sample of each input. A lag of the output is only of use if it is short:
     up to 4 are tried. Once `stopped` returns true, the lags so far are returned.
     """
-    reach = min(longest, max(min(len(piece) for piece in pieces) // 4, 1))
-    tried: dict[Lags, float] = {}
-
-    def score(lags: Lags) -> float:
-        if lags not in tried:
-            tried[lags] = np.inf if stopped() else _score(pieces, lags, settings)
-        return tried[lags]
-
+    search = _LagSearch(pieces, settings, longest, stopped)
     first = [(1,)] * inputs if input_lags is None else list(input_lags)
     best = Lags(output_lags or (1,), tuple(first))
     for _ in range(MOST):
-        neighbours = sorted(_neighbours(best, reach, output_lags is None, input_lags is None), key=repr)
-        trial = min(neighbours, key=score, default=best)
-        if trial is best or stopped() or not score(trial) <= WORTH * score(best):
+        neighbours = search.promising(
+            list(_neighbours(best, search.reach, output_lags is None, input_lags is None)), best
+        )
+        trial = min(neighbours, key=search.score, default=best)
+        if trial is best or stopped() or not search.score(trial) <= WORTH * search.score(best):
             break
         best = trial
-        report(f"lags {best.output} of the output, {best.inputs} of the inputs: {score(best):.4g} on blocks left out")
+        text = f"lags {best.output} of the output, {best.inputs} of the inputs: {search.score(best):.4g}"
+        report(f"{text} on blocks left out")
     return best
+
+
+class _LagSearch:
+    """The free-run error of lags on held-out blocks, and a cheap forecast of which lags lower it."""
+
+    def __init__(self, pieces: Sequence[Recording], settings: TrainingSettings, longest: int, stopped: Stopped) -> None:
+        self._pieces, self._stopped = pieces, stopped
+        self._settings = replace(settings, hold=HOLD, iterations=LAG_ITERATIONS, moves_centres=False)
+        self.reach = min(longest, max(min(len(piece) for piece in pieces) // 4, 1))
+        self._scores: dict[Lags, float] = {}
+
+    def score(self, lags: Lags) -> float:
+        """Return the RMSE on held-out blocks; infinite once the search is stopped."""
+        if lags not in self._scores:
+            self._scores[lags] = np.inf if self._stopped() else _score(self._pieces, lags, self._settings)
+        return self._scores[lags]
+
+    def promising(self, neighbours: Sequence[Lags], best: Lags) -> list[Lags]:
+        """Return the few neighbours of `best` that bring the lags which explain most of its residual."""
+        gains = self._gains(best, neighbours)
+        if not gains:
+            return sorted(neighbours, key=repr)
+        return _most_gain(neighbours, best, gains)
+
+    def _gains(self, lags: Lags, neighbours: Sequence[Lags]) -> dict[ChannelLag, float]:
+        stretches = cut_recordings(self._pieces, lags, HORIZONS[-1])
+        parts = max(sum(map(len, stretches)) // SCREENED, 1)
+        runs = Runs.of(stretches[::parts], lags)
+        start = one_step_expansion(runs, np.full(lags.size, LENGTH), LAG_CENTRES, self._settings.limits)
+        model = train_free_run(start, runs, self._settings, stopped=self._stopped)
+        pool = _union([lags, *neighbours])
+        return screen_lags(model, lags, stretches[::parts], pool, self._settings)
+
+
+def _union(several: Sequence[Lags]) -> Lags:
+    """Return all lags of these."""
+    output = {lag for lags in several for lag in lags.output}
+    inputs = [{lag for lags in several for lag in lags.inputs[j]} for j in range(len(several[0].inputs))]
+    return Lags(tuple(output), tuple(map(tuple, inputs)))
+
+
+def _most_gain(neighbours: Sequence[Lags], best: Lags, gains: Mapping[ChannelLag, float]) -> list[Lags]:
+    """Return the neighbours that add the lags of highest gain, and those that move a lag to such a place.
+
+    Lags of a channel that are near to each other carry nearly the same information, so only one of them is returned.
+    """
+    present = set(channel_lags(best))
+    brought = {lags: next(iter(set(channel_lags(lags)) - present)) for lags in neighbours}
+    ranked = sorted(neighbours, key=lambda lags: (-gains.get(brought[lags], 0.0), repr(lags)))
+    groups = (
+        [lags for lags in ranked if lags.size > best.size and brought[lags][0] != OUTPUT],
+        [lags for lags in ranked if lags.size > best.size and brought[lags][0] == OUTPUT],
+        [lags for lags in ranked if lags.size == best.size],
+    )
+    return [lags for group, count in zip(groups, REFINED, strict=True) for lags in _apart(group, brought, count)]
+
+
+def _apart(ranked: Sequence[Lags], brought: Mapping[Lags, ChannelLag], count: int) -> list[Lags]:
+    """Return the first `count` of these without those that bring nearly the same lag as one before."""
+    picked: list[Lags] = []
+    seen: list[ChannelLag] = []
+    for lags in ranked:
+        channel, lag = brought[lags]
+        if len(picked) < count and all(other != channel or abs(lag - near) > 0.35 * near for other, near in seen):
+            picked.append(lags)
+            seen.append((channel, lag))
+    return picked
 
 
 def _neighbours(lags: Lags, reach: int, outputs: bool, inputs: bool) -> Iterator[Lags]:
@@ -235,9 +317,13 @@ def _change_lags(lags: tuple[int, ...], among: Sequence[int]) -> set[tuple[int, 
     return more
 
 
-def _score(pieces: Sequence[Recording], lags: Lags, settings: TrainingSettings) -> float:
+def lag_error(pieces: Sequence[Recording], lags: Lags, settings: TrainingSettings) -> float:
+    """Return the RMSE on held-out blocks of a small model with these lags, trained for free run."""
+    return _score(pieces, lags, replace(settings, hold=HOLD, iterations=LAG_ITERATIONS, moves_centres=False))
+
+
+def _score(pieces: Sequence[Recording], lags: Lags, small: TrainingSettings) -> float:
     lengths = np.full(lags.size, LENGTH)
-    small = replace(settings, hold=HOLD, iterations=LAG_ITERATIONS, moves_centres=False)
     divisions = folds(pieces, lags, LAG_BLOCKS, LAG_SAMPLES)
-    starts = [one_step_expansion(fold.training, lengths, LAG_CENTRES, settings.limits) for fold in divisions]
+    starts = [one_step_expansion(fold.training, lengths, LAG_CENTRES, small.limits) for fold in divisions]
     return held_out_rmse(divisions, starts, small)

@@ -27,7 +27,7 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
-from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, simulate
+from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, run_through, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.training_data import Scaling, check_points
@@ -36,10 +36,13 @@ from kennfeld.surrogate.training_points import TrainingPoints
 BLOCK = 1 << 21  # numbers of the Jacobian held at a time: 16 MB
 PLANE = 1e-4  # how firmly the plane is held, in shares of `hold`
 MOST_DAMPING = 1e10
+NEGLIGIBLE = 0.1  # share of the tolerance: a step that promises less is not tried
 PATIENCE = 2  # small gains in a row after which training ends
 WIDEST = 1.5  # a centre's width changes by at most exp of this
 
+LENGTH_STEPS = 15  # of the search for length scales, which are cut in any case
 HORIZONS = (30, 120, 500)  # samples
+EARLY_SAMPLES = 10_000  # that are used at most for all horizons but the last
 
 FIRST_NOISE = 1e-2
 LEFT = 1e-6
@@ -62,7 +65,7 @@ class TrainingSettings:
     tolerance: float = 1e-3
 
 
-class _TrainedValues:
+class TrainedValues:
     """The trained values and their expansion, in units of the training data's spread."""
 
     def __init__(self, start: Expansion, runs: Runs, settings: TrainingSettings) -> None:
@@ -134,7 +137,7 @@ def train_free_run(
     """
     from scipy.linalg import cho_factor, cho_solve
 
-    values = _TrainedValues(start, runs, settings)
+    values = TrainedValues(start, runs, settings)
     at = values.first
     expansion, run, cost = _evaluate(values, at, runs, settings)
     damping, calm, count = 1e-2, 0, int(runs.scored.sum())
@@ -145,16 +148,20 @@ def train_free_run(
         matrix.flat[:: at.size + 1] += values.hold
         gradient += values.hold * (at - values.goal)
         scale = np.diag(matrix) + 1e-9 * np.diag(matrix).max()
-        before = cost
+        before, growth = cost, 4.0
         while damping < MOST_DAMPING:
             damped = cho_factor(matrix + np.diag(damping * scale), lower=True, overwrite_a=True)
-            trial = at - cho_solve(damped, gradient)
+            change = cho_solve(damped, gradient)
+            if gradient @ change < NEGLIGIBLE * settings.tolerance * cost:
+                break  # even the linear model of the cost falls by less than counts
+            trial = at - change
             trial_expansion, trial_run, trial_cost = _evaluate(values, trial, runs, settings)
             if trial_cost < cost:
                 at, expansion, run, cost = trial, trial_expansion, trial_run, trial_cost
                 damping = max(damping / 5, 1e-12)
                 break
-            damping *= 4
+            damping *= growth
+            growth *= 2.0
         report(step, values.height * float(np.sqrt(_misfit(run, runs, values) / count)))
         calm = 0 if before - cost > settings.tolerance * before else calm + 1
         if calm >= PATIENCE or damping >= MOST_DAMPING:
@@ -163,7 +170,7 @@ def train_free_run(
 
 
 def _evaluate(
-    values: _TrainedValues, at: Float, runs: Runs, settings: TrainingSettings
+    values: TrainedValues, at: Float, runs: Runs, settings: TrainingSettings
 ) -> tuple[Expansion, FreeRun, float]:
     expansion = values.expansion(at)
     run = simulate(expansion, runs, settings.limits)
@@ -171,12 +178,12 @@ def _evaluate(
     return expansion, run, cost if np.isfinite(cost) else np.inf
 
 
-def _misfit(run: FreeRun, runs: Runs, values: _TrainedValues) -> float:
+def _misfit(run: FreeRun, runs: Runs, values: TrainedValues) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         return float(np.sum(((run.y - runs.target)[runs.scored] / values.height) ** 2))
 
 
-def _normal(values: _TrainedValues, expansion: Expansion, run: FreeRun, runs: Runs) -> tuple[Float, Float]:
+def _normal(values: TrainedValues, expansion: Expansion, run: FreeRun, runs: Runs) -> tuple[Float, Float]:
     """Return J'J and J'r of the free run, block by block of its steps; the last rows of a block begin the next."""
     lags, size = runs.lags.output, values.first.size
     steps, pieces = run.y.shape
@@ -191,11 +198,7 @@ def _normal(values: _TrainedValues, expansion: Expansion, run: FreeRun, runs: Ru
         direct, slopes = values.direct(expansion, visited[part].reshape(-1, expansion.inputs), len(lags))
         rows = np.concatenate([rows[-back:], direct.reshape(-1, pieces, size)])
         rows[back:][run.held[part]] = 0.0
-        slopes = slopes.reshape(-1, pieces, len(lags), 1)
-        slopes[run.held[part]] = 0.0
-        for k, steep in enumerate(slopes, back):
-            for i, lag in enumerate(lags):
-                rows[k] += steep[:, i] * rows[k - lag]
+        run_through(rows, np.where(run.held[part][:, :, None], 0.0, slopes.reshape(-1, pieces, len(lags))), lags)
         counted = rows[back:][runs.scored[part]]
         matrix += counted.T @ counted
         gradient += counted.T @ residual[part][runs.scored[part]]
@@ -232,11 +235,14 @@ def train_over_horizons(
 ) -> Expansion:
     """Return the expansion that meets the output best in free runs of the longest horizon; see `train_free_run`."""
     longest = max(len(piece) for piece in pieces)
-    expansion = start
-    for horizon in [h for h in HORIZONS if h < longest] or [longest]:
+    expansion, horizons = start, [h for h in HORIZONS if h < longest] or [longest]
+    for horizon in horizons:
         if stopped():
             break
-        runs = Runs.of(cut_recordings(pieces, lags, horizon), lags)
+        stretches = cut_recordings(pieces, lags, horizon)
+        if horizon != horizons[-1]:  # only a start for longer runs
+            stretches = stretches[:: max(sum(map(len, stretches)) // EARLY_SAMPLES, 1)]
+        runs = Runs.of(stretches, lags)
         expansion = train_free_run(expansion, runs, settings, partial(report, horizon), stopped)
     return expansion
 
@@ -249,7 +255,7 @@ def one_step_lengths(
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
     points = TrainingPoints.of(scaling.inward(x), target)
-    return sparse_hyperparameters(points, "gaussian", centres, starts, seed, stopped=stopped).lengths
+    return sparse_hyperparameters(points, "gaussian", centres, starts, seed, LENGTH_STEPS, stopped).lengths
 
 
 def one_step_expansion(

@@ -10,6 +10,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.machine_code.ir import LANES
 from kennfeld.rbf import Expansion
 
 UNLIMITED = (-np.inf, np.inf)
@@ -157,40 +158,63 @@ def simulate(expansion: Expansion, runs: Runs, limits: tuple[float, float] = UNL
 
     A run that grows beyond all bounds ends in numbers that are not finite.
     """
+    from kennfeld.surrogate.recursion_code import free_run_code
+
     back, own = max(runs.lags.output), len(runs.lags.output)
-    at = back - np.array(runs.lags.output)
     steps, pieces = runs.target.shape
     past = np.empty((back + steps, pieces))
     past[:back] = runs.history
     free = np.empty((steps, pieces))
-    flat = expansion.offset + runs.inputs @ expansion.slopes[own:]
-    centres, steep = expansion.centres[:, :own].T, 1 / expansion.widths[:, :own].T
-    plane, (lower, upper) = expansion.slopes[:own], limits
-    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
-        for first, ahead in _ahead(expansion, runs.inputs, own):
-            for k, exponent in enumerate(ahead, first):
-                lagged = past[k + at].T
-                distance = lagged[:, :, None] - centres
-                distance *= steep
-                bells = np.einsum("pim,pim->pm", distance, distance)
-                bells *= -0.5
-                bells += exponent
-                np.exp(bells, out=bells)
-                bells *= expansion.weights
-                free[k] = flat[k] + lagged @ plane + bells.sum(1)
-                past[k + back] = np.minimum(np.maximum(free[k], lower), upper)
-        held = (free < lower) | (free > upper)
+    offsets = pieces * (back - np.array(runs.lags.output, dtype=np.int64))
+    padding = [(0, -expansion.size % LANES), (0, 0)]
+    sides = [np.pad(part[:, :own], padding).T for part in (expansion.centres, 1 / expansion.widths)]
+    weights = np.pad(expansion.weights, padding[0])
+    model = np.concatenate([expansion.slopes[:own], limits, weights, *(side.ravel() for side in sides)])
+    flat = np.ascontiguousarray(expansion.offset + runs.inputs @ expansion.slopes[own:])
+    code = free_run_code(own)
+    for first, ahead in _ahead(expansion, runs.inputs, own):
+        numbers = len(ahead) * pieces, weights.size
+        parts = model, flat[first:], np.ascontiguousarray(ahead), past[first:], free[first:]
+        code(*numbers, offsets.ctypes.data, *(part.ctypes.data for part in parts), back * pieces)
+    with np.errstate(invalid="ignore"):
+        held = (free < limits[0]) | (free > limits[1])
     return FreeRun(past[back:], held)
 
 
 def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int, Float]]:
-    """Yield, by block, the inputs' share in the exponents of all bells: Float[steps, pieces, centres]."""
-    block = max(BLOCK // max(expansion.size * inputs.shape[1], 1), 1)
+    """Yield, by block, the share of the inputs in the exponents of all bells: Float[steps, pieces, centres].
+
+    The last centres fill up a multiple of eight.
+    """
+    size = expansion.size + -expansion.size % LANES
+    block = max(BLOCK // max(size * inputs.shape[1], 1), 1)
+    middle = expansion.centres[:, own:].mean(0) if expansion.size else np.zeros(inputs.shape[2])
+    centres, steep = expansion.centres[:, own:] - middle, 1 / expansion.widths[:, own:] ** 2
+    # -1/2 sum ((x - z) / s)^2 as one product with [x, x^2]; about the middle, so that no digits are lost
+    table = np.zeros((2 * inputs.shape[2], size))
+    table[:, : expansion.size] = np.concatenate([(centres * steep).T, -0.5 * steep.T])
+    constant = np.zeros(size)
+    constant[: expansion.size] = 0.5 * np.sum(centres**2 * steep, axis=1)
     for first in range(0, len(inputs), block):
-        part = inputs[first : first + block]
-        exponent = np.zeros((*part.shape[:2], expansion.size))
-        for d in range(part.shape[2]):
-            distance = (part[..., d, None] - expansion.centres[:, own + d]) / expansion.widths[:, own + d]
-            distance *= distance
-            exponent -= distance
-        yield first, 0.5 * exponent
+        x = inputs[first : first + block] - middle
+        exponent = np.concatenate([x, x**2], axis=-1).reshape(-1, len(table)) @ table
+        exponent -= constant
+        np.minimum(exponent, 0.0, out=exponent)
+        yield first, exponent.reshape(*x.shape[:2], size)
+
+
+def run_through(rows: Float, slopes: Float, lags: Sequence[int]) -> None:
+    """Turn derivatives of f into those of the free run, in place: s_k += sum over lags l of df/dy_{k-l} s_{k-l}.
+
+    `rows` Float[longest lag + steps, pieces, values] begin with those before the first step, `slopes` df/dy are
+    Float[steps, pieces, lags].
+    """
+    from kennfeld.surrogate.recursion_code import derivative_code
+
+    assert rows.flags.c_contiguous, "the code changes them in place"
+    assert rows.dtype == np.float64, "the code changes them in place"
+    back, (steps, pieces, _) = max(lags), slopes.shape
+    offsets = pieces * (back - np.array(lags, dtype=np.int64))
+    steep = np.ascontiguousarray(slopes, dtype=np.float64)
+    addresses = offsets.ctypes.data, back * pieces, steep.ctypes.data, rows.ctypes.data
+    derivative_code(len(lags))(steps * pieces, rows.shape[2], *addresses)

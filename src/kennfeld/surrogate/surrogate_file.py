@@ -16,19 +16,24 @@ from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
+from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality
 from kennfeld.surrogate.uncertainty import Uncertainty
 from kennfeld.surrogate.validity import Validity
 
 VERSIONS = {"gaussian": 1, "matern52": 2}  # by kernel: readers of version 1 know Gaussian bells only
-KINDS = {"static": "kennfeld-static-surrogate", "dynamic": "kennfeld-dynamic-surrogate"}
+KINDS = {
+    "static": "kennfeld-static-surrogate",
+    "dynamic": "kennfeld-dynamic-surrogate",
+    "filtered": "kennfeld-filtered-surrogate",
+}
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
 UNCERTAINTY = ("signal", "noise", "nugget")
 REWRITE = "Train it again with `kennfeld surrogate train`."
 NUMBERS = ("rmse", "r2", "max_abs")
 
-Surrogate = StaticSurrogate | DynamicSurrogate
+Surrogate = StaticSurrogate | DynamicSurrogate | FilteredSurrogate
 
 
 def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
@@ -83,19 +88,20 @@ def read_surrogate(path: str | Path) -> Surrogate:
         known = " and ".join(map(str, VERSIONS.values()))
         reader.report("version", f"version {version:g} is not supported, only {known}", "Update kennfeld.")
     findings.finish()
-    dynamic = kind == KINDS["dynamic"]
-    values = _shared(reader) | (_dynamic(reader) if dynamic else _static(reader))
+    make, further = _READERS.get(kind, _READERS[KINDS["static"]])
+    values = _shared(reader) | further(reader)
     findings.finish()
     try:
-        return DynamicSurrogate(**values) if dynamic else StaticSurrogate(**values)
+        surrogate: Surrogate = make(**values)
+        return surrogate
     except ArgumentError as error:
         raise InputError.of(Location(file.name), str(error), REWRITE) from None
 
 
 def _tables(surrogate: Surrogate) -> dict[str, Any]:
-    dynamic = isinstance(surrogate, DynamicSurrogate)
+    kind = next(name for name, (make, _) in _READERS.items() if isinstance(surrogate, make))
     result: dict[str, Any] = {
-        "kind": KINDS["dynamic" if dynamic else "static"],
+        "kind": kind,
         "version": VERSIONS[surrogate.expansion.kernel],
         "name": surrogate.name,
         "inputs": list(surrogate.inputs),
@@ -109,11 +115,18 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
             "step": surrogate.step,
             "start": surrogate.start,
             "start_inputs": list(surrogate.start_inputs),
-            "limits": [None if math.isinf(limit) else limit for limit in surrogate.limits],
             "stability": surrogate.stability,
         }
-    if isinstance(surrogate, StaticSurrogate) and surrogate.remarks:
-        result["remarks"] = list(surrogate.remarks)
+    elif isinstance(surrogate, FilteredSurrogate):
+        result |= {
+            "delay": surrogate.delay,
+            "time_constants": list(surrogate.time_constants),
+            "step": surrogate.step,
+            "start_inputs": list(surrogate.start_inputs),
+        }
+    if not isinstance(surrogate, StaticSurrogate):
+        result["limits"] = [None if math.isinf(limit) else limit for limit in surrogate.limits]
+    result |= {"remarks": list(surrogate.remarks)} if surrogate.remarks else {}
     result["quality"] = [{name: _plain(value) for name, value in vars(line).items()} for line in surrogate.quality]
     kernel = surrogate.expansion.kernel
     result["expansion"] = {} if kernel == "gaussian" else {"kernel": kernel}
@@ -259,7 +272,26 @@ def _dynamic(reader: _TableReader) -> dict[str, Any]:
         "start_inputs": _row(reader, "start_inputs"),
         "limits": _limits(reader),
         "stability": reader.text("stability"),
+        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
     }
+
+
+def _filtered(reader: _TableReader) -> dict[str, Any]:
+    return {
+        "delay": int(reader.number("delay") or 0),
+        "time_constants": _row(reader, "time_constants"),
+        "step": reader.number("step"),
+        "start_inputs": _row(reader, "start_inputs"),
+        "limits": _limits(reader),
+        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
+    }
+
+
+_READERS: dict[str, tuple[type[Any], Callable[[_TableReader], dict[str, Any]]]] = {
+    KINDS["static"]: (StaticSurrogate, lambda reader: {}),
+    KINDS["dynamic"]: (DynamicSurrogate, _dynamic),
+    KINDS["filtered"]: (FilteredSurrogate, _filtered),
+}
 
 
 def _row(reader: _TableReader, key: str) -> tuple[float, ...]:
@@ -319,6 +351,18 @@ def _quality(reader: _TableReader) -> tuple[SurrogateQuality, ...]:
 def _shorten(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def surrogate_notes(surrogate: Surrogate) -> list[str]:
+    """Return sentences on a surrogate: the noise or the stability, and the remarks of its training."""
+    notes = [f"Remark: {text.rstrip('.')}." for text in surrogate.remarks]
+    if not isinstance(surrogate, StaticSurrogate):
+        return [*([surrogate.stability] if surrogate.stability else []), *notes]
+    if surrogate.uncertainty is None:
+        return notes
+    unit = surrogate.units[-1] if surrogate.units else ""
+    noise = f"{surrogate.uncertainty.noise:.3g} {unit if unit != '-' else ''}".strip()
+    return [f"deviation of a new measurement: {noise} amidst the training data, more away from them", *notes]
 
 
 def as_parameters(surrogates: Iterable[Surrogate]) -> ParameterSet:

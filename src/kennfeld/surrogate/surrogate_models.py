@@ -19,7 +19,9 @@ from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simul
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty
 from kennfeld.surrogate.validity import Validity
 
-Mode = Literal["static", "leave one out", "blocks left out", "plane", "plane left out", "one step", "free run"]
+Mode = Literal[
+    "static", "leave one out", "blocks left out", "plane left out", "one step", "free run", "plane", "ARX"
+]  # planes and ARX are linear baselines
 
 
 @dataclass(frozen=True)
@@ -150,6 +152,7 @@ class DynamicSurrogate:
         stability: the text of the stability check.
         start_inputs: values of the inputs before the recording if a closed loop has none yet; otherwise those of its
             first sample are used.
+        remarks: sentences on the training, such as limits that were recognised.
 
     Raises:
         ArgumentError: names, lags and expansion do not match.
@@ -174,6 +177,7 @@ class DynamicSurrogate:
     units: tuple[str, ...] = ()
     stability: str = ""
     start_inputs: tuple[float, ...] = ()
+    remarks: tuple[str, ...] = ()
     _lags: Lags = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -1,6 +1,6 @@
 """Training data from datasets: complete points, or recordings with a fixed step, and their scaling to unit spread."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Locati
 from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.resampling import even_grid, resample
+from kennfeld.measurement.resampling import even_grid, is_stepped, resample
 from kennfeld.rbf import Expansion, Kernel
 from kennfeld.surrogate.recursion import Recording
 
@@ -91,15 +91,24 @@ def raster_of(datasets: Sequence[Dataset], step: float | None) -> float:
     return float(f"{np.median(steps):.9g}")
 
 
-def split_recordings(dataset: Dataset, inputs: Sequence[str], output: str, step: float) -> list[Recording]:
-    """Return the pieces on the model's raster, split where values are missing for longer than `max_gap`."""
+def split_recordings(
+    dataset: Dataset, inputs: Sequence[str], output: str, step: float, held: Collection[str] = ()
+) -> list[Recording]:
+    """Return the pieces on the model's raster, split where values are missing for longer than `max_gap`.
+
+    Channels of `held` keep their value until the next sample; of the others, those that are stepped do.
+    """
+    stepped = {name for name in inputs if name in held or is_stepped(dataset[name].values)}
     recordings = []
     for piece in dataset.pieces:
         assert dataset.time is not None
         time = dataset.time[piece]
         even = time.size < 2 or bool(np.abs(np.diff(time) - step).max() <= EVEN * step)
         at = time if even else even_grid(time, step)
-        columns = [_resample(dataset[name].values[piece], time, at, dataset.max_gap) for name in (*inputs, output)]
+        columns = [
+            _resample(dataset[name].values[piece], time, at, dataset.max_gap, name in stepped)
+            for name in (*inputs, output)
+        ]
         scored = np.ones(at.size, dtype=bool)
         if dataset.scored is not None:
             nearest_sample = np.clip(np.searchsorted(time, at - 0.5 * step), 0, time.size - 1)
@@ -113,14 +122,14 @@ def split_recordings(dataset: Dataset, inputs: Sequence[str], output: str, step:
     return recordings
 
 
-def _resample(values: Float, time: Float, at: Float, max_gap: float) -> Float:
+def _resample(values: Float, time: Float, at: Float, max_gap: float, held: bool) -> Float:
     """Return a channel at the raster; NaN where it is missing for longer than `max_gap`."""
     known = np.isfinite(values)
     if known.all():
-        return values if at is time else resample(time, values, at)
+        return values if at is time else resample(time, values, at, held)
     if not known.any():
         return np.full(at.size, np.nan)
-    filled = resample(time, values, at)
+    filled = resample(time, values, at, held)
     stamps = time[known]
     after = np.searchsorted(stamps, at - 1e-9)
     before, later = stamps[np.maximum(after - 1, 0)], stamps[np.minimum(after, stamps.size - 1)]

@@ -157,28 +157,32 @@ def describe_a2l(file: "calfiles.A2lFile") -> FileInfo:
 
 def describe_surrogate_file(path: Path) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
-    from kennfeld.surrogate.surrogate_file import read_surrogate
-    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
-    from kennfeld.terminal.surrogate_lines import describe_surrogate, noise_of, notes_on, quality_table, ranges_table
+    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
+    from kennfeld.surrogate.surrogate_file import read_surrogate, surrogate_notes
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, noise_of, quality_table, ranges_table
 
     surrogate = read_surrogate(path)
     ranges = ranges_table(surrogate)
-    is_dynamic = isinstance(surrogate, DynamicSurrogate)
+    further: tuple[str, ...] = ()
+    if isinstance(surrogate, DynamicSurrogate):
+        further = "step", "lags", "output_lags", "stability", "limits", "remarks"
+    elif isinstance(surrogate, FilteredSurrogate):
+        further = "step", "delay", "time_constants", "stability", "limits", "remarks"
     as_json = _json(
         "surrogate",
         path,
         **_select(surrogate, "name", "inputs", "output"),
         centres=surrogate.expansion.size,
         quality=list(map(asdict, surrogate.quality)),
-        **(_select(surrogate, "step", "lags", "output_lags", "stability") if is_dynamic else {}),
-        **({} if isinstance(surrogate, DynamicSurrogate) else {"noise": noise_of(surrogate)}),
+        **_select(surrogate, *further),
+        **({"noise": noise_of(surrogate)} if isinstance(surrogate, StaticSurrogate) else {}),
         kernel=surrogate.expansion.kernel,
-        remarks=list(getattr(surrogate, "remarks", ())),
+        remarks=list(surrogate.remarks),
         ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},
     )
-    notes = [*notes_on(surrogate), *as_json["remarks"]]
     summary = f"{path.name}: a surrogate, {describe_surrogate(surrogate)}"
-    return FileInfo(summary, [quality_table(surrogate), ranges], notes, as_json)
+    return FileInfo(summary, [quality_table(surrogate), ranges], surrogate_notes(surrogate), as_json)
 
 
 def describe_training(path: Path) -> FileInfo:

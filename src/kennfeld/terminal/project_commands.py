@@ -489,8 +489,9 @@ def train(path: Path) -> int:
     """
     from kennfeld.project.fallback import write_surrogate_somewhere
     from kennfeld.project.surrogate_training import read_training
+    from kennfeld.surrogate.surrogate_file import surrogate_notes
     from kennfeld.terminal.progress import Interrupt
-    from kennfeld.terminal.surrogate_lines import describe_surrogate, notes_on, quality_table
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table
 
     training = read_training(find_project(path, "a training file"))
     try:
@@ -500,7 +501,7 @@ def train(path: Path) -> int:
             written = write_surrogate_somewhere(surrogate, training.target, findings)
     except KeyboardInterrupt:
         return _stop()
-    print_lines(describe_surrogate(surrogate), *notes_on(surrogate))
+    print_lines(describe_surrogate(surrogate), *surrogate_notes(surrogate))
     print_lines("", *align(quality_table(surrogate)), "")
     print_findings(*findings)
     if written is not None:

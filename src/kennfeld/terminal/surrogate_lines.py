@@ -3,7 +3,9 @@
 import numpy as np
 
 from kennfeld.analysis.extrapolation import surrogate_coordinates
+from kennfeld.formatting import count_noun
 from kennfeld.optimize.quality import r2_text
+from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.surrogate_file import Surrogate
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
 
@@ -13,6 +15,10 @@ def describe_surrogate(surrogate: Surrogate) -> str:
     call = f"{surrogate.output} = {surrogate.name}({', '.join(surrogate.inputs)})"
     shape = " of a Matern kernel" if surrogate.expansion.kernel == "matern52" else ""
     centres = f"{surrogate.expansion.size} centres{shape}"
+    if isinstance(surrogate, FilteredSurrogate):
+        filters = ", ".join(f"{T:.4g}" for T in surrogate.time_constants)
+        late = f", {count_noun(surrogate.delay, 'sample')} late" if surrogate.delay else ""
+        return f"{call}, steps of {surrogate.step:g} s, {centres}; inputs filtered over {filters} s{late}"
     if not isinstance(surrogate, DynamicSurrogate):
         return f"{call}, {centres}"
     delayed = [*zip(surrogate.inputs, surrogate.lags, strict=True), (surrogate.output, surrogate.output_lags)]
@@ -23,17 +29,6 @@ def describe_surrogate(surrogate: Surrogate) -> str:
 def noise_of(surrogate: StaticSurrogate) -> float | None:
     """Return the deviation of a measurement amidst the training data, in the unit of the output; None if unknown."""
     return None if surrogate.uncertainty is None else surrogate.uncertainty.noise
-
-
-def notes_on(surrogate: Surrogate) -> list[str]:
-    """Return the stability of a dynamic surrogate, or the noise of a static one."""
-    if isinstance(surrogate, DynamicSurrogate):
-        return [surrogate.stability] if surrogate.stability else []
-    if surrogate.uncertainty is None:
-        return []
-    unit = surrogate.units[-1] if surrogate.units else ""
-    noise = f"{surrogate.uncertainty.noise:.3g} {unit if unit != '-' else ''}".strip()
-    return [f"deviation of a new measurement: {noise} amidst the training data, more away from them"]
 
 
 def quality_table(surrogate: Surrogate) -> list[list[str]]:

@@ -89,7 +89,7 @@ def _described(own: "Surrogate") -> dict[str, Any]:
         "centres": own.expansion.size,
         "step": step,
         "stability": getattr(own, "stability", ""),
-        "remarks": list(getattr(own, "remarks", ())),
+        "remarks": list(own.remarks),
         "quality": quality,
         "bounded": own.validity is not None,
     }

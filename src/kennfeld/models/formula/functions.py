@@ -16,6 +16,7 @@ from kennfeld.graph.builder import GraphBuilder
 
 if TYPE_CHECKING:
     from kennfeld.models.model_function import ModelFunction
+    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
     from kennfeld.surrogate.surrogate_file import Surrogate
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
 
@@ -281,8 +282,11 @@ def _output_of(function: "ModelFunction", call: str, number: int) -> BuiltinFunc
 
 
 def _function_of(surrogate: "Surrogate") -> BuiltinFunction:
+    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
+    if isinstance(surrogate, FilteredSurrogate):
+        return _filtered(surrogate)
     return _dynamic(surrogate) if isinstance(surrogate, DynamicSurrogate) else _static(surrogate)
 
 
@@ -312,10 +316,34 @@ def _recursion(surrogate: "DynamicSurrogate", builder: GraphBuilder, *arguments:
     point = [builder.remember(init, lambda read: result[0], lag) for lag in surrogate.output_lags]
     for x, lags, start in zip(inputs, surrogate.lags, surrogate.start_inputs, strict=True):
         point += [_at_lag(builder, x, lag, start) for lag in lags]
-    y = builder.lookup(surrogate.name, *point)
-    lower, upper = (builder.const(limit) for limit in surrogate.limits)
-    result.append(y if surrogate.limits == (-math.inf, math.inf) else _clip(builder, y, lower, upper))
+    result.append(_limited(builder, builder.lookup(surrogate.name, *point), surrogate.limits))
     return result[0]
+
+
+def _limited(builder: GraphBuilder, y: int, limits: tuple[float, float]) -> int:
+    return y if limits == (-math.inf, math.inf) else _clip(builder, y, *map(builder.const, limits))
+
+
+def _filtered(surrogate: "FilteredSurrogate") -> BuiltinFunction:
+    arguments = [Argument(name, "", surrogate.delay > 0) for name in surrogate.inputs]
+    return _called(surrogate.name, arguments, partial(_filter_inputs, surrogate), memory=True)
+
+
+def _filter_inputs(surrogate: "FilteredSurrogate", builder: GraphBuilder, *inputs: Any) -> int:
+    from kennfeld.surrogate.input_filters import filter_share
+
+    starts = surrogate.start_inputs
+    direct = [_at_lag(builder, x, surrogate.delay, start) for x, start in zip(inputs, starts, strict=True)]
+    shares = [filter_share(surrogate.step, T) for T in surrogate.time_constants]
+    point = [*direct, *(_low_passed(builder, x, share) for share in shares for x in direct)]
+    return _limited(builder, builder.lookup(surrogate.name, *point), surrogate.limits)
+
+
+def _low_passed(builder: GraphBuilder, x: int, share: float) -> int:
+    before = builder.state()
+    y = builder.call("add", before, builder.call("mul", builder.const(share), builder.call("sub", x, before)))
+    builder.close(before, x, y)
+    return y
 
 
 def _at_lag(builder: GraphBuilder, x: int | Deferred, lag: int, start: float) -> int:
