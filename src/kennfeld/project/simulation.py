@@ -186,7 +186,10 @@ def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Ch
 def replace_parameters(problem: Problem, parameters: ParameterSet | None) -> ParameterSet:
     """Replace parameters of a problem by those of the same name, which must have the same number of axes.
 
-    What the format of their file cannot state, such as extrapolation, stays as it is in the problem. Raises `InputError` if one does not fit the function.
+    What the format of their file cannot state, such as extrapolation, stays as it is in the problem.
+
+    Raises:
+        InputError: one does not fit the function.
     """
     if parameters is None:
         return problem.parameters
