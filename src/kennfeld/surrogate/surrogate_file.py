@@ -251,15 +251,13 @@ def _shared(reader: _TableReader) -> dict[str, Any]:
         "quality": _quality(reader),
         "expansion": _inner(reader, "expansion", EXPANSION, Expansion),
         "validity": _inner(reader, "validity", VALIDITY, Validity) if "validity" in reader.values else None,
+        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
     }
 
 
 def _static(reader: _TableReader) -> dict[str, Any]:
     known = "uncertainty" in reader.values
-    return {
-        "uncertainty": _inner(reader, "uncertainty", UNCERTAINTY, Uncertainty) if known else None,
-        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
-    }
+    return {"uncertainty": _inner(reader, "uncertainty", UNCERTAINTY, Uncertainty) if known else None}
 
 
 def _dynamic(reader: _TableReader) -> dict[str, Any]:
@@ -272,7 +270,6 @@ def _dynamic(reader: _TableReader) -> dict[str, Any]:
         "start_inputs": _row(reader, "start_inputs"),
         "limits": _limits(reader),
         "stability": reader.text("stability"),
-        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
     }
 
 
@@ -283,12 +280,11 @@ def _filtered(reader: _TableReader) -> dict[str, Any]:
         "step": reader.number("step"),
         "start_inputs": _row(reader, "start_inputs"),
         "limits": _limits(reader),
-        "remarks": reader.texts("remarks") if "remarks" in reader.values else (),
     }
 
 
 _READERS: dict[str, tuple[type[Any], Callable[[_TableReader], dict[str, Any]]]] = {
-    KINDS["static"]: (StaticSurrogate, lambda reader: {}),
+    KINDS["static"]: (StaticSurrogate, _static),
     KINDS["dynamic"]: (DynamicSurrogate, _dynamic),
     KINDS["filtered"]: (FilteredSurrogate, _filtered),
 }
