@@ -78,9 +78,9 @@ def read_columns(path: Path) -> ColumnFile | None:
 
 
 def _is_whole(path: Path, file: BinaryIO) -> bool:
-    """Return whether a file ends with its checksum and the signature; it is computed once, unless it is replaced."""
+    """Return whether a file ends with its checksum and the signature; it is computed once, unless the file changes."""
     stat = os.fstat(file.fileno())
-    identity = stat.st_dev, stat.st_ino, stat.st_size
+    identity = stat.st_ino, stat.st_size, stat.st_mtime_ns
     if _checked.get(path) == identity:
         return True
     size = stat.st_size - _END.size

@@ -7,6 +7,7 @@ code that did; it is safe to delete at any time.
 
 import os
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, field, replace
@@ -236,7 +237,7 @@ class PreparedFiles:
         for path in self.folder.glob(f"*{ENDING}"):
             with suppress(OSError):  # another process may remove it
                 status = path.stat()
-                entries.append((status.st_mtime_ns, status.st_size, path))
+                entries.append((max(status.st_atime_ns, status.st_mtime_ns), status.st_size, path))
         total = 0
         for _, size, path in sorted(entries, reverse=True):
             total += size
@@ -252,9 +253,9 @@ def _release_memory() -> None:
 
 
 def touch(path: Path) -> None:
-    """Mark an entry as used now."""
+    """Mark an entry as used now, without a change of its content."""
     with suppress(OSError):
-        os.utime(path)
+        os.utime(path, ns=(time.time_ns(), path.stat().st_mtime_ns))
 
 
 def _columns(prepared: PreparedFile) -> Iterator[NDArray[Any]]:
