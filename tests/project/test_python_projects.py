@@ -3,6 +3,7 @@
 import pytest
 
 from kennfeld import cli
+from kennfeld.errors import InputError
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.project import Project
 from tests.draws import mostly_slow
@@ -47,6 +48,16 @@ def test_a_project_with_a_function_in_python_is_calibrated(tmp_path, capsys):
     parted = in_partitions(path, 500).calibrate()
     for name in ("K", "T"):
         assert parted.parameters[name].values == pytest.approx(whole.parameters[name].values, rel=1e-6)
+
+
+def test_a_function_whose_file_is_missing_or_a_folder_is_an_error(tmp_path):
+    path = write_calling(tmp_path)
+    (tmp_path / "gain.py").rename(tmp_path / "gains.py")
+    with pytest.raises(InputError, match=r"file gain\.py:gain does not exist. Did you mean gains\.py\?"):
+        Project.read(path).problem()
+    (tmp_path / "gain.py").mkdir()
+    with pytest.raises(InputError, match=r"gain\.py is a folder"):
+        Project.read(path).problem()
 
 
 def test_an_input_of_a_function_in_a_file_is_set_to_a_number_and_not_made_a_parameter(tmp_path):

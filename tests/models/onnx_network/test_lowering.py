@@ -145,6 +145,13 @@ def test_pools_of_a_padded_image(table, tmp_path, kind, pool, attributes):
     assert table.verdict(case, tmp_path) == (table.EQUAL, table.SAME)
 
 
+def test_the_number_of_largest_elements_is_an_input(table, tmp_path):
+    node = helper.make_node("TopK", ["x", "count"], ["y", "places"])
+    path = save(tmp_path / "net.onnx", [node], {"x": [1, 4]}, {"y": [1, 2]}, {"count": np.array([2])})
+    case = table.Case("TopK", path.read_bytes(), [([np.array([[0.5, 2.0, -1.0, 1.0]])], [np.array([[2.0, 1.0]])])])
+    assert table.verdict(case, tmp_path) == (table.EQUAL, table.SAME)
+
+
 def slopes_of(table, tmp_path, kind, x):
     """The verdict on the slopes of one operator at one point."""
     path = save(tmp_path / "net.onnx", [helper.make_node(kind, ["x"], ["y"])], {"x": [1]}, {"y": [1]})

@@ -134,6 +134,7 @@ def test_interpolation_in_two_dimensions_of_a_parameter_is_a_map(tmp_path):
     model = imported(function("function y = f(u, v, xs, zs, m)\ny = interp2(xs, zs, m, u, v);\n"), tmp_path,
                      parameters=[SURFACE])  # fmt: skip
     assert model.values["m"].values.shape == (2, 3)
+    assert [axis.name for axis in model.values["m"].axes] == ["zs", "xs"]
     u, v = np.clip(U, -2.9, 2.9), np.clip(V, -2.9, 2.9)
     rows = np.array([np.interp(u, SURFACE["xs"], row) for row in SURFACE["m"]])
     found = run(model, {"u": u, "v": v})["y1"]
