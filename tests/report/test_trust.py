@@ -9,6 +9,9 @@ from kennfeld.report import from_folder
 from kennfeld.report.page import page
 from kennfeld.report.report_data import collect_report_data
 from kennfeld.report.stored_result import TrustSummary, summarise_trust
+from kennfeld.report.undetermined_section import _surrogate_errors
+from kennfeld.surrogate import SurrogateQuality
+from tests.surrogate.surrogates import dynamic_surrogate
 
 
 @dataclass
@@ -177,3 +180,12 @@ class TestStored:
         (figure,) = opened(from_folder(self.project, folder)).figures("parameter")
         assert figure["samples"] == [18, 27, 0]
         assert figure["deviation"] is None
+
+
+def test_errors_of_surrogates_stand_beside_those_of_linear_models():
+    errors = {"free run": 0.1, "ARX": 0.25}
+    rows = tuple(SurrogateQuality("drive", "test", mode, 40, rmse, 0.9, 1.0) for mode, rmse in errors.items())
+    text = str(_surrogate_errors([dynamic_surrogate(quality=rows)]))
+    for cell in ("engine", "drive", "free run", "0.1000", "ARX", "0.2500"):
+        assert f">{cell}<" in text
+    assert _surrogate_errors([]) is None
