@@ -25,6 +25,7 @@ ABSENT = "absent"  # the content of a file that does not exist
 
 _known: OrderedDict[Path, "FileState"] = OrderedDict()  # of this process
 _KNOWN = 4096  # entries
+_seen: dict[Path, "FileVersion"] = {}  # by `version_of`
 _collections: list[dict[Path, tuple[int, ...]]] = []  # that are under way
 _lock = Lock()
 
@@ -106,11 +107,16 @@ def version_of(paths: Iterable[Path]) -> str:
 
 
 def _version_of(path: Path) -> tuple[tuple[int, ...], str]:
-    times = _times(path)
-    try:
-        return times, "" if _is_settled(times) else content_of(path)
-    except OSError:
-        return times, f"unreadable at {time.time_ns()}"  # equals no other version
+    """Return size, times and content; the same in a process while the file is the same, though it settles."""
+    times, path = _times(path), path.absolute()
+    seen = _seen.get(path)
+    if seen is None or not seen.is_present:
+        try:
+            seen = FileVersion(path, times, "" if _is_settled(times) else content_of(path))
+        except OSError:
+            return times, f"unreadable at {time.time_ns()}"  # equals no other version
+        _seen[path] = seen
+    return seen.times, seen.content
 
 
 def _is_settled(times: tuple[int, ...]) -> bool:
