@@ -11,6 +11,7 @@ from pathlib import Path
 
 _LINUX = sys.platform.startswith("linux")
 MEMORY_EXCEEDED = 77  # exit status of a process that ends itself because it exceeds its memory
+MOST_PROCESSES = 64 + 4 * (os.cpu_count() or 1)  # that foreign code may start
 _MOST_TASKS = 1024  # processes and threads in addition to those of the whole system
 _SPARE_DISK = 2  # a file may take this part of the free disk space
 _WATCH_INTERVAL = 0.05  # s
@@ -41,13 +42,23 @@ def limit_foreign_code() -> None:
 
 def machine_memory() -> int:
     """Return the memory of the machine, or of the container, in bytes; 0 if it is unknown."""
-    sizes = []
+    sizes = [_windows_memory()] if os.name == "nt" else []
     with suppress(AttributeError, ValueError, OSError):
         sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for path in _CGROUP:
         with suppress(OSError, ValueError):
             sizes.append(int(path.read_text("ascii")))
     return min((size for size in sizes if size > 0), default=0)
+
+
+def _windows_memory() -> int:
+    """Return the memory of a machine with Windows in bytes, from MEMORYSTATUSEX."""
+    import ctypes
+
+    status = (ctypes.c_uint64 * 8)()  # its size and the load in the first word, then the total
+    status[0] = ctypes.sizeof(status)
+    library = getattr(ctypes, "WinDLL")("kernel32")  # noqa: B009 - unknown to the types of other systems
+    return int(status[1]) if library.GlobalMemoryStatusEx(ctypes.byref(status)) else 0
 
 
 def limit_memory(size: int) -> None:

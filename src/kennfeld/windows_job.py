@@ -9,6 +9,7 @@ from typing import Any
 
 _EXTENDED_LIMITS = 9  # JobObjectExtendedLimitInformation
 _ACTIVE_PROCESSES, _JOB_MEMORY, _KILL_ON_CLOSE = 0x8, 0x200, 0x2000
+_SILENT_BREAKAWAY = 0x1000  # what the processes start is not in the job
 _SET_QUOTA_AND_TERMINATE = 0x0100 | 0x0001  # rights to a process that is put into a job
 
 
@@ -43,9 +44,11 @@ class WindowsJob:
     Args:
         processes: number that may run at the same time; 0 for any.
         memory: bytes that they may use together; 0 for any.
+        breakaway: leave out the processes that those of the job start.
     """
 
-    def __init__(self, processes: int = 0, memory: int = 0) -> None:
+    def __init__(self, processes: int = 0, memory: int = 0, *, breakaway: bool = False) -> None:
+        self._flags = _KILL_ON_CLOSE | (_SILENT_BREAKAWAY if breakaway else 0)
         self._handle: Any = None
         self._library: Any = None
         if os.name != "nt":
@@ -62,7 +65,7 @@ class WindowsJob:
             return
         limits = _ExtendedLimits()
         limits.BasicLimitInformation.LimitFlags = (
-            _KILL_ON_CLOSE | (_ACTIVE_PROCESSES if processes else 0) | (_JOB_MEMORY if memory else 0)
+            self._flags | (_ACTIVE_PROCESSES if processes else 0) | (_JOB_MEMORY if memory else 0)
         )
         limits.BasicLimitInformation.ActiveProcessLimit = processes
         limits.JobMemoryLimit = memory

@@ -6,6 +6,7 @@ from pathlib import Path
 from kennfeld.app.server.server import serve
 from kennfeld.app.workspace import AppWorkspace
 from kennfeld.errors import InputError, Location
+from kennfeld.run_processes import unmarked
 
 
 def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
@@ -24,7 +25,8 @@ def launch(path: Path | None, port: int = 0, *, browser: bool = True) -> None:
     def ready(address: str) -> None:
         print(f"Kennfeld runs at {address}", flush=True)
         if browser:
-            webbrowser.open(address)
+            with unmarked():
+                webbrowser.open(address)
 
     try:
         serve(workspace, port, ready, path)
