@@ -12,6 +12,8 @@ from pathlib import Path
 _LINUX = sys.platform.startswith("linux")
 MEMORY_EXCEEDED = 77  # exit status of a process that ends itself because it exceeds its memory
 MOST_PROCESSES = 64 + 4 * (os.cpu_count() or 1)  # that foreign code may start
+_HARMLESS = 384 << 20  # bytes that reading any file may take
+_PER_BYTE = 1000  # bytes for each byte of the file: the best compression
 _MOST_TASKS = 1024  # processes and threads in addition to those of the whole system
 _SPARE_DISK = 2  # a file may take this part of the free disk space
 _WATCH_INTERVAL = 0.05  # s
@@ -59,6 +61,15 @@ def _windows_memory() -> int:
     status[0] = ctypes.sizeof(status)
     library = getattr(ctypes, "WinDLL")("kernel32")  # noqa: B009 - unknown to the types of other systems
     return int(status[1]) if library.GlobalMemoryStatusEx(ctypes.byref(status)) else 0
+
+
+def memory_bound(size: int) -> int:
+    """Return the bytes of memory that reading a file of so many bytes may take; a file that claims more is damaged.
+
+    >>> memory_bound(80_000) // 10**6
+    482
+    """
+    return _HARMLESS + _PER_BYTE * size
 
 
 def limit_memory(size: int) -> None:

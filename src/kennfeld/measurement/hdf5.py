@@ -37,11 +37,10 @@ from kennfeld.measurement.variable_attributes import (
     unit_of,
     unpack_numbers,
 )
+from kennfeld.process_limits import memory_bound
 
 _MAX_OBJECTS = 100_000
 _MAX_DEPTH = 20
-_MAX_RATIO = 1000  # bytes of numbers for each byte of the file
-_HARMLESS = 1_000_000_000  # bytes of numbers that are read from any file
 _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
 
 
@@ -51,7 +50,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
         return matlab.read_tables(source, selection)
     return _with_file(
         source,
-        lambda content: tables_of(source.location, content.groups, selection, unnamed_matrices(content.matrices)),
+        lambda content: tables_of(source, content.groups, selection, unnamed_matrices(content.matrices)),
     )
 
 
@@ -96,7 +95,7 @@ class _Content:
         self.groups: list[RecordedGroup] = []
         self.matrices: dict[str, tuple[int, ...]] = {}  # values that are not vectors: path and size
         self._dates = DateOrigin()
-        self._room = max(_HARMLESS, _MAX_RATIO * size)
+        self._room = memory_bound(size)
         self._objects = 0
 
     def visit(self, group: Any, path: str, depth: int, times: Mapping[int, RecordedChannel]) -> None:

@@ -20,24 +20,17 @@ from typing import IO, TYPE_CHECKING, Any
 
 from kennfeld.errors import InputError
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory
+from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory, memory_bound
 from kennfeld.windows_job import WindowsJob
 
 if TYPE_CHECKING:
     import subprocess
 
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.measurement.library_process import main; main()"
-_HARMLESS = 384 << 20  # bytes that reading any file may take
-_PER_BYTE = 1000  # bytes for each byte of the file: the best compression
 _COUNT = struct.Struct("<Q")
 _REMEDY = "Copy or export it again."
 
 Work = Callable[..., Any]
-
-
-def memory_bound(size: int) -> int:
-    """Return the bytes that reading a file of this size may take."""
-    return _HARMLESS + _PER_BYTE * size
 
 
 class LibraryProcess:

@@ -22,8 +22,9 @@ from kennfeld.formatting import count_noun, join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
+from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.library_process import LibraryProcess, memory_bound
+from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.mdf_bus import event_of, is_of_event, read_frames
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
@@ -34,7 +35,6 @@ from kennfeld.optional_packages import optional_package
 
 _AT_ONCE = 50_000_000  # values in memory for a description
 _MAX_VALUES = 500_000_000  # of all requested channels, 4 GB
-_VALUE = 8  # bytes
 _PACKING = 1100  # maximum compression ratio of deflate
 _TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
 _ORIGINAL = 0  # the data are those of the file itself
@@ -108,9 +108,7 @@ def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Tabl
     if sum(_samples(file, entry.group) for entry in own) > _MAX_VALUES:
         message = f"{len(own)} channels of this file hold more than {_MAX_VALUES} values"
         raise InputError.of(source.location, message, "Name the channels to read.")
-    if _VALUE * sum(_samples(file, entry.group) for entry in own) > memory_bound(source.size):
-        message = "the MDF file is damaged: it claims more samples than a file of its size can hold"
-        raise InputError.of(source.location, message, "Copy or export it again.")
+    check_claimed(source, sum(_samples(file, entry.group) for entry in own))
     names: dict[int, list[str]] = {}
     for entry in entries:
         if isinstance(entry, _MdfChannel):
