@@ -33,6 +33,7 @@ from kennfeld.windows_job import WindowsJob
 
 INTERVAL = 0.5  # s between looks at the records of calls
 PATIENCE = 10.0  # s from the second request to end until the process is killed, or after its work is done
+_MOST_IN_JOB = 512  # processes on Windows, workers included
 _MEMORY_SHARE = 0.9  # of the memory of the machine
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.cli import main; main()"
 _CLEAR = "\r\x1b[2K\x1b[?25h"  # removes the line of progress and shows the cursor
@@ -61,7 +62,7 @@ def _job(arguments: Sequence[str]) -> WindowsJob:
     """Return the job of a command on Windows; that of the app has no limits, nor does it end the browser."""
     if arguments[0] == APP:
         return WindowsJob(breakaway=True)
-    return WindowsJob(MOST_PROCESSES, machine_memory())
+    return WindowsJob(_MOST_IN_JOB, machine_memory())
 
 
 class _WatchedCommand:
