@@ -39,6 +39,7 @@ _PACKING = 1100  # maximum compression ratio of deflate
 _TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
 _ORIGINAL = 0  # the data are those of the file itself
 _VARYING_4 = 1  # a channel whose samples lie outside the records
+_VARYING_GROUP_4 = 1  # flag of a group with records of varying length
 _VIRTUAL_4 = (3, 6)  # channels without bits in the record
 _MARKED_4 = 2  # flag: the record says which values are invalid
 _MAX_TEXTS = 12  # of an enumeration in a description
@@ -238,17 +239,25 @@ def _check_layout(source: MeasurementFile, file: Any) -> None:
         size = int(group.channel_group.samples_byte_nr)
         invalid = int(getattr(group.channel_group, "invalidation_bytes_nr", 0))
         own = finalized and group.data_location == _ORIGINAL  # the library copies what it sorts or finalizes
+        blocks = list(group.get_data_blocks())
         outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
         problem = ""
         if max(samples, 1) * max(size + invalid, 1) > _PACKING * source.size:
             problem = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
-        elif not all(_is_possible(block, own, source) for block in group.get_data_blocks()):
+        elif not all(_is_possible(block, own, source) for block in blocks):
             problem = "has data that this file cannot hold"
+        elif samples * size > sum(block.original_size for block in blocks) and not _varies(group, file.version):
+            problem = f"claims {samples} samples of {size} bytes, more than its data"
         elif samples and (name := next(outside, None)) is not None:
             problem = f"has a channel {name[:60]} that lies outside its records of {size} bytes"
         if problem:
             message = f"the MDF file is damaged: {_label(file, index)} {problem}"
             raise InputError.of(source.location, message, "Copy or export it again.")
+
+
+def _varies(group: Any, version: str) -> bool:
+    """Return whether the records of a group differ in length."""
+    return version >= "4" and bool(group.channel_group.flags & _VARYING_GROUP_4)
 
 
 def _is_possible(block: Any, own: bool, source: MeasurementFile) -> bool:
