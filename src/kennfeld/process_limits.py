@@ -1,5 +1,6 @@
 """Limits that a process sets for itself, so that foreign code in it cannot take the whole machine."""
 
+import math
 import os
 import shutil
 import sys
@@ -108,6 +109,19 @@ class _MemoryWatch:
         while resource.getrusage(resource.RUSAGE_SELF).ru_maxrss <= cls.limit:  # bytes on macOS
             time.sleep(_WATCH_INTERVAL)
         os._exit(MEMORY_EXCEEDED)
+
+
+def limit_time(seconds: float) -> None:
+    """Let this process compute for so many seconds from now on; then it ends with SIGXCPU. Not on Windows."""
+    if os.name == "nt":
+        return
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    wanted = math.ceil(used.ru_utime + used.ru_stime + seconds)
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CPU, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
 
 
 def _running_tasks() -> int:

@@ -44,6 +44,11 @@ def take(source: MeasurementFile, size: int) -> int:
     return len(np.ones(size, dtype=np.uint8))
 
 
+def search(source: MeasurementFile) -> None:
+    while True:
+        pass
+
+
 def refuse(source: MeasurementFile) -> None:
     raise InputError.of(source.location, "holds nothing", "Look for another.")
 
@@ -67,6 +72,13 @@ def test_a_crash_is_one_message_and_the_next_file_is_read(process, source):
     with pytest.raises(InputError, match=message):
         process.call(crash, source)
     assert process.call(double, source, np.ones(2)).tolist() == [2.0, 2.0]
+
+
+@POSIX
+@pytest.mark.slow
+def test_a_library_that_does_not_come_to_an_end_is_ended(process, source):
+    with pytest.raises(InputError, match=r"damaged: the library that reads it does not come to an end\. Copy"):
+        process.call(search, source)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits the memory of a process exactly")

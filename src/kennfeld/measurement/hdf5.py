@@ -18,6 +18,7 @@ from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.pandas_frames import DateOrigin, frame_channels, is_stored_frame
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
@@ -39,6 +40,7 @@ from kennfeld.measurement.variable_attributes import (
 )
 from kennfeld.process_limits import memory_bound
 
+_LIBRARY = LibraryProcess("HDF5")
 _MAX_OBJECTS = 100_000
 _MAX_DEPTH = 20
 _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
@@ -46,6 +48,12 @@ _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each raster that has a requested channel."""
+    tables: list[Table] = _LIBRARY.call(read_by_library, source, selection)
+    return tables
+
+
+def read_by_library(source: MeasurementFile, selection: Selection) -> list[Table]:
+    """Return the tables; the process should be one that may crash or hang."""
     if _is_matlab(source):
         return matlab.read_tables(source, selection)
     return _with_file(
@@ -56,9 +64,15 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each raster."""
+    descriptions: list[TableDescription] = _LIBRARY.call(describe_by_library, source)
+    return descriptions
+
+
+def describe_by_library(source: MeasurementFile) -> list[TableDescription]:
+    """Return the descriptions as `read_by_library` does."""
     if _is_matlab(source):
         return matlab.describe_tables(source)
-    return [describe_table(table) for table in read_tables(source, Selection())]
+    return [describe_table(table) for table in read_by_library(source, Selection())]
 
 
 def _is_matlab(source: MeasurementFile) -> bool:

@@ -1,8 +1,9 @@
 """A process of its own for a library that damaged files crash, with memory in proportion to the file.
 
-Such a library trusts what it reads: a few wrong bytes make it ask for gigabytes, or read beyond its memory. In another
-process that costs one message. The process serves one file after the other, as loading the library takes longer than
-reading most files, and ends with the one that started it. What the library prints is discarded.
+Such a library trusts what it reads: a few wrong bytes make it ask for gigabytes, read beyond its memory, or search
+without end. In another process that costs one message. The process serves one file after the other, as loading the
+library takes longer than reading most files, and ends with the one that started it. What the library prints is
+discarded.
 """
 
 import atexit
@@ -20,13 +21,14 @@ from typing import IO, TYPE_CHECKING, Any
 
 from kennfeld.errors import InputError
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory, memory_bound
+from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory, limit_time, memory_bound
 from kennfeld.windows_job import WindowsJob
 
 if TYPE_CHECKING:
     import subprocess
 
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.measurement.library_process import main; main()"
+_TIME, _TIME_PER_BYTE = 20.0, 1e-6  # s of computing for any file, and for each of its bytes
 _COUNT = struct.Struct("<Q")
 _REMEDY = "Copy or export it again."
 
@@ -107,6 +109,9 @@ class LibraryProcess:
     def _crash(self, source: MeasurementFile, status: int) -> InputError:
         if status == MEMORY_EXCEEDED:
             return _too_large(source, self._kind)
+        if status == -getattr(signal, "SIGXCPU", 0):
+            message = f"the {self._kind} file is damaged: the library that reads it does not come to an end"
+            return InputError.of(source.location, message, _REMEDY)
         name = next((member.name for member in signal.Signals if member == -status), f"exit status {status}")
         message = f"the {self._kind} file is damaged: the library that reads it crashed ({name})"
         return InputError.of(source.location, message, _REMEDY)
@@ -139,6 +144,7 @@ def _answer(
     """Return whether the work was done, and its result or error; `folder` is that of relative paths."""
     work: Work = getattr(import_module(module), name)
     limit_memory(bound)
+    limit_time(_TIME + _TIME_PER_BYTE * source.size)
     try:
         with chdir(folder):
             return True, work(source, *arguments)
