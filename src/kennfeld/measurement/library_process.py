@@ -47,7 +47,7 @@ class LibraryProcess:
 
     @property
     def is_running(self) -> bool:
-        """Whether the library is loaded already."""
+        """State of the process: true once the library is loaded."""
         return self._process is not None and self._owner == os.getpid()
 
     def call(self, work: Work, source: MeasurementFile, *arguments: Any) -> Any:
