@@ -77,6 +77,18 @@ def _insert_extreme(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     return raw[:at] + draw.choice(_EXTREME) * width + raw[at + width :]
 
 
+def _scale_integer(raw: bytes, other: bytes, draw: random.Random) -> bytes:
+    """An aligned integer made larger by a power of two: sizes that are wrong, but not absurd."""
+    width = draw.choice((2, 4, 8))
+    slots = len(raw) // width
+    if not slots:
+        return raw
+    at = width * draw.randrange(min(slots, draw.choice((64, 1024, slots))))
+    order = draw.choice(("little", "little", "big"))
+    number = max(int.from_bytes(raw[at : at + width], order), 1) << draw.randrange(1, 24)
+    return raw[:at] + (number % (1 << 8 * width)).to_bytes(width, order) + raw[at + width :]
+
+
 def _replace_number(raw: bytes, other: bytes, draw: random.Random) -> bytes:
     """A number of a text replaced."""
     chosen = list(_NUMBER.finditer(raw[: 1 << 16]))
@@ -127,6 +139,8 @@ _DAMAGES: tuple[Callable[[bytes, bytes, random.Random], bytes], ...] = (
     _change_bytes,
     _insert_extreme,
     _insert_extreme,
+    _scale_integer,
+    _scale_integer,
     _replace_number,
     _replace_number,
     _remove_lines,

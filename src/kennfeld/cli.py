@@ -15,7 +15,7 @@ from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import findings_json, print_findings, print_values
 from kennfeld.terminal.shell_completion import COMPLETE, register_powershell
 from kennfeld.terminal.signals import end_like_ctrl_c
-from kennfeld.terminal.watched_commands import call_limit
+from kennfeld.terminal.watched_commands import APP, call_limit
 from kennfeld.threads import let_blas_threads_sleep
 from kennfeld.watch_folder import WATCHER
 
@@ -72,8 +72,11 @@ def main() -> None:
 def _run_safely(arguments: Sequence[str]) -> int:
     """Run a command line, in a process of its own if its project calls foreign code, which may crash."""
     if WATCHER in os.environ:
+        from kennfeld.process_limits import limit_foreign_code
         from kennfeld.terminal.watched_process import watched_process
 
+        if arguments[:1] != [APP]:  # the browser that it opens would be limited as well
+            limit_foreign_code()
         with watched_process() as statuses:
             statuses.append(run(arguments))
         return statuses[0]

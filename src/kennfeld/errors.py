@@ -196,6 +196,9 @@ class InputError(KennfeldError):
         self.findings = tuple(findings)
         super().__init__("\n".join(str(finding) for finding in self.findings))
 
+    def __reduce__(self) -> "tuple[type[InputError], tuple[tuple[Finding, ...]]]":
+        return type(self), (self.findings,)  # for other processes; those of an exception are its text
+
     @classmethod
     def of(cls, location: Location, message: str, remedy: str = "", excerpt: str = "") -> "InputError":
         """Return an error with a single finding."""

@@ -13,6 +13,8 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
+from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.mdf import describe_by_library
 
 FILES = [
     "asammdf_ASAP2_Demo_V171.mf4",
@@ -274,12 +276,25 @@ def test_the_description_tells_units_ranges_and_rates(mdf):
     assert (temp.name, temp.unit, temp.minimum, temp.maximum) == ("Temp", "degC", 20.5, pytest.approx(21.7))
 
 
-def test_a_long_description_is_made_in_parts(mdf, monkeypatch):
+def test_a_long_description_is_made_in_parts(mdf, tmp_path, monkeypatch):
     time = np.arange(10.0)
     path = mdf(("a", [signal(f"c{k}", time, time + k) for k in range(7)]))
     whole = describe(path)
     monkeypatch.setattr("kennfeld.measurement.mdf._AT_ONCE", 25)
-    assert describe(path) == whole
+    assert tuple(describe_by_library(locate(path), str(tmp_path))) == whole.tables
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_channels_that_two_groups_share_are_refused(mdf, version):
+    path = mdf(*fast_and_slow(), version=version)
+    content = bytearray(path.read_bytes())
+    word, at, channel_group = ("<Q", 64 + 24, 32) if version > "4" else ("<I", 64 + 4, 8)
+    first = struct.unpack_from(word, content, at)[0]
+    second = struct.unpack_from(word, content, first + (24 if version > "4" else 4))[0]
+    struct.pack_into(word, content, second + channel_group, struct.unpack_from(word, content, first + channel_group)[0])
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"damaged: two links lead to its block at byte \d+\. Copy it again"):
+        read(path, raster=0.1)
 
 
 def test_an_unfinalized_file_is_read_to_its_end(mdf):

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from kennfeld import cli
 from kennfeld.errors import Location
 from kennfeld.machine_code.call_record import ForeignCall, read_calls
 from kennfeld.machine_code.crash_report import describe_end
+from kennfeld.process_limits import MOST_PROCESSES
 from kennfeld.task_runner import WorkersDiedError
 from kennfeld.terminal.watched_commands import call_limit
 from kennfeld.watch_folder import FOLDER
@@ -30,6 +32,18 @@ from tests.terminal.foreign_projects import (
 POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")
 LATE = "if (m->time > 5) "  # neither at the start nor at the points that a check evaluates
 HANGING = "for (;;) pause()"
+WITH_FORKS = ["-include", "unistd.h", "-include", "sys/mman.h", "-include", "signal.h", "-include", "stdio.h"]
+MOST_FORKS = 300  # of all processes together, so that a fault here does not take the machine
+FORKING = (
+    "static int *forks; if (!forks) forks = mmap(0, 4096, 3, MAP_SHARED | MAP_ANONYMOUS, -1, 0); "
+    f"if (__sync_fetch_and_add(forks, 1) < {MOST_FORKS}) fork()"
+)
+# in a session of its own, without its parent, deaf to SIGTERM
+REMAINING = (
+    "static int done; if (!done++ && !fork()) { setsid(); signal(SIGTERM, SIG_IGN); signal(SIGHUP, SIG_IGN); "
+    'if (!fork()) { FILE *file = fopen("remaining", "w"); fprintf(file, "%d", getpid()); fclose(file); '
+    "for (;;) sleep(300); } _exit(0); }"
+)
 ABORTING_STEP = ["-DIN_STEP=if (t > 4.95) abort()"]
 HANGING_STEP = ["-include", "unistd.h", f"-DIN_STEP=if (t > 4.95) {HANGING}"]
 CRASHING_END = ["-DNO_RESET", "-DIN_FREE=*(volatile int *)0 = 1"]
@@ -138,6 +152,33 @@ def test_a_fault_of_python_is_one_message(tmp_path: Path, body: str, message: st
     assert (status, out) == (2, "")
     assert message in err.splitlines()[-1]
     assert leftovers(tmp_path) == []
+
+
+@POSIX
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts processes that have ended")
+def test_an_fmu_that_forks_in_every_step_does_not_multiply(tmp_path: Path) -> None:
+    project = write_fmu_project(tmp_path, *WITH_FORKS, f"-DIN_GET={FORKING}; usleep(10000)")
+    status, out, err = run_command(project, "simulate", "--quiet")
+    assert (status, out) == (2, "")
+    message = rf"lag\.fmu: its code took more than {MOST_PROCESSES} processes, and was ended\. No results were written"
+    assert re.match(message, err.splitlines()[-1])
+    assert leftovers(tmp_path) == []
+
+
+@POSIX
+@pytest.mark.parametrize("command", [["simulate"], slow(["calibrate", "--workers", "2"])])
+def test_a_process_that_an_fmu_leaves_behind_ends_with_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    project = write_fmu_project(tmp_path, *WITH_FORKS, f"-DIN_GET={REMAINING}")
+    text = project.read_text(encoding="utf-8")
+    project.write_text(text.replace("max_iterations = 2", "max_iterations = 2\nstarts = 2"), encoding="utf-8")
+    status, _, err = run_command(project, *command)
+    assert status in (0, 1), err
+    number = int((tmp_path / "remaining").read_text())
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(number)], capture_output=True, text=True, check=False)
+    assert state.stdout.strip()[:1] in ("", "Z")
 
 
 @POSIX

@@ -13,6 +13,7 @@ from kennfeld.app.workspace import AppWorkspace
 from kennfeld.atomic_files import write_whole
 from kennfeld.errors import InputError, Location
 from kennfeld.models.code_consent import allowed_only
+from kennfeld.run_processes import unmarked
 
 REDIRECT = """<!doctype html>
 <meta charset="utf-8">
@@ -44,7 +45,7 @@ def _launch(workspace: AppWorkspace, path: Path | None, port: int, browser: bool
     def ready(address: str) -> None:
         print(f"Kennfeld runs at {address}", flush=True)
         if browser:
-            with suppress(OSError):  # the address is printed
+            with suppress(OSError), unmarked():  # the address is printed
                 redirects.append(write_redirect(address, ticket))
                 webbrowser.open(redirects[0].as_uri())
 

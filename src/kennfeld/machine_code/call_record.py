@@ -16,6 +16,7 @@ import json
 import math
 import mmap
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -31,6 +32,7 @@ SLOT_SIZE = 32  # bytes: number of the function, or 0; number of calls so far; i
 _FUNCTION, _CALLS, _INSTANCE, _TIME = range(4)  # their places, in words of 8 bytes
 _HEAD = 8192  # bytes of JSON before the slots
 _ENDING = ".calls"
+_INHERIT_NONE = 2  # VM_INHERIT_NONE of macOS
 _numbers = count()
 
 
@@ -171,6 +173,21 @@ def _shared_memory(content: bytes) -> mmap.mmap | None:
         with (folder / f"{os.getpid()}-{next(_numbers)}{_ENDING}").open("x+b") as file:
             file.write(content)
             file.flush()
-            return mmap.mmap(file.fileno(), len(content))
+            memory = mmap.mmap(file.fileno(), len(content))
     except (OSError, ValueError):
         return None
+    _keep_from_forks(memory)
+    return memory
+
+
+def _keep_from_forks(memory: mmap.mmap) -> None:
+    """Unmap a record in processes that foreign code forks: one that returns from its call ends there.
+
+    It would go on with the run beside its parent, and be forked in its next call as well.
+    """
+    with suppress(OSError, AttributeError):
+        if hasattr(mmap, "MADV_DONTFORK"):
+            memory.madvise(mmap.MADV_DONTFORK)
+        elif sys.platform == "darwin":
+            address = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+            ctypes.CDLL(None).minherit(ctypes.c_void_p(address), ctypes.c_size_t(len(memory)), _INHERIT_NONE)

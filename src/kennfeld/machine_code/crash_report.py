@@ -54,6 +54,11 @@ def hang_finding(calls: Sequence[ForeignCall], limit: float) -> Finding:
     return Finding(Location(_names([call.file for call in calls])), message, _SLOW)
 
 
+def excess_finding(files: Sequence[str], what: str) -> Finding:
+    """Return the error about code that took more of the machine than it may, such as `more than 72 processes`."""
+    return Finding(Location(_names(files)), f"its code took {what}, and was ended", _REMEDY)
+
+
 def unloading_finding(files: Sequence[str], status: int) -> Finding:
     """Return the warning about a crash after the work was done."""
     message = f"its code crashed when the program ended: {describe_status(status) or f'exit status {status}'}"

@@ -9,7 +9,6 @@ import contextlib
 import json
 import math
 import os
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field, fields, replace
@@ -281,8 +280,11 @@ def _stats(source: MeasurementFile) -> dict[str, os.stat_result]:
 
 def _worth(kind: FileKind) -> float:
     """Return the time of reading in s that makes an entry worthwhile."""
-    if kind is FileKind.MDF and "asammdf" in sys.modules:
-        return 0.0  # loading that library again takes longer than reading the entry
+    if kind is FileKind.MDF:
+        from kennfeld.measurement.mdf import library_is_loaded
+
+        if library_is_loaded():
+            return 0.0  # loading that library again takes longer than reading the entry
     return _WORTH.get(kind, _WORTH_ELSE)
 
 

@@ -18,6 +18,7 @@ from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.pandas_frames import DateOrigin, frame_channels, is_stored_frame
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
@@ -37,29 +38,41 @@ from kennfeld.measurement.variable_attributes import (
     unit_of,
     unpack_numbers,
 )
+from kennfeld.process_limits import memory_bound
 
+_LIBRARY = LibraryProcess("HDF5")
 _MAX_OBJECTS = 100_000
 _MAX_DEPTH = 20
-_MAX_RATIO = 1000  # bytes of numbers for each byte of the file
-_HARMLESS = 1_000_000_000  # bytes of numbers that are read from any file
 _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each raster that has a requested channel."""
+    tables: list[Table] = _LIBRARY.call(read_by_library, source, selection)
+    return tables
+
+
+def read_by_library(source: MeasurementFile, selection: Selection) -> list[Table]:
+    """Return the tables; the process should be one that may crash or hang."""
     if _is_matlab(source):
         return matlab.read_tables(source, selection)
     return _with_file(
         source,
-        lambda content: tables_of(source.location, content.groups, selection, unnamed_matrices(content.matrices)),
+        lambda content: tables_of(source, content.groups, selection, unnamed_matrices(content.matrices)),
     )
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each raster."""
+    descriptions: list[TableDescription] = _LIBRARY.call(describe_by_library, source)
+    return descriptions
+
+
+def describe_by_library(source: MeasurementFile) -> list[TableDescription]:
+    """Return the descriptions as `read_by_library` does."""
     if _is_matlab(source):
         return matlab.describe_tables(source)
-    return [describe_table(table) for table in read_tables(source, Selection())]
+    return [describe_table(table) for table in read_by_library(source, Selection())]
 
 
 def _is_matlab(source: MeasurementFile) -> bool:
@@ -96,7 +109,7 @@ class _Content:
         self.groups: list[RecordedGroup] = []
         self.matrices: dict[str, tuple[int, ...]] = {}  # values that are not vectors: path and size
         self._dates = DateOrigin()
-        self._room = max(_HARMLESS, _MAX_RATIO * size)
+        self._room = memory_bound(size)
         self._objects = 0
 
     def visit(self, group: Any, path: str, depth: int, times: Mapping[int, RecordedChannel]) -> None:

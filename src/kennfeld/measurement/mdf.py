@@ -7,12 +7,11 @@ import sys
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from io import StringIO
+from importlib.util import find_spec
 from tempfile import TemporaryDirectory
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,9 @@ from kennfeld.formatting import count_noun, join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
+from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.mdf_bus import event_of, is_of_event, read_frames
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
@@ -38,10 +39,12 @@ _PACKING = 1100  # maximum compression ratio of deflate
 _TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
 _ORIGINAL = 0  # the data are those of the file itself
 _VARYING_4 = 1  # a channel whose samples lie outside the records
+_VARYING_GROUP_4 = 1  # flag of a group with records of varying length
 _VIRTUAL_4 = (3, 6)  # channels without bits in the record
 _MARKED_4 = 2  # flag: the record says which values are invalid
 _MAX_TEXTS = 12  # of an enumeration in a description
-_LIBRARY = Lock()  # the library is used with settings that all threads of the process share
+_PACKAGE = "asammdf"
+_LIBRARY = LibraryProcess("MDF")
 
 
 @dataclass(frozen=True)
@@ -66,9 +69,36 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
         with SortedFile(source.path) as plain:
             return _read(source, plain, selection)
     except UnusualLayoutError:
-        pass
-    with _LIBRARY, _open(source) as file:
+        tables: list[Table] = _use_library(source, read_by_library, selection)
+        return tables
+
+
+def read_by_library(source: MeasurementFile, temporary: str, selection: Selection) -> list[Table]:
+    """Return the tables of any file; the process should be one that may crash.
+
+    Args:
+        source: the file.
+        temporary: a folder for copies of the file.
+        selection: the requested channels.
+    """
+    with _open(source, temporary) as file:
         return _read(source, file, selection)
+
+
+def library_is_loaded() -> bool:
+    """Return whether a file has needed the library already; loading it takes longer than reading most files."""
+    return _LIBRARY.is_running
+
+
+def _use_library(source: MeasurementFile, work: Callable[..., Any], *arguments: Any) -> Any:
+    """Return `work(source, folder, *arguments)`, evaluated by the process of the library."""
+    check_links(source.path)
+    with optional_package(source.location, "mdf"):
+        if find_spec(_PACKAGE) is None:
+            raise ModuleNotFoundError(name=_PACKAGE)
+    # it copies a file that was not closed properly, and does not remove the copy if that is damaged as well
+    with TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as folder:
+        return _LIBRARY.call(work, source, folder, *arguments)
 
 
 def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Table]:
@@ -79,6 +109,7 @@ def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Tabl
     if sum(_samples(file, entry.group) for entry in own) > _MAX_VALUES:
         message = f"{len(own)} channels of this file hold more than {_MAX_VALUES} values"
         raise InputError.of(source.location, message, "Name the channels to read.")
+    check_claimed(source, sum(_samples(file, entry.group) for entry in own))
     names: dict[int, list[str]] = {}
     for entry in entries:
         if isinstance(entry, _MdfChannel):
@@ -89,22 +120,32 @@ def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Tabl
     return tables if log is None or not decoded else [*tables, *log.tables(decoded)]
 
 
-def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
-    """Return a description of each channel group, reading only some of its channels at a time."""
-    with _LIBRARY, _open(source) as file:
-        log = _bus_log(source, file)
-        entries = _entries(source, file, log)
-        count = Counter(entry.forms[0] for entry in entries)
-        own = [entry for entry in entries if isinstance(entry, _MdfChannel)]
-        remarks = tuple(_bus_remark(source, file)) if log is None else ()
-        for group in dict.fromkeys(entry.group for entry in own):
-            together = [entry for entry in own if entry.group == group]
-            ambiguous = tuple(dict.fromkeys(entry.forms[0] for entry in together if count[entry.forms[0]] > 1))
-            described = _description(source, file, together, ambiguous)
-            yield replace(described, findings=(*described.findings, *remarks))
-            remarks = ()
-        if log is not None:
-            yield from log.descriptions([entry for entry in entries if isinstance(entry, BusChannel)])
+def describe_tables(source: MeasurementFile) -> list[TableDescription]:
+    """Return a description of each channel group."""
+    descriptions: list[TableDescription] = _use_library(source, describe_by_library)
+    return descriptions
+
+
+def describe_by_library(source: MeasurementFile, temporary: str) -> list[TableDescription]:
+    """Return the descriptions as `read_by_library` does, reading only some channels at a time."""
+    with _open(source, temporary) as file:
+        return list(_descriptions(source, file))
+
+
+def _descriptions(source: MeasurementFile, file: Any) -> Iterator[TableDescription]:
+    log = _bus_log(source, file)
+    entries = _entries(source, file, log)
+    count = Counter(entry.forms[0] for entry in entries)
+    own = [entry for entry in entries if isinstance(entry, _MdfChannel)]
+    remarks = tuple(_bus_remark(source, file)) if log is None else ()
+    for group in dict.fromkeys(entry.group for entry in own):
+        together = [entry for entry in own if entry.group == group]
+        ambiguous = tuple(dict.fromkeys(entry.forms[0] for entry in together if count[entry.forms[0]] > 1))
+        described = _description(source, file, together, ambiguous)
+        yield replace(described, findings=(*described.findings, *remarks))
+        remarks = ()
+    if log is not None:
+        yield from log.descriptions([entry for entry in entries if isinstance(entry, BusChannel)])
 
 
 def _bus_log(source: MeasurementFile, file: Any) -> BusLog | None:
@@ -150,29 +191,22 @@ def _description(
 
 
 @contextmanager
-def _open(source: MeasurementFile) -> Iterator[Any]:
+def _open(source: MeasurementFile, temporary: str) -> Iterator[Any]:
     """Yield the open file; all errors of the library for damaged files become an `InputError`."""
-    check_links(source.path)
     # the library logs what is reported as a finding here
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
-    # it copies a file that was not closed properly, and does not remove the copy if that is damaged as well
-    with (
-        TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as folder,
-        warnings.catch_warnings(),
-        redirect_stdout(StringIO()),  # it prints errors as well
-    ):
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            with optional_package(source.location, "mdf"):
-                from asammdf import MDF
+            from asammdf import MDF
 
             # without its own search for frames, which reads them all
-            settings: dict[str, Any] = {"temporary_folder": folder, "process_bus_logging": False}
+            settings: dict[str, Any] = {"temporary_folder": temporary, "process_bus_logging": False}
             with MDF(source.path, **settings) as file:
                 file.configure(raise_on_multiple_occurrences=False)
                 _check_layout(source, file)
                 yield file
-        except InputError:
+        except (InputError, MemoryError):
             raise
         except Exception as error:  # of many kinds: the library trusts what it reads
             reason = " ".join(str(error).split())[:160] or type(error).__name__
@@ -205,17 +239,25 @@ def _check_layout(source: MeasurementFile, file: Any) -> None:
         size = int(group.channel_group.samples_byte_nr)
         invalid = int(getattr(group.channel_group, "invalidation_bytes_nr", 0))
         own = finalized and group.data_location == _ORIGINAL  # the library copies what it sorts or finalizes
+        blocks = list(group.get_data_blocks())
         outside = (c.name for c in group.channels if not _lies_within(c, size, invalid, file.version))
         problem = ""
         if max(samples, 1) * max(size + invalid, 1) > _PACKING * source.size:
             problem = f"claims {samples} samples of {size + invalid} bytes, more than this file can hold"
-        elif not all(_is_possible(block, own, source) for block in group.get_data_blocks()):
+        elif not all(_is_possible(block, own, source) for block in blocks):
             problem = "has data that this file cannot hold"
+        elif samples * size > sum(block.original_size for block in blocks) and not _varies(group, file.version):
+            problem = f"claims {samples} samples of {size} bytes, more than its data"
         elif samples and (name := next(outside, None)) is not None:
             problem = f"has a channel {name[:60]} that lies outside its records of {size} bytes"
         if problem:
             message = f"the MDF file is damaged: {_label(file, index)} {problem}"
             raise InputError.of(source.location, message, "Copy or export it again.")
+
+
+def _varies(group: Any, version: str) -> bool:
+    """Return whether the records of a group differ in length."""
+    return version >= "4" and bool(group.channel_group.flags & _VARYING_GROUP_4)
 
 
 def _is_possible(block: Any, own: bool, source: MeasurementFile) -> bool:
@@ -380,7 +422,8 @@ def _unit(entry: _MdfChannel, channel: Any, signal: Any) -> str:
 
 def _to_float64(samples: Any, invalid: Any) -> Float:
     """Return the samples as float64, NaN if the logger marked them as invalid."""
-    values = np.array(samples, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # a signalling NaN of a narrower type
+        values = np.array(samples, dtype=np.float64)
     if invalid is not None:
         values[np.asarray(invalid, dtype=bool)] = np.nan
     values[np.isnan(values)] = np.nan  # a NaN that signals would set off warnings later

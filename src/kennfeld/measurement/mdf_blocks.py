@@ -23,6 +23,7 @@ _LINKS_4 = {
     b"##CH": (0, 1),
 }
 _ALL_LINKS_4 = (b"##CC",)
+_OWNED = (b"##DG", b"##CG", b"##CN", b"DG", b"CG", b"CN")  # blocks to which one link leads
 _LINKS_3 = {b"HD": 1, b"DG": 2, b"CG": 2, b"CN": 1}  # how many of the first links lead on
 _HEAD_4, _HEAD_3 = 24, 4
 _FIRST = 64  # where the header block begins in every version
@@ -30,7 +31,7 @@ _MOST_LINKS = 200_000  # of one block; a table of texts has no more
 
 
 def check_links(path: Path) -> None:
-    """Follow all links once; raise `InputError` if the file is truncated or its blocks form a cycle."""
+    """Follow all links once; raise `InputError` if the file is truncated, or its blocks form a cycle or are shared."""
     size = path.stat().st_size
     with path.open("rb") as file:
         identification = file.read(_FIRST)
@@ -46,6 +47,11 @@ class _Blocks4:
 
     def __init__(self, file: BinaryIO, size: int) -> None:
         self.file, self.size = file, size
+
+    def kind(self, at: int) -> bytes:
+        """Return the kind of the block at this byte."""
+        self.file.seek(at)
+        return self.file.read(4)
 
     def links(self, at: int) -> Sequence[int]:
         """Return the links of the block at this byte; raise `ValueError` if there is none."""
@@ -70,6 +76,11 @@ class _Blocks3:
 
     def __init__(self, file: BinaryIO, order: str) -> None:
         self.file, self.order = file, order
+
+    def kind(self, at: int) -> bytes:
+        """Return the kind of the block at this byte."""
+        self.file.seek(at)
+        return self.file.read(2)
 
     def links(self, at: int) -> Sequence[int]:
         """Return the links of the block at this byte; raise `ValueError` if there is none."""
@@ -109,3 +120,6 @@ def _walk(blocks: _Blocks4 | _Blocks3, location: Location) -> None:
             raise InputError.of(location, message, "Copy it again from its source.")
         elif following not in done:
             path[following] = links(following)
+        elif blocks.kind(following) in _OWNED:  # a chain of such links doubles the channels with each
+            message = f"the MDF file is damaged: two links lead to its block at byte {following}"
+            raise InputError.of(location, message, "Copy it again from its source.")

@@ -18,6 +18,7 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import MAX_MARKS, Column, Selection, Table, describe_marks, unique_names
@@ -199,6 +200,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     if not blocks.records.size:
         raise InputError.of(source.location, "holds no records", "Is it the right file?")
     wanted = selection.wants(header)
+    check_claimed(source, len(wanted) * blocks.records.size)
     if len(wanted) * blocks.records.size > _MAX_VALUES:
         message = f"{len(wanted)} channels of this file hold more than {_MAX_VALUES} values"
         raise InputError.of(source.location, message, "Name the channels to read.")

@@ -38,7 +38,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
             with source.path.open("rb") as stream, netcdf_file(stream, "r", mmap=False) as file:
                 groups, matrices = _groups(file)
                 if groups:
-                    return tables_of(source.location, groups, selection, unnamed_matrices(matrices))
+                    return tables_of(source, groups, selection, unnamed_matrices(matrices))
     except InputError:
         raise
     except Exception as error:  # of many kinds: the library trusts what it reads

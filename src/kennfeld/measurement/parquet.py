@@ -7,6 +7,7 @@ import numpy as np
 
 from kennfeld.errors import InputError
 from kennfeld.measurement.arrow_columns import column_of, header_of, is_numeric, text_column
+from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
@@ -27,6 +28,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
             asked = selection.wants(header)
             numeric = [i for i in asked if is_numeric(schema.field(i).type)]
             count = file.metadata.num_rows
+            check_claimed(source, count * (len(numeric) or 1))
             columns = list(_columns(file, schema, header, numeric))
             texts = [text_column(schema, header, i, count) for i in asked if not is_numeric(schema.field(i).type)]
             if odd := [column.name for column in columns if column.values.size != count]:

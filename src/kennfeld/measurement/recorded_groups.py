@@ -12,6 +12,8 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.claimed_values import check_claimed
+from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
 from kennfeld.measurement.time_column import find_time
@@ -104,29 +106,47 @@ def unnamed_matrices(shapes: Mapping[str, tuple[int, ...]]) -> list[UnreadableCh
 
 
 def tables_of(
-    location: Location,
+    source: MeasurementFile,
     groups: Sequence[RecordedGroup],
     selection: Selection,
     unreadable: Sequence[UnreadableChannel] = (),
+    size: int | None = None,
 ) -> list[Table]:
     """Return a table for each group that has a requested channel; other channels are not read.
 
     A channel has its own name, or its path if another one has the same name; it may be requested by either.
 
+    Args:
+        source: the file.
+        groups: its groups.
+        selection: the requested channels.
+        unreadable: channels that cannot be read.
+        size: bytes of the file with those that belong to it; by default its own.
+
     Raises:
-        InputError: there is no channel, a requested name is that of several channels, or one cannot be read.
+        InputError: the file is too small for the values that it claims, there is no channel, a requested name is that
+            of several channels, or one cannot be read.
     """
+    location = source.location
     errors = [each for each in unreadable if not groups or each.name in (selection.channels or ())]
     if errors:
         raise InputError(_findings(location, errors, "error"))
     if not groups:
         raise InputError.of(location, "holds no channels with samples", "Is it the right file?")
     names = _unique_names(groups)
+    _check_values(source, groups, selection, size)
     chosen = _choose(location, names, selection)
     tables = [_table(location, group, names, chosen, selection) for group in groups]
     kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
     first, *others = _with_dates_aligned(kept or tables[:1], selection)
     return [replace(first, findings=() if selection.channels else _warnings(location, unreadable)), *others]
+
+
+def _check_values(
+    source: MeasurementFile, groups: Sequence[RecordedGroup], selection: Selection, size: int | None
+) -> None:
+    most = None if selection.channels is None else len(selection.channels) + 1  # a time as well
+    check_claimed(source, sum(group.samples * len(group.channels[:most]) for group in groups), size)
 
 
 def _warnings(location: Location, unreadable: Sequence[UnreadableChannel]) -> tuple[Finding, ...]:

@@ -22,6 +22,7 @@ _HEAD = struct.Struct("<4s4xQQ")  # kind, length and number of links of a block
 _FIRST = 64  # where the header block begins
 _MOST_BYTES = 1 << 20  # of a block without samples
 _MOST_BLOCKS = 100_000  # of one chain
+_PACKED_HEAD = _HEAD.size + 24  # bytes of a block before compressed data
 _AT_ONCE = 1 << 22  # bytes of records
 _PACKING = 1100  # maximum compression ratio of deflate
 _MASTERS = (2, 3)  # types of channels that hold time
@@ -134,6 +135,7 @@ class SortedFile:
     def __init__(self, path: Path) -> None:
         self._size, self._file = path.stat().st_size, path.open("rb")
         self._texts: dict[int, str] = {}
+        self._chained: set[int] = set()  # groups and channels; each has one place
         try:
             with _distrusted():
                 self._check_identification()
@@ -238,8 +240,10 @@ class SortedFile:
         """Return the content of a compressed data block."""
         self._file.seek(at + _HEAD.size)
         original, method, columns, size, packed = struct.unpack("<2sBxIQQ", self._file.read(24))
-        if original != b"DT" or method not in (0, 1) or size > _PACKING * max(packed, 1) or at + length > self._size:
+        if original != b"DT" or method not in (0, 1) or size > _PACKING * max(packed, 1):
             raise UnusualLayoutError("compressed block")
+        if _PACKED_HEAD + packed > length or at + length > self._size:
+            raise UnusualLayoutError("compressed block that is cut off")
         content = zlib.decompress(self._file.read(packed), bufsize=max(size, 1))
         if len(content) != size:
             raise UnusualLayoutError(f"{len(content)} bytes of {size}")
@@ -270,9 +274,13 @@ class SortedFile:
 
     def _chain(self, at: int, kind: bytes) -> Iterator[_FileBlock]:
         """Yield the blocks of a chain; the first link of each leads to the next."""
+        chained = set[int]() if kind == b"##DL" else self._chained
         for _ in range(_MOST_BLOCKS):
             if not at:
                 return
+            if at in chained:
+                raise UnusualLayoutError("a block has two places")
+            chained.add(at)
             block = self._block(at, kind)
             yield block
             at = block.links[0]

@@ -57,7 +57,8 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each raster that has a requested channel."""
     document = _Document(source, _parse(source))
     groups = list(document.groups())
-    return tables_of(source.location, groups, selection, document.unreadable)
+    size = source.size + (document.binary_path.stat().st_size if document.binary_path.is_file() else 0)
+    return tables_of(source, groups, selection, document.unreadable, size)
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:

@@ -37,7 +37,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     try:
         with source.path.open("rb") as stream, TdmsFile.open(stream) as file:
             missing = _missing_values(file)
-            tables = tables_of(source.location, list(_groups(file, missing)), selection)
+            tables = tables_of(source, list(_groups(file, missing)), selection)
             if missing is None:
                 return tables
             message = "the last segment is incomplete: the recording was interrupted, or the file is cut off"

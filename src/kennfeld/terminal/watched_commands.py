@@ -7,6 +7,7 @@ from pathlib import Path
 from kennfeld.watch_folder import DEFAULT_LIMIT
 
 COMMANDS = ("check", "calibrate", "simulate", "report")  # that evaluate a project
+APP = "app"
 _UNEVALUATED = ("-h", "--help", "--no-run")
 
 
@@ -18,11 +19,11 @@ def call_limit(arguments: Sequence[str]) -> float | None:
     if getattr(sys, "frozen", False) or not sys.executable:  # there is no interpreter to start
         return None
     command, *others = arguments or [""]
-    if command not in ("app", *COMMANDS) or set(_UNEVALUATED).intersection(others):
+    if command not in (APP, *COMMANDS) or set(_UNEVALUATED).intersection(others):
         return None
     projects = (_limit_of_project(Path(name)) for name in others if not name.startswith("-"))
     limits = [limit for limit in projects if limit is not None]
-    if command == "app":
+    if command == APP:
         limits = limits or [DEFAULT_LIMIT]  # a project may be opened, or may call foreign code, later
     return max(limits, default=None)
 

@@ -1,7 +1,8 @@
 """Runs a command in a process of its own and watches it, because its project calls foreign code.
 
-Foreign code may crash its process or never return. The command then ends with a message that names it, and leaves no
-temporary files. Otherwise nothing differs: the process uses the same terminal, and its exit status is returned.
+Foreign code may crash its process, never return, or take the whole machine. The command then ends with a message that
+names it. It leaves no temporary files, and none of the processes that foreign code has started. Otherwise nothing
+differs: the process uses the same terminal, and its exit status is returned.
 """
 
 import os
@@ -19,15 +20,21 @@ from types import FrameType
 
 from kennfeld.errors import Finding
 from kennfeld.machine_code.call_record import ForeignCall, read_calls, recorded_files
-from kennfeld.machine_code.crash_report import crash_finding, hang_finding, unloading_finding
+from kennfeld.machine_code.crash_report import crash_finding, excess_finding, hang_finding, unloading_finding
+from kennfeld.process_limits import MOST_PROCESSES, machine_memory
+from kennfeld.run_processes import RunProcesses, mark_of, marked_environment
 from kennfeld.terminal.command_line import INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import print_findings
 from kennfeld.terminal.signals import FORWARDED, HANGUP, REQUESTS, held_back, leave_terminal, respected
+from kennfeld.terminal.watched_commands import APP
 from kennfeld.terminal.watched_process import ENDED, PROCESS
 from kennfeld.watch_folder import FOLDER, WATCHER, is_running, remove_noted
+from kennfeld.windows_job import WindowsJob
 
 INTERVAL = 0.5  # s between looks at the records of calls
 PATIENCE = 10.0  # s from the second request to end until the process is killed, or after its work is done
+_MOST_IN_JOB = 512  # processes on Windows, workers included
+_MEMORY_SHARE = 0.9  # of the memory of the machine
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.cli import main; main()"
 _CLEAR = "\r\x1b[2K\x1b[?25h"  # removes the line of progress and shows the cursor
 
@@ -40,23 +47,43 @@ def run_watched(arguments: Sequence[str], limit: float) -> int:
         limit: how long a call of foreign code may take, in s.
     """
     folder = Path(tempfile.mkdtemp(prefix="kennfeld-"))
+    environment = marked_environment()
+    processes, job = RunProcesses(mark_of(environment)), _job(arguments)
     try:
-        return _WatchedCommand(arguments, folder).run(limit)
+        return _WatchedCommand(arguments, folder, environment, processes, job).run(limit)
     finally:
+        processes.end()
+        job.close()
         remove_noted(folder)
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def _job(arguments: Sequence[str]) -> WindowsJob:
+    """Return the job of a command on Windows; that of the app has no limits, nor does it end the browser."""
+    if arguments[0] == APP:
+        return WindowsJob(breakaway=True)
+    return WindowsJob(_MOST_IN_JOB, machine_memory())
+
+
 class _WatchedCommand:
-    def __init__(self, arguments: Sequence[str], folder: Path) -> None:
-        self._folder = folder
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        environment: dict[str, str],
+        processes: RunProcesses,
+        job: WindowsJob,
+    ) -> None:
+        self._folder, self._processes = folder, processes
+        self._excess = ""
         self._requests = 0  # to end
         self._requested = 0.0  # when the last one came
         self._done = threading.Event()
-        environment = {**os.environ, FOLDER: str(folder), WATCHER: str(os.getpid())}
+        environment |= {FOLDER: str(folder), WATCHER: str(os.getpid())}
         command = [sys.executable, "-c", _COMMAND.format(path=sys.path), *arguments]
         with held_back():
             self._process = subprocess.Popen(command, env=environment)
+            job.add(self._process.pid)
             for number in respected((signal.SIGINT, *REQUESTS)):
                 signal.signal(number, self._forward)
         threading.Thread(target=self._wait, daemon=True).start()
@@ -68,7 +95,9 @@ class _WatchedCommand:
         ended = self._folder / ENDED
         if ended.is_file():
             return self._finish(ended.read_text("ascii"), status)
-        if hanging:
+        if self._excess:
+            _report(excess_finding(recorded_files(self._folder), self._excess))
+        elif hanging:
             _report(hang_finding(hanging, limit))
         elif self._requests:
             return INTERRUPTED
@@ -82,15 +111,31 @@ class _WatchedCommand:
         monitor = _CallMonitor(limit)
         while not self._done.wait(INTERVAL):
             hanging = monitor.overdue(read_calls(self._folder))
+            self._excess = self._find_excess()
             given_up = self._requests > 1 and time.monotonic() - self._requested > PATIENCE
-            if hanging or given_up or monitor.lasts("ending", PATIENCE, (self._folder / ENDED).is_file()):
+            if (
+                self._excess
+                or hanging
+                or given_up
+                or monitor.lasts("ending", PATIENCE, (self._folder / ENDED).is_file())
+            ):
                 for process in {call.process for call in hanging}:
                     with suppress(OSError):
                         os.kill(process, getattr(signal, "SIGKILL", signal.SIGTERM))
                 self._process.kill()
+                self._processes.end()
                 self._done.wait()
                 return hanging
         return ()
+
+    def _find_excess(self) -> str:
+        """Return what the processes take too much of."""
+        if self._processes.surplus() > MOST_PROCESSES:
+            return f"more than {MOST_PROCESSES} processes"
+        memory = int(_MEMORY_SHARE * machine_memory())
+        if memory and self._processes.takes_more_than(memory):
+            return f"more than {memory / 1e9:.3g} GB of memory"
+        return ""
 
     def _finish(self, text: str, status: int) -> int:
         """Return the exit status of a process that has done its work."""

@@ -9,17 +9,19 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from typing import Any, BinaryIO
 
 from kennfeld.archives import find_oversized, iterate_chunks
 from kennfeld.errors import InputError, Location
+from kennfeld.process_limits import memory_bound
 from kennfeld.workbooks.biff import check_records
 from kennfeld.workbooks.compound import MAGIC, workbook_stream
 from kennfeld.workbooks.formulas import UnsavedFormulas, find_unsaved
 from kennfeld.workbooks.sheet_extent import OVERLAP, check_end, extent_of_records, extent_of_text
 
 _MAX_CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
+_CELL = 40  # bytes of memory of an empty cell
 _MAX_PARTS = 100_000
 _MAX_BINARY_BYTES = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
 _SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)", re.IGNORECASE)
@@ -123,18 +125,20 @@ def open_workbook(name: str, content: BinaryIO | bytes) -> Workbook:
     import python_calamine
 
     stream = BytesIO(content) if isinstance(content, bytes) else content
+    most_cells = min(_MAX_CELLS, memory_bound(stream.seek(0, SEEK_END)) // _CELL)
+    stream.seek(0)
     with _guard_damage(name):
         if zipfile.is_zipfile(stream):
             with zipfile.ZipFile(stream) as archive:
-                _check_size(Location(name), archive)
+                _check_size(Location(name), archive, most_cells)
         stream.seek(0)
         if stream.read(len(MAGIC)) == MAGIC:
-            check_records(workbook_stream(MAGIC + stream.read()), _MAX_CELLS)
+            check_records(workbook_stream(MAGIC + stream.read()), most_cells)
         stream.seek(0)
         return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream), stream)
 
 
-def _check_size(location: Location, archive: zipfile.ZipFile) -> None:
+def _check_size(location: Location, archive: zipfile.ZipFile, most_cells: int) -> None:
     """Refuse what would not fit into memory: one stray cell in the last row and column suffices."""
     if len(archive.namelist()) > _MAX_PARTS:
         raise InputError.of(location, f"has {len(archive.namelist())} parts", _SAVE_AGAIN)
@@ -146,7 +150,7 @@ def _check_size(location: Location, archive: zipfile.ZipFile) -> None:
         if not _SHEET.fullmatch(member.filename):
             continue
         width, height = _extent(archive, member)
-        if width * height > _MAX_CELLS:
+        if width * height > most_cells:
             message = f"{member.filename} spans up to {height} rows and {width} columns"
             raise InputError.of(location, message, "Delete the stray cells far from the table.")
 

@@ -17,6 +17,9 @@ from typing import IO, Any
 
 from kennfeld.machine_code.crash_report import describe_end
 from kennfeld.portable_pickle import pickle_content
+from kennfeld.process_limits import MOST_PROCESSES, limit_foreign_code, machine_memory
+from kennfeld.run_processes import RunProcesses, mark_of, marked_environment
+from kennfeld.windows_job import WindowsJob
 
 STOP = "stop"
 
@@ -34,7 +37,12 @@ class WorkerProcess:
         if sys.platform == "win32":
             session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
         arguments = [sys.executable or "python", "-c", command.format(path=sys.path)]
-        self.process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **session)
+        environment = marked_environment()
+        self._processes, self._job = RunProcesses(mark_of(environment)), WindowsJob(MOST_PROCESSES, machine_memory())
+        self.process = subprocess.Popen(
+            arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, **session
+        )
+        self._job.add(self.process.pid)
         self._thread = threading.Thread(target=self._receive, args=(work,), daemon=True)
         self._thread.start()
 
@@ -58,9 +66,11 @@ class WorkerProcess:
         return describe_end(self.process.pid, self.process.returncode)
 
     def close(self) -> None:
-        """End the process, and close its pipes."""
+        """End the process and those that foreign code has started in it, and close its pipes."""
         self.process.kill()
         self.process.wait()
+        self._processes.end()
+        self._job.close()
         if self._thread is not threading.current_thread():
             self._thread.join()
         for stream in (self.process.stdin, self.process.stdout):
@@ -121,7 +131,11 @@ class ParentConnection:
 
 
 def connect_to_parent() -> ParentConnection:
-    """Return the connection through stdin and stdout; from now on stdout is stderr, and Ctrl-C is ignored."""
+    """Return the connection through stdin and stdout; from now on stdout is stderr, and Ctrl-C is ignored.
+
+    Foreign code is limited as well.
+    """
+    limit_foreign_code()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     outgoing = os.fdopen(os.dup(1), "wb")
     with suppress(OSError):

@@ -1,0 +1,187 @@
+"""A process of its own for a library that damaged files crash, with memory in proportion to the file.
+
+Such a library trusts what it reads: a few wrong bytes make it ask for gigabytes, read beyond its memory, or search
+without end. In another process that costs one message. The process serves one file after the other, as loading the
+library takes longer than reading most files, and ends with the one that started it. What the library prints is
+discarded.
+"""
+
+import atexit
+import os
+import pickle
+import signal
+import struct
+import sys
+from collections.abc import Callable
+from contextlib import chdir, suppress
+from importlib import import_module
+from pathlib import Path
+from threading import Lock
+from typing import IO, TYPE_CHECKING, Any
+
+from kennfeld.errors import InputError
+from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory, limit_time, memory_bound
+from kennfeld.windows_job import WindowsJob
+
+if TYPE_CHECKING:
+    import subprocess
+
+_COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.measurement.library_process import main; main()"
+_TIME, _TIME_PER_BYTE = 20.0, 1e-6  # s of computing for any file, and for each of its bytes
+_COUNT = struct.Struct("<Q")
+_REMEDY = "Copy or export it again."
+
+Work = Callable[..., Any]
+
+
+class LibraryProcess:
+    """The process of one library, started when it is needed first."""
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._lock = Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+        self._job = WindowsJob()
+
+    @property
+    def is_running(self) -> bool:
+        """State of the process: true once the library is loaded."""
+        return self._process is not None and self._owner == os.getpid()
+
+    def call(self, work: Work, source: MeasurementFile, *arguments: Any) -> Any:
+        """Return `work(source, *arguments)`, a function of a module, evaluated in the process.
+
+        Raises:
+            InputError: the function raised it, or the library crashed or asked for too much memory.
+        """
+        if getattr(sys, "frozen", False) or not sys.executable:  # there is no interpreter to start
+            return work(source, *arguments)
+        with self._lock:
+            process = self._started()
+            try:
+                bound = memory_bound(source.size)
+                self._job.set_limits(memory=bound)
+                _send(process.stdin, (work.__module__, work.__qualname__, source, arguments, bound, Path.cwd()))
+                good, answer = _receive(process.stdout)
+            except (EOFError, OSError):
+                self._end()
+                raise self._crash(source, process.returncode) from None
+            except BaseException:  # such as Ctrl-C: the answer would be taken for that of the next file
+                self._end()
+                raise
+        if good:
+            return answer
+        raise answer
+
+    def _started(self) -> "subprocess.Popen[bytes]":
+        if self._process is not None and self._owner == os.getpid() and self._process.poll() is None:
+            return self._process
+        import subprocess  # most files do without
+
+        session: dict[str, Any] = {"start_new_session": True}
+        if sys.platform == "win32":
+            session = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+        process = subprocess.Popen(
+            [sys.executable, "-c", _COMMAND.format(path=sys.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            **session,
+        )
+        self._job.add(process.pid)
+        self._process, self._owner = process, os.getpid()
+        atexit.register(self._end)
+        return process
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is None or self._owner != os.getpid():
+            return
+        atexit.unregister(self._end)
+        process.kill()
+        process.wait()
+        for stream in (process.stdin, process.stdout):
+            with suppress(OSError):
+                stream.close()  # type: ignore[union-attr]
+
+    def _crash(self, source: MeasurementFile, status: int) -> InputError:
+        if status == MEMORY_EXCEEDED:
+            return _too_large(source, self._kind)
+        if status == -getattr(signal, "SIGXCPU", 0):
+            message = f"the {self._kind} file is damaged: the library that reads it does not come to an end"
+            return InputError.of(source.location, message, _REMEDY)
+        name = next((member.name for member in signal.Signals if member == -status), f"exit status {status}")
+        message = f"the {self._kind} file is damaged: the library that reads it crashed ({name})"
+        return InputError.of(source.location, message, _REMEDY)
+
+
+def _too_large(source: MeasurementFile, kind: str) -> InputError:
+    size = source.size
+    message = (
+        f"the {kind} file is damaged: reading its {size / 1e6:.3g} MB takes more than "
+        f"{memory_bound(size) / 1e6:.0f} MB of memory"
+    )
+    return InputError.of(source.location, message, _REMEDY)
+
+
+def main() -> None:
+    """Serve until the other process closes the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    outgoing = os.fdopen(os.dup(1), "wb")
+    null_device = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null_device, 1)
+    incoming = sys.stdin.buffer
+    with suppress(EOFError, OSError):
+        while True:
+            _send(outgoing, _answer(*_receive(incoming)))
+
+
+def _answer(
+    module: str, name: str, source: MeasurementFile, arguments: tuple[Any, ...], bound: int, folder: Path
+) -> tuple[bool, Any]:
+    """Return whether the work was done, and its result or error; `folder` is that of relative paths."""
+    work: Work = getattr(import_module(module), name)
+    limit_memory(bound)
+    limit_time(_TIME + _TIME_PER_BYTE * source.size)
+    try:
+        with chdir(folder):
+            return True, work(source, *arguments)
+    except MemoryError:
+        return False, _too_large(source, source.kind.value)
+    except InputError as error:
+        return False, error
+    except Exception as error:  # a fault of the program, which the other process shows with its place there
+        return False, RuntimeError(f"{type(error).__name__}: {error}")
+
+
+def _send(stream: IO[bytes] | None, content: Any) -> None:
+    """Write a pickle, and after it the arrays that it refers to, which are not copied."""
+    assert stream is not None
+    buffers: list[pickle.PickleBuffer] = []
+    parts = [memoryview(pickle.dumps(content, protocol=5, buffer_callback=buffers.append))]
+    parts += [buffer.raw() for buffer in buffers]
+    stream.write(_COUNT.pack(len(parts)) + b"".join(_COUNT.pack(part.nbytes) for part in parts))
+    for part in parts:
+        stream.write(part)
+    stream.flush()
+
+
+def _receive(stream: IO[bytes] | None) -> Any:
+    assert stream is not None
+    (count,) = _COUNT.unpack(_exactly(stream, _COUNT.size))
+    sizes = struct.unpack(f"<{count}Q", _exactly(stream, _COUNT.size * count))
+    content, *buffers = [_exactly(stream, size) for size in sizes]
+    return pickle.loads(content, buffers=buffers)
+
+
+def _exactly(stream: IO[bytes], size: int) -> bytearray:
+    content = bytearray(size)
+    view, at = memoryview(content), 0
+    while at < size:
+        read = stream.readinto(view[at:])  # type: ignore[attr-defined]
+        if not read:
+            raise EOFError
+        at += read
+    return content
