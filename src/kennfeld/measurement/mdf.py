@@ -436,7 +436,9 @@ def _to_float64(samples: Any, invalid: Any) -> Float:
     values = np.array(samples, dtype=np.float64)
     if invalid is not None:
         values[np.asarray(invalid, dtype=bool)] = np.nan
-    values[np.isnan(values)] = np.nan  # a NaN that signals would set off warnings later
+    missing = np.isnan(values)
+    if missing.any():
+        values[missing] = np.nan  # a NaN that signals would set off warnings later
     return values
 
 

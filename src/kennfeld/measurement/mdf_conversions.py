@@ -241,9 +241,12 @@ def _simplified(values: Sequence[float]) -> tuple[float, float] | None:
 
 
 def _linear(values: Sequence[float], raw: Float) -> Float:
+    """Return scaled values in place of the raw ones."""
     offset, factor = values[:2]
-    scaled = raw * factor
-    return scaled + offset if offset else scaled
+    raw *= factor
+    if offset:
+        raw += offset
+    return raw
 
 
 def _rational(values: Sequence[float], raw: Float) -> Float:
