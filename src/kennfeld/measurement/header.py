@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from itertools import takewhile
 
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.cells import Decimal, is_missing, parse_number
+from kennfeld.measurement.cells import Decimal, is_dated, is_missing, parse_number
+from kennfeld.measurement.stamps import is_stamp
 from kennfeld.measurement.unit_text import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
 
 Row = Sequence[object]
@@ -208,16 +209,25 @@ def _are_settings(run: Sequence[int], shapes: Sequence[_Shape]) -> bool:
 
 def _build_header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> Header:
     split = [("", "") if is_missing(cell) else split_name(str(cell)) for cell in rows[row]]
+    if _is_unnamed_time(rows, row, data):
+        split[0] = ("time", "")
     raw = ["" if is_missing(cell) else " ".join(str(cell).split()) for cell in rows[row]]
     short = [name for name, _ in split]
     shorts, raws = Counter(short), Counter(raw)
     # `p [bar]` beside `p [kPa]`: only the full heads tell them apart
-    names = [full if shorts[name] > raws[full] else name for name, full in zip(short, raw, strict=True)]
+    names = [full if full and shorts[name] > raws[full] else name for name, full in zip(short, raw, strict=True)]
     below = [] if unit_row is None else [plain_unit(_unit_text(cell)) for cell in rows[unit_row]]
     below = ["" if unit.casefold() in _LABELS else unit for unit in below]
     below += [""] * (len(names) - len(below))
     units = [unit or stated for unit, (_, stated) in zip(below, split, strict=False)]
     return Header(row, data, tuple(names), tuple(units))
+
+
+def _is_unnamed_time(rows: Sequence[Row], row: int, data: int) -> bool:
+    """Return whether the first column holds dates or times but has no name, as pandas writes an index."""
+    first = rows[data][0] if rows[data] else None
+    is_unnamed = bool(rows[row]) and is_missing(rows[row][0]) and not _has_time(rows[row])
+    return is_unnamed and (is_dated(first) or is_stamp(first))
 
 
 def _unit_text(cell: object) -> str:

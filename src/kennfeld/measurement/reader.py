@@ -14,10 +14,12 @@ from kennfeld.file_spans import FileSpans
 from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.bus_databases import AnyDatabase, DatabaseFile, to_databases
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
+from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
+from kennfeld.measurement.fraction_columns import with_fractions
 from kennfeld.measurement.table import Selection, Table, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, describe_table
-from kennfeld.measurement.time_column import drop_untimed
+from kennfeld.measurement.time_column import drop_untimed, with_unread_time
 from kennfeld.measurement.unpacking import unpacked
 
 # each module offers read_tables(source, selection)
@@ -216,7 +218,11 @@ def _reader(source: MeasurementFile) -> Any:
 def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     tables: list[Table] = run_guarded(source.name, lambda: _reader(source).read_tables(source, selection))
     tables = [without_infinite(table) for table in tables]
-    return [drop_untimed(table) for table in tables] if source.kind in _LOGS else tables
+    if source.kind in _LOGS:
+        tables = [drop_untimed(table) for table in tables]
+    if source.kind in _RASTERS:
+        return tables
+    return [with_unread_time(with_fractions(with_epochs(table, selection))) for table in tables]
 
 
 def _single_table(source: MeasurementFile, tables: Sequence[Table]) -> Table:

@@ -12,6 +12,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column, Selection, Table, unique_names
 from kennfeld.measurement.time_column import find_time
@@ -125,8 +126,11 @@ def tables_of(
     chosen = _choose(location, names, selection)
     tables = [_table(location, group, names, chosen, selection) for group in groups]
     kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
-    first, *others = _with_dates_aligned(kept or tables[:1], selection)
-    return [replace(first, findings=() if selection.channels else _warnings(location, unreadable)), *others]
+    first, *others = _with_dates_aligned([with_epochs(table, selection) for table in kept or tables[:1]], selection)
+    return [
+        replace(first, findings=(*first.findings, *(() if selection.channels else _warnings(location, unreadable)))),
+        *others,
+    ]
 
 
 def _warnings(location: Location, unreadable: Sequence[UnreadableChannel]) -> tuple[Finding, ...]:

@@ -44,6 +44,7 @@ _START = 1 << 16  # bytes that settle the encoding and characters that settle th
 _MOST = 64_000_000  # characters that are searched for grouped numbers
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 1.100, which may be 1100
 _POINTED = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_LEAST_DATE = 1e7  # numbers below it are clock times
 _LEAST_GROUPED = 1000  # plain numbers from here on would have a separator, too
 _HEAD_LINES = 200
 _HEAD_TEXT = 4_000_000  # characters, beyond which fewer lines tell enough of a table of very many columns
@@ -265,7 +266,9 @@ def _clock_findings(table: Table, decoded: Sequence[Column]) -> Iterator[Finding
             remedy = "Export the file with ISO dates, 2026-12-31, if that is wrong."
             yield Finding(location, column.doubt, remedy, severity="warning")
         if before is not column:
-            message = "the numbers are clock times, HHMMSS, and were read as such"
+            has_dates = float(np.nanmax(before.values)) >= _LEAST_DATE
+            form = "dates with times, YYYYMMDDHHMMSS" if has_dates else "clock times, HHMMSS"
+            message = f"the numbers are {form}, and were read as such"
             yield Finding(location, message, "Rename the column if it is not a time.", severity="remark")
 
 
