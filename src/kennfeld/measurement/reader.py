@@ -17,7 +17,7 @@ from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
 from kennfeld.measurement.fraction_columns import with_fractions
-from kennfeld.measurement.table import Selection, Table, without_infinite
+from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, describe_table
 from kennfeld.measurement.time_column import drop_untimed, with_unread_time
 from kennfeld.measurement.unpacking import unpacked
@@ -217,7 +217,7 @@ def _reader(source: MeasurementFile) -> Any:
 
 def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     tables: list[Table] = run_guarded(source.name, lambda: _reader(source).read_tables(source, selection))
-    tables = [without_infinite(table) for table in tables]
+    tables = [with_word_warnings(without_infinite(table)) for table in tables]
     if source.kind in _LOGS:
         tables = [drop_untimed(table) for table in tables]
     if source.kind in _RASTERS:

@@ -13,8 +13,8 @@ from kennfeld.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.epochs import with_epochs
-from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import Column, Selection, Table, unique_names
+from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.time_column import find_time
 from kennfeld.measurement.unit_text import in_seconds, time_unit
 
