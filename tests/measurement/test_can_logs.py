@@ -136,3 +136,27 @@ def test_times_beyond_all_numbers_are_findings(tmp_path, database):
     (tmp_path / "drive.log").write_text("(1e308) can0 1F4#0011223344556677\n(-1e308) can0 1F4#0011223344556677\n")
     with pytest.raises(InputError, match=r"^drive\.log"):
         read(tmp_path / "drive.log", ["Temp"], dbc=database)
+
+
+ASC = "date Thu Sep 2 09:37:49 am 2021\n{base}{rest}" + "".join(
+    f"   0.{k}00000 1  1F4             Rx   d 8 {10 + k:02d} 00 00 00 00 00 00 00\n" for k in range(1, 4)
+)
+
+
+@pytest.mark.parametrize(
+    "rest", ["", "Begin Triggerblock\n", "no internal events logged\n", "internal events logged\n// a comment\n"]
+)
+@pytest.mark.parametrize("base", ["base hex  timestamps absolute\n", "base hex\n"])
+@pytest.mark.parametrize("damaged", ["", "   0.050000 1  XYZ             Rx   d 1 01\n"])
+def test_no_frame_of_an_asc_log_is_lost(tmp_path, database, base, rest, damaged):
+    path = tmp_path / "drive.asc"
+    path.write_text(ASC.format(base=base, rest=rest + damaged))
+    data = read(path, dbc=database)
+    np.testing.assert_allclose(data.time, [0.1, 0.2, 0.3])
+    assert len(data.findings) == bool(damaged)
+
+
+def test_a_log_of_one_frame_is_read(tmp_path, database):
+    path = tmp_path / "drive.asc"
+    path.write_text("".join(ASC.format(base="base hex  timestamps absolute\n", rest="").splitlines(True)[:3]))
+    assert read(path, dbc=database).time.tolist() == [0.1]

@@ -11,11 +11,13 @@ from typing import BinaryIO, TypeVar
 
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
+from kennfeld.foreign_content import identify_foreign, identify_package
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
 
 _T = TypeVar("_T")
 _HEAD = 4096  # bytes
+_PACKAGE = 100_000_000  # bytes of an OLE package that are searched for its directory
 
 
 class FileKind(Enum):
@@ -98,9 +100,12 @@ _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
 _ANYWHERE = re.IGNORECASE | re.MULTILINE
 _EXPORT = "Export the measurement as MDF, CSV or MATLAB."
 _DATABASE = "a database of bus messages: it describes signals and holds no samples of them"
+ASC_HEADER = re.compile(
+    rb"^base[ \t]+(?P<base>hex|dec)(?:[ \t]+timestamps[ \t]+(?P<stamps>absolute|relative)|[ \t]*$)", _ANYWHERE
+)
 # text logs of bus messages: a pattern within their first bytes
 _BUS_LOGS = (
-    (re.compile(rb"^base\s+(?:hex|dec)\s+timestamps\s+(?:absolute|relative)", _ANYWHERE), FileKind.ASC),
+    (ASC_HEADER, FileKind.ASC),
     (re.compile(rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=|\A;#{20,}\s*$", _ANYWHERE), FileKind.TRC),
     (re.compile(rb"\A\s*\(\d+\.\d+\)\s+\S+\s+[\da-f]{3,8}#", _ANYWHERE), FileKind.CANDUMP),
 )
@@ -220,10 +225,16 @@ def run_guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
 
 
 def refuse_foreign(source: MeasurementFile) -> None:
-    """Raise `InputError` if a file is of a known kind that cannot be read, such as a bus log."""
+    """Raise `InputError` if a file is of a known kind that cannot be read, such as a picture or a Git LFS pointer."""
+    head = run_guarded(source.name, source.start)
+    content = identify_foreign(head)
+    if content is None and source.kind is FileKind.EXCEL:
+        content = identify_package(run_guarded(source.name, lambda: source.start(_PACKAGE)))
+    if content is not None:
+        raise InputError.of(source.location, f"this is {content.description}", content.remedy)
     if source.kind not in _WITHOUT_SIGNATURE:
         return
-    start = run_guarded(source.name, source.start).removeprefix(b"\xef\xbb\xbf")
+    start = head.removeprefix(b"\xef\xbb\xbf")
     for pattern, description, remedy in _FOREIGN:
         if re.search(pattern, start, _ANYWHERE):
             raise InputError.of(source.location, f"this is {description}", remedy)
