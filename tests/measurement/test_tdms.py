@@ -221,7 +221,7 @@ def test_a_channel_with_an_unknown_scale_is_skipped_with_a_warning(tdms):
     data = read(path)
     assert list(data) == ["y"]
     assert str(data.findings[0]) == (
-        "bench.tdms, channel x: has a scale of the unknown type PieceWisePolynomial and is skipped: its values are raw. "
+        "bench.tdms channel x: has a scale of the unknown type PieceWisePolynomial and is skipped: its values are raw. "
         "Export it with scaled values."
     )
     for work in (lambda: read(path, ["x"]), lambda: read(tdms(("g", "x", RAW, unknown)))):

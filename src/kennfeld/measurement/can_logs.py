@@ -1,4 +1,4 @@
-"""Logs of CAN frames: Vector ASC and BLF, PEAK TRC and candump, decoded by databases.
+"""Logs of CAN frames: Vector ASC and BLF, PEAK TRC, candump and CSV, decoded by databases.
 
 The frames of text logs are read by python-can, of the extra `bus`.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun
-from kennfeld.measurement import blf
+from kennfeld.measurement import blf, can_csv
 from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
 from kennfeld.measurement.channel_names import choose
@@ -51,7 +51,8 @@ def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
 
 
 def _read_log(source: MeasurementFile) -> BusLog:
-    frames, findings = blf.read_frames(source) if source.kind is FileKind.BLF else _read_text(source)
+    own = {FileKind.BLF: blf.read_frames, FileKind.CAN_CSV: can_csv.read_frames}
+    frames, findings = own.get(source.kind, _read_text)(source)
     if not any(map(len, frames)):
         raise InputError.of(source.location, "holds no data frames of a CAN bus", "Is it the right file?")
     return BusLog(source, frames, findings)

@@ -45,12 +45,13 @@ _READERS = {
     FileKind.BLF: "can_logs",
     FileKind.TRC: "can_logs",
     FileKind.CANDUMP: "can_logs",
+    FileKind.CAN_CSV: "can_logs",
 }
-_BUS_LOGS = {FileKind.ASC, FileKind.BLF, FileKind.TRC, FileKind.CANDUMP}
+_BUS_LOGS = {FileKind.ASC, FileKind.BLF, FileKind.TRC, FileKind.CANDUMP, FileKind.CAN_CSV}
 # kinds whose readers unpack gzip
 _TEXT = {
     FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM, FileKind.VBO, FileKind.HALTECH,
-    FileKind.ASC, FileKind.TRC, FileKind.CANDUMP,
+    FileKind.ASC, FileKind.TRC, FileKind.CANDUMP, FileKind.CAN_CSV,
 }  # fmt: skip
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)

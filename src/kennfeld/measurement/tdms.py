@@ -22,7 +22,7 @@ from kennfeld.optional_packages import optional_package
 _STEP, _OFFSET, _START, _UNIT = "wf_increment", "wf_start_offset", "wf_start_time", "wf_xunit_string"
 _COLUMNS = "wf_xcolumns"  # of a group: "One" if its first channel is the time, as LabVIEW writes it
 _SCALES = frozenset(
-    "Linear Polynomial RTD Strain Table Thermistor Thermocouple Add Subtract AdvancedAPI".split()
+    ["Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI"]
 )  # that the library applies
 _MOST_SCALES = 1000
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
