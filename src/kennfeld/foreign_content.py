@@ -1,4 +1,4 @@
-"""Recognises by the first bytes what is in place of a file or never was one of ours: pointers, web pages, pictures."""
+"""Recognises files of no format that is read by their first bytes: pointers to content, web pages, pictures, programs."""
 
 import re
 import struct
@@ -45,7 +45,7 @@ _OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 
 
 class ForeignContent(NamedTuple):
-    """What a file holds, as `this is ...` continues, and what to do."""
+    """The content of a file, as `this is ...` continues, and the remedy."""
 
     description: str
     remedy: str
