@@ -106,6 +106,9 @@ def test_of_records_that_overlap_the_last_one_counts():
     made, remarks = image(hex_record(0, 0, b"\x01\x02\x03"), hex_record(0, 1, b"\x09"), END)
     assert made.read(0, 3) == b"\x01\x09\x03"
     assert "1 record overlap with others, the first at 0x1; the last record takes precedence" in remarks[0]
+    assert "1 byte differ, the first at 0x1: 02 (line 1) and 09 (line 2)" in remarks[0]
+    _, remarks = image(hex_record(0, 0, b"\x01\x02\x03"), hex_record(0, 1, b"\x02"), END)
+    assert remarks[0].endswith("their bytes are equal")
     again, _ = image(made.changed({1: b"\x05"}).decode())
     assert again.read(0, 3) == b"\x01\x05\x03"
 

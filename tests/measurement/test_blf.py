@@ -83,3 +83,14 @@ def test_every_end_of_a_log_is_noticed(tmp_path, count):
         path.write_bytes(content[:end])
         with suppress(InputError):
             assert frames_of(path)[1] != []
+
+
+def test_a_log_without_data_frames_says_what_it_holds(tmp_path):
+    others = [bytearray(frame(k)) for k in range(3)]
+    for other in others:
+        struct.pack_into("<L", other, 12, 11)
+    path = write(tmp_path, container(b"".join(map(bytes, others)) + frame(flags=0x80)))
+    with pytest.raises(InputError, match="holds no data frames of a CAN bus: it holds 3 LIN frames"):
+        frames_of(path)
+    with pytest.raises(InputError, match="holds no data frames of a CAN bus: it holds nothing"):
+        read(write(tmp_path))

@@ -1,5 +1,6 @@
 """Logs of CAN frames as Vector, PEAK and candump write them."""
 
+import base64
 import gzip
 import re
 import sys
@@ -10,7 +11,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.bus_files import DBC, Frame, drive, eec1, write_log, write_mf4
+from tests.measurement.bus_files import DBC, Frame, drive, eec1, engine, write_log, write_mf4
 
 ENDINGS = (".asc", ".blf", ".log", ".trc")
 FRAMES = sorted([*drive(), *(Frame(0.013 * k, 0x0CF00400, eec1(800 + k, 10), True, 2) for k in range(9))])
@@ -136,3 +137,62 @@ def test_times_beyond_all_numbers_are_findings(tmp_path, database):
     (tmp_path / "drive.log").write_text("(1e308) can0 1F4#0011223344556677\n(-1e308) can0 1F4#0011223344556677\n")
     with pytest.raises(InputError, match=r"^drive\.log"):
         read(tmp_path / "drive.log", ["Temp"], dbc=database)
+
+
+ASC = "date Thu Sep 2 09:37:49 am 2021\n{base}{rest}" + "".join(
+    f"   0.{k}00000 1  1F4             Rx   d 8 {10 + k:02d} 00 00 00 00 00 00 00\n" for k in range(1, 4)
+)
+
+
+@pytest.mark.parametrize(
+    "rest", ["", "Begin Triggerblock\n", "no internal events logged\n", "internal events logged\n// a comment\n"]
+)
+@pytest.mark.parametrize("base", ["base hex  timestamps absolute\n", "base hex\n"])
+@pytest.mark.parametrize("damaged", ["", "   0.050000 1  XYZ             Rx   d 1 01\n"])
+def test_no_frame_of_an_asc_log_is_lost(tmp_path, database, base, rest, damaged):
+    path = tmp_path / "drive.asc"
+    path.write_text(ASC.format(base=base, rest=rest + damaged))
+    data = read(path, dbc=database)
+    np.testing.assert_allclose(data.time, [0.1, 0.2, 0.3])
+    assert len(data.findings) == bool(damaged)
+
+
+def test_a_log_of_one_frame_is_read(tmp_path, database):
+    path = tmp_path / "drive.asc"
+    path.write_text("".join(ASC.format(base="base hex  timestamps absolute\n", rest="").splitlines(True)[:3]))
+    assert read(path, dbc=database).time.tolist() == [0.1]
+
+
+CAN_CSV = {
+    "css": (
+        "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;DataBytes\n",
+        "170000000{k}.5;1;1F4;0;8;8;0;0;0;{data}\n",
+    ),
+    "savvycan": (
+        "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8\n",
+        "{k}500000,000001F4,false,Rx,1,8,{bytes}\n",
+    ),
+    "python-can": (
+        "timestamp,arbitration_id,extended,remote,error,dlc,data\n",
+        "{k}.5,0x1f4,0,0,0,8,{base64}\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("maker", CAN_CSV)
+def test_logs_in_csv_are_decoded(tmp_path, database, maker):
+    head, row = CAN_CSV[maker]
+    path = tmp_path / "drive.csv"
+    text = head
+    for k in range(3):
+        data = engine(1000 + k, 80)
+        forms = {"data": data.hex(), "bytes": ",".join(f"{byte:02X}" for byte in data)}
+        text += row.format(k=k, base64=base64.b64encode(data).decode(), **forms)
+    path.write_text(text)
+    data = read(path, dbc=database)
+    assert data["Speed"].values.tolist() == [1000, 1001, 1002]
+    np.testing.assert_allclose(np.diff(data.time), 1.0)
+    with pytest.raises(InputError, match="this is a bus log: it holds 3 CAN frames of 1 identifier"):
+        read(path)
+    path.write_text(text + text.splitlines()[1].replace("1F4", "XYZ").replace("1f4", "xyz") + "\n")
+    assert "1 row cannot be read as a frame, the first in line 5" in read(path, dbc=database).findings[0].message

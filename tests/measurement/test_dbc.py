@@ -87,7 +87,7 @@ SG_MUL_VAL_ 1 B A 1-1;
         (" SG_ b : 0|8@", "is not a signal of message M; it is skipped"),
         (' SG_ b m1 : 0|8@1+ (1,0) [0|0] "" X', "depends on a multiplexer that is missing; it is skipped"),
         ("BO_ 1 N: 8 X", "message N has the identifier of M (line 1); it is skipped"),
-        ("BO_ 4000 N: 8 X", "message N has an identifier 4000 that no frame can have; it is skipped"),
+        ("BO_ 600000000 N: 8 X", "message N has an identifier 600000000 that no frame can have; it is skipped"),
         ("BO_ x", "'BO_ x' is not a message; it is skipped with its signals"),
         ('VAL_ 1 a 0 "Off', "the text of VAL_ does not end; it is skipped"),
         (' SG_ b : 4|8@1+ (1,0) [0|0] "" X', "1 signal share bits with others of their message: M.b and a"),

@@ -237,10 +237,11 @@ def test_the_time_is_read_for_selected_channels_too(csv):
     assert read(csv(TORQUE), ["Engine RPM"]).time[1] == 0.5
 
 
-def test_stamps_of_whole_seconds_that_repeat_are_reported(csv):
+def test_stamps_of_whole_seconds_that_repeat_are_spread_with_a_remark(csv):
     rows = [f"-,11-Nov-2026 10:00:{k // 4:02d},-,{800 + k}" for k in range(40)]
-    with pytest.raises(InputError, match="column Device Time: time does not increase at 30 samples"):
-        read(csv(lines("GPS Time, Device Time, Longitude,Engine RPM(rpm)", rows)))
+    data = read(csv(lines("GPS Time, Device Time, Longitude,Engine RPM(rpm)", rows)))
+    np.testing.assert_allclose(data.time, 0.25 * np.arange(40))
+    assert "column Device Time: 30 samples of 40 repeat the time stamp before" in str(data.findings[0])
 
 
 def test_dates_that_repeat_are_no_time(csv):

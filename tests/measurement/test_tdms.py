@@ -197,3 +197,34 @@ def test_damaged_files_are_read_or_refused(tdms, count):
         ("a", "x", np.arange(50.0), even(0.1)), ("a", "y", np.arange(50.0), even(0.1)), ("b", "z", np.arange(5))
     )
     assert refusals(path, head=4, count=count, raster=0.1) > count / 6
+
+
+RAW = np.arange(6, dtype=np.int16)
+
+
+def scaled(kind, **parameters):
+    names = {f"NI_Scale[0]_{kind}_{name}": value for name, value in parameters.items()}
+    return {"NI_Number_Of_Scales": 1, "NI_Scaling_Status": "unscaled", "NI_Scale[0]_Scale_Type": kind} | names
+
+
+def test_a_table_is_interpolated(tdms):
+    points = {"Scaled_Values_Size": 3, "Pre_Scaled_Values_Size": 3, "Input_Source": 0xFFFFFFFF}
+    points |= {f"Scaled_Values[{k}]": value for k, value in enumerate((100.0, 120.0, 200.0))}
+    points |= {f"Pre_Scaled_Values[{k}]": value for k, value in enumerate((0.0, 2.0, 5.0))}
+    data = read(tdms(("g", "x", RAW, even(0.1) | scaled("Table", **points))))
+    np.testing.assert_allclose(data["x"].values, np.interp(RAW, [0, 2, 5], [100, 120, 200]))
+
+
+def test_a_channel_with_an_unknown_scale_is_skipped_with_a_warning(tdms):
+    unknown = even(0.1) | scaled("PieceWisePolynomial")
+    path = tdms(("g", "x", RAW, unknown), ("g", "y", RAW, even(0.1)))
+    data = read(path)
+    assert list(data) == ["y"]
+    assert str(data.findings[0]) == (
+        "bench.tdms channel x: has a scale of the unknown type PieceWisePolynomial and is skipped: its values are raw. "
+        "Export it with scaled values."
+    )
+    for work in (lambda: read(path, ["x"]), lambda: read(tdms(("g", "x", RAW, unknown)))):
+        with pytest.raises(InputError, match="unknown type PieceWisePolynomial"):
+            work()
+    assert read(tdms(("g", "x", RAW, unknown | {"NI_Scaling_Status": "scaled"})))["x"].values.tolist() == RAW.tolist()

@@ -148,8 +148,7 @@ def test_a_file_cut_in_half_is_called_cut_off(csv):
         ("Speed,Torque\n", "there are names but no row of numbers below them"),
         ("Speed,Torque\nrpm,Nm\n", "there are names but no row of numbers below them"),
         ("1,2\n3,4\n", "the numbers have no header with channel names"),
-        ("a,b,a\n1,2,3\n", "2 columns are named a"),
-        ("a;b\n1,234.5;1.5\n2.5;3.5\n3.5;4.5\n", "thousands separator"),
+        ("a;b\n1,234.5.1;1.5\n2.5;3.5\n3.5;4.5\n", "must be a number, got '1,234.5.1'"),
         ("a,b\n1,2\n3,1_000\n4,5\n", "must be a number, got '1_000'"),
     ],
 )

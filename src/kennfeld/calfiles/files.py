@@ -13,6 +13,7 @@ from kennfeld.calfiles.format import HEAD_SIZE, BinaryFormat, CalibrationSource,
 from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_content
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.foreign_content import identify_foreign
 from kennfeld.formatting import nearest
 from kennfeld.garbage_collection import no_collection
 from kennfeld.lazy_dataclass import dataclass
@@ -255,6 +256,9 @@ def _bytes(path: Path) -> bytes:
     """Read a file; a large one of another kind is refused by its head."""
     with convert_errors(path, "cannot be read", missing="there is no such file"), path.open("rb") as file:
         head = CalibrationSource(path.name, file.read(HEAD_SIZE), path)
+        content = identify_foreign(head.raw)
+        if content is not None and explain_unsupported(path) is None:
+            raise InputError.of(Location(path.name), f"this is {content.description}", content.remedy)
         if head.is_binary and not any(known.recognises(head) for known in _FORMATS if isinstance(known, BinaryFormat)):
             raise InputError([_unsupported_file(path, head.raw, "holds binary data")])
         return head.raw + file.read()

@@ -7,14 +7,15 @@ are taken out at once.
 
 import struct
 import zlib
-from collections import defaultdict
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.formatting import join_names
 from kennfeld.measurement.bus_frames import Frames, joined
 from kennfeld.measurement.file_kind import MeasurementFile
 
@@ -49,6 +50,14 @@ _CLASSIC = _Layout("<u2", ("u1", 2), 4, 3, 8, 8, _REMOTE)
 _FLEXIBLE = _Layout("<u2", ("u1", 2), 4, 14, 20, 64, _REMOTE)
 _FLEXIBLE_64 = _Layout("u1", ("<u4", 12), 4, 2, 40, 64, _REMOTE_64)
 _LAYOUTS = {1: _CLASSIC, 86: _CLASSIC, 100: _FLEXIBLE, 101: _FLEXIBLE_64}
+_OTHERS = {  # objects that are not data frames of a CAN bus
+    2: "error frames", 3: "overload frames", 4: "statistics", 5: "triggers", 6: "values of variables", 9: "events",
+    11: "LIN frames", 57: "LIN frames", 29: "FlexRay frames", 41: "FlexRay frames", 50: "FlexRay frames",
+    66: "FlexRay frames", 31: "states of the CAN driver", 71: "Ethernet frames", 113: "Ethernet frames",
+    120: "Ethernet frames", 72: "values of variables", 73: "error frames", 104: "error frames", 90: "events",
+    92: "events", 96: "comments", 65: "texts",
+}  # fmt: skip
+_MAX_LISTED = 4  # kinds in a message
 _Places = dict[tuple[int, int], list[int]]  # places of objects by kind and version of their header
 
 
@@ -59,15 +68,18 @@ class _DamageError(Exception):
 def read_frames(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     """Return the CAN frames; a warning if the file is cut off or damaged, so that the last ones are missing."""
     parts: list[Frames] = []
+    others: Counter[int] = Counter()
     problem = ""
     with source.open() as file:
         try:
-            for piece in _pieces(file, source.size):
+            for piece in _pieces(file, source.size, others):
                 parts += piece
         except (_DamageError, struct.error, zlib.error, EOFError) as error:
             problem = str(error) or "the file ends too early"
     frames = [joined(parts)] if parts else []
     if not problem:
+        if not any(map(len, frames)):
+            raise InputError.of(source.location, _without_frames(others), "Record the CAN bus, or name another log.")
         return frames, []
     message = f"the BLF file is damaged or cut off ({problem})"
     remedy = "Copy it again from its source."
@@ -76,11 +88,20 @@ def read_frames(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     return frames, [_cut_off(source.location, message, len(frames[0]), remedy)]
 
 
+def _without_frames(others: Mapping[int, int]) -> str:
+    """Return what a file holds instead of data frames of a CAN bus."""
+    names: Counter[str] = Counter()
+    for kind, count in others.items():
+        names[_OTHERS.get(kind, f"objects of kind {kind}")] += count
+    listed = join_names([f"{count} {name}" for name, count in names.most_common(_MAX_LISTED)]) or "nothing"
+    return f"holds no data frames of a CAN bus: it holds {listed}"
+
+
 def _cut_off(location: Location, message: str, count: int, remedy: str) -> Finding:
     return Finding(location, f"{message}; the {count} frames before are read", remedy, severity="warning")
 
 
-def _pieces(file: BinaryIO, size: int) -> Iterator[list[Frames]]:
+def _pieces(file: BinaryIO, size: int, others: Counter[int]) -> Iterator[list[Frames]]:
     """Yield the frames of each container."""
     head = file.read(_FILE.size)
     if len(head) < _FILE.size:
@@ -94,7 +115,7 @@ def _pieces(file: BinaryIO, size: int) -> Iterator[list[Frames]]:
         if kind != _CONTAINER:  # an uncompressed log has its objects here
             content = head + content
         piece = rest + content
-        frames, end = _frames(piece)
+        frames, end = _frames(piece, others)
         rest = piece[end:]
         yield frames
         if len(rest) > _MOST_BYTES:
@@ -128,8 +149,11 @@ def _content(file: BinaryIO, head: bytes, size: int) -> tuple[bytes, int]:
     return unpacked, kind
 
 
-def _frames(piece: bytes) -> tuple[list[Frames], int]:
-    """Return the frames of whole objects, in the order of their kinds, and where the incomplete rest begins."""
+def _frames(piece: bytes, others: Counter[int]) -> tuple[list[Frames], int]:
+    """Return the frames of whole objects, in the order of their kinds, and where the incomplete rest begins.
+
+    The kinds of other objects are counted in `others`.
+    """
     places: _Places = defaultdict(list)
     at = 0
     unpack, head, most = _OBJECT.unpack_from, _OBJECT.size, len(piece)
@@ -149,6 +173,8 @@ def _frames(piece: bytes) -> tuple[list[Frames], int]:
             break
         if kind in _LAYOUTS:
             places[kind, version].append(begin)
+        else:
+            others[kind] += 1
         at = begin + length
     table = np.frombuffer(piece, np.uint8)
     return [part for key, begins in places.items() if (part := _of_kind(table, *key, begins)) is not None], at

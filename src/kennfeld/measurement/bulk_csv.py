@@ -35,7 +35,12 @@ def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -
         lines = [stream.readline(_LINE) for _ in range(_SAMPLE)]
     sample = [line.decode(dialect.encoding, "replace").rstrip("\r\n") for line in lines if line]
     cells = [split_line(line, dialect.separator) for line in sample]
-    if dialect.encoding == "utf-16" or any(map(is_comment, sample)) or len({len(row) for row in cells}) != 1:
+    if (
+        dialect.encoding == "utf-16"
+        or dialect.grouped
+        or any(map(is_comment, sample))
+        or len({len(row) for row in cells}) != 1
+    ):
         return None
     width = len(cells[0])
     types = {i: _column_type([row[i] for row in cells], dialect) for i in selection.wants(header) if i < width}

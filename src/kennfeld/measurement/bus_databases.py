@@ -64,9 +64,9 @@ def _read_once(path: Path) -> "BusDatabase":
 
 @lru_cache(maxsize=16)
 def _parse_once(name: str, content: bytes) -> "BusDatabase":
-    from kennfeld.measurement.dbc import decode, parse_database
+    from kennfeld.measurement.dbc import parse_content
 
-    return parse_database(name, decode(content))
+    return parse_content(name, content)
 
 
 AnyDatabase = str | Path | Mapping[str, str | int] | DatabaseFile

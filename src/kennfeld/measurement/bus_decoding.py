@@ -326,7 +326,8 @@ def _distance(message: BusMessage, sender: Sender) -> int:
 
 
 def _forms(recorded: RecordedMessage, signal: BusSignal) -> tuple[str, ...]:
-    return (signal.name, *(f"{form}.{signal.name}" for form in recorded.forms))
+    short = (signal.short_name,) if signal.short_name else ()
+    return (signal.name, *(f"{form}.{signal.name}" for form in recorded.forms), *short)
 
 
 def _restricted(file: DatabaseFile, name: str) -> str:

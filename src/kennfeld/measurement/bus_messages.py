@@ -29,6 +29,7 @@ class BusSignal:
         comment: description.
         texts: raw values with a name.
         switches: all of them have to be true if the signal is present.
+        short_name: another name by which it may be requested, if the file has a longer one, too.
     """
 
     name: str
@@ -42,6 +43,7 @@ class BusSignal:
     comment: str = ""
     texts: tuple[tuple[int, str], ...] = ()
     switches: tuple[Switch, ...] = ()
+    short_name: str = ""
 
     @property
     def first(self) -> int:

@@ -1,4 +1,4 @@
-"""Logs of CAN frames: Vector ASC and BLF, PEAK TRC and candump, decoded by databases.
+"""Logs of CAN frames: Vector ASC and BLF, PEAK TRC, candump and CSV, decoded by databases.
 
 The frames of text logs are read by python-can, of the extra `bus`.
 """
@@ -14,11 +14,11 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun
-from kennfeld.measurement import blf
+from kennfeld.measurement import blf, can_csv
 from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
 from kennfeld.measurement.channel_names import choose
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile
+from kennfeld.measurement.file_kind import ASC_HEADER, FileKind, MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription
 from kennfeld.optional_packages import optional_package
@@ -35,7 +35,7 @@ _MOST_BYTES = 64
 _NO_END = "the last line has no line break: the log seems to be cut off; the frames before its end are read"
 _EPOCH = 1e8  # s; larger times count from 1970
 _DIGITS = 6  # of such times in s: they are not known to more
-_RELATIVE = "relative"
+_RELATIVE = b"relative"
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
@@ -51,8 +51,9 @@ def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
 
 
 def _read_log(source: MeasurementFile) -> BusLog:
-    frames, findings = blf.read_frames(source) if source.kind is FileKind.BLF else _read_text(source)
-    if not frames:
+    own = {FileKind.BLF: blf.read_frames, FileKind.CAN_CSV: can_csv.read_frames}
+    frames, findings = own.get(source.kind, _read_text)(source)
+    if not any(map(len, frames)):
         raise InputError.of(source.location, "holds no data frames of a CAN bus", "Is it the right file?")
     return BusLog(source, frames, findings)
 
@@ -108,13 +109,17 @@ class _Columns:
 def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     """Return the frames of a text log; a warning if lines of it are damaged or the last one is cut off."""
     reader_class = _load(source)
+    header: dict[str, str] = {}
+    is_relative = False
+    if source.kind is FileKind.ASC:
+        base, is_relative = _asc_header(source)
+        header = {"base": base}
     columns, problems = _Columns(source.kind in _FROM_ZERO), list[str]()
     with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as text:
-        reader = reader_class(text)
+        reader = reader_class(text, **header)
         while not (done := _collect(reader, columns, problems)):
             if source.kind not in _RESUMABLE or len(problems) >= _MOST_DAMAGED:
                 break
-    is_relative = getattr(reader, "timestamps_format", "") == _RELATIVE
     frames = [columns.frames(is_relative=is_relative)] if columns.time else []
     findings = [Finding(source.location, _RELATIVE_TIME, _ABSOLUTE, severity="warning")] if is_relative else []
     if frames and not problems and not _ends_with_line_break(source):
@@ -152,4 +157,14 @@ def _load(source: MeasurementFile) -> Any:
     with optional_package(source.location, "bus"):
         import can
     logging.getLogger("can").setLevel(logging.CRITICAL + 1)
-    return getattr(can, _READERS[source.kind])
+    reader = getattr(can, _READERS[source.kind])
+    # its own search for the header takes the first frame for a line of it, also after a damaged line
+    return type("Reader", (reader,), {"_extract_header": lambda self: None}) if source.kind is FileKind.ASC else reader
+
+
+def _asc_header(source: MeasurementFile) -> tuple[str, bool]:
+    """Return the base of the numbers in an ASC log, `hex` or `dec`, and whether its time stamps are relative."""
+    match = ASC_HEADER.search(source.start().removeprefix(b"\xef\xbb\xbf"))
+    if match is None:
+        return "hex", False
+    return match["base"].decode().lower(), (match["stamps"] or b"").lower() == _RELATIVE

@@ -9,16 +9,33 @@ import numpy as np
 
 from kennfeld.arrays import Float
 
-Decimal = Literal[".", ","]
+Decimal = Literal[".", ",", ".,"]  # the last one: a point, beside commas that separate thousands
 
-MISSING = ("", "-", "--", "nan", "+nan", "-nan", "na", "n/a", "#n/a", "#na", "null", "none")
+# as spreadsheets, C runtimes and loggers write that there is no value
+MISSING = (
+    "", "-", "--", "---", "*", "**", "***", "****", "?", "??", "???", "nan", "+nan", "-nan", "na", "n/a", "#n/a", "#na",
+    "null", "none", "n.a.", "#value!", "#div/0!", "#ref!", "#num!", "#name?", "#null!", "no data", "nodata", "no value",
+    "not available", "nan(ind)", "-nan(ind)", "+nan(ind)", "nan(snan)", "-nan(snan)", "1.#qnan", "-1.#qnan", "1.#snan",
+    "-1.#snan", "1.#ind", "-1.#ind", "1.#nan",
+)  # fmt: skip
 TRUTH = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
 
 _GAPS = frozenset(MISSING)
-_ENDLESS = {sign + word: float(sign + word) for sign in ("", "+", "-") for word in ("inf", "infinity")}
+_ENDLESS = {sign + word: float(sign + "inf") for sign in ("", "+", "-") for word in ("inf", "infinity", "1.#inf")}
+# a series of marks; the digits that a C runtime adds; a NaN with its bits
+_MARKS = re.compile(r"[-*?#_]+|[+-]?1[.,]#(?:q?nan|snan|ind)0*|[+-]?nan\([\w]*\)")
+_SEPARATED = "'\u2019\u00a0\u202f "  # thousands, in numbers with either decimal mark
 _NUMBER: dict[str, re.Pattern[str]] = {
     ".": re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
     ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|[0-9]{1,3}(?:\.[0-9]{3})+,[0-9]+|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+}
+_NUMBER[".,"] = _NUMBER["."]
+_APART = rf"[+-]?[1-9][0-9]{{0,2}}(?:(?P<mark>[{_SEPARATED}])[0-9]{{3}})(?:(?P=mark)[0-9]{{3}})*"
+# numbers whose thousands are separated, as far as that is certain
+_GROUPED: dict[str, re.Pattern[str]] = {
+    ".": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+(?=\.))(?:\.[0-9]*)?"),
+    ",": re.compile(rf"{_APART}(?:,[0-9]*)?"),
+    ".,": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+)(?:\.[0-9]*)?"),
 }
 _EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
 
@@ -41,10 +58,13 @@ def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
 def _parse_text(text: str, decimal: Decimal) -> float | None:
     if _NUMBER[decimal].fullmatch(text):
         return float(text.replace(".", "").replace(",", ".") if decimal == "," else text)
+    if _GROUPED[decimal].fullmatch(text):
+        whole, _, fraction = text.partition("," if decimal == "," else ".")
+        return float(re.sub(r"[^\d+-]", "", whole) + "." + (fraction or "0"))
     folded = text.casefold()
-    if folded in _GAPS:
+    if folded in _GAPS or _MARKS.fullmatch(folded):
         return np.nan
-    return TRUTH.get(folded, _ENDLESS.get(folded))
+    return TRUTH.get(folded, _ENDLESS.get(folded.replace(",", ".").rstrip("0") if "#" in folded else folded))
 
 
 def _seconds(cell: object) -> float | None:
@@ -62,13 +82,25 @@ def is_dated(cell: object) -> bool:
     return isinstance(cell, date | time | timedelta)
 
 
+def is_truth(cell: object) -> bool:
+    """Return whether the cell holds the state of a switch: `on`, `OFF`, `true`, or a truth value.
+
+    >>> is_truth("OFF"), is_truth(0)
+    (True, False)
+    """
+    return isinstance(cell, bool) or (isinstance(cell, str) and cell.strip().casefold() in TRUTH)
+
+
 def is_missing(cell: object) -> bool:
     """Return whether the cell is a gap.
 
     >>> is_missing("#N/A"), is_missing(0)
     (True, False)
     """
-    return cell is None or (isinstance(cell, str) and cell.strip().casefold() in _GAPS)
+    if not isinstance(cell, str):
+        return cell is None
+    folded = cell.strip().casefold()
+    return folded in _GAPS or _MARKS.fullmatch(folded) is not None
 
 
 def parse_numbers(cells: Sequence[object], decimal: Decimal = ".") -> tuple[Float, list[int]]:

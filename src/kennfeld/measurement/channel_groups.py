@@ -15,10 +15,11 @@ from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.instants import instant_findings, separate_instants
 from kennfeld.measurement.resampling import even_grid, resample_all
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import assemble, check_columns, readonly_view, to_channels
-from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, merge_instants, time_in_seconds
+from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
 _SHIFT = 1e-3  # of a recording, by which equal times may drift apart by rounding
@@ -98,8 +99,9 @@ def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | 
             message = "has no time stamps, so its channels cannot be joined with those of other groups"
             errors.append(Finding(table.location, message, "Read them separately."))
         else:
-            merged = merge_instants(time_in_seconds(time), [column.values for column in columns])
-            groups.append(_ChannelGroup(table, columns, *merged, clock_of(time)))
+            instants = separate_instants(time_in_seconds(time), [column.values for column in columns])
+            said = replace(table, findings=(*table.findings, *instant_findings(table, time, [instants])))
+            groups.append(_ChannelGroup(said, columns, instants.time, instants.values, clock_of(time)))
     if errors:
         raise InputError(errors)
     return groups

@@ -17,6 +17,7 @@ from kennfeld.measurement.vcds_header import find_vcds_header
 ALONE = "\x1f"  # stands for: one column, no separator
 _SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
 _COMMENT = re.compile(r"\s*(?:#(?!n/?a\b)|//|%)", re.IGNORECASE)
+_QUOTED_THOUSANDS = re.compile(r'"\s*[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?\s*"')  # "1,200.5"
 _NAMES = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks", ALONE: "none"}
 
 
@@ -31,6 +32,12 @@ class Dialect:
     header: Header
     beacons: str = ""  # times at which the car passed a beacon, as AiM and MoTeC list them above the table
     repeated: frozenset[str] = frozenset()  # lines that are never rows: repeated names and units
+    grouped: bool = False  # commas separate thousands beside a decimal point
+
+    @property
+    def numbers(self) -> Decimal:
+        """The form of its numbers."""
+        return ".," if self.grouped else self.decimal
 
     @property
     def details(self) -> tuple[tuple[str, str], ...]:
@@ -84,6 +91,8 @@ def find_dialect(location: Location, first_lines: tuple[str, ...], encoding: str
         rows = [[] if is_comment(line) or is_mark(line, separator) else split_line(line, separator) for line in lines]
         may_have_commas = separator != "," and any("," in line for line in lines)
         decimals: tuple[Decimal, ...] = (".", ",") if may_have_commas else (".",)
+        if separator == "," and any(map(_QUOTED_THOUSANDS.search, lines)):
+            decimals = (".", ".,")
         for decimal in decimals:
             rating = _rate(rows, separator, decimal, encoding, lines)
             if rating is not None and (best is None or rating[0] > best[0]):
@@ -127,9 +136,11 @@ def _rate(
         odd = len(row) < header.width or any(cell.strip() for cell in row[len(header.names) :])
         texts = sum(value is None and i in numeric and bool(row[i].strip()) for i, value in enumerate(values))
         score += len(values) - values.count(None) - 2 * texts - 3 * odd
-        seen = seen or any(value is not None and decimal in cell for cell, value in zip(row, values, strict=True))
+        seen = seen or any(value is not None and decimal[:1] in cell for cell, value in zip(row, values, strict=True))
     repeated = frozenset(lines[header.row : header.row + 1]) - {""}
-    return (score, -header.row), Dialect(encoding, separator, decimal, seen, header, _beacons(above), repeated)
+    mark: Decimal = "," if decimal == "," else "."
+    grouped = decimal == ".,"
+    return (score, -header.row), Dialect(encoding, separator, mark, seen, header, _beacons(above), repeated, grouped)
 
 
 def _beacons(above: Sequence[Sequence[str]]) -> str:

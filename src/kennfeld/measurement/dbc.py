@@ -12,18 +12,26 @@ from pathlib import Path
 
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.foreign_content import identify_foreign
 from kennfeld.formatting import count_noun, join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch, bits_of
 from kennfeld.measurement.unit_text import plain_unit
 
 _EXTENDED = 1 << 31  # of an identifier in the file
+_MOST_STANDARD, _MOST_EXTENDED = 0x7FF, 0x1FFFFFFF  # identifiers of frames
 _UNASSIGNED = 0xC0000000  # identifier of the message that collects signals without one
 _MOST_BITS = 64
 _MOST_BYTES = 1785  # of a message; of J1939 in several packets
 _MAX_SIZE = 200_000_000  # bytes of a file
 _MOST_LINES = 1000  # of a statement
 _MAX_FINDINGS = 20
+_HEAD = 20_000  # bytes
+_MATRIX_FORMATS = (
+    (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--.*?-->\s*)*<AUTOSAR[\s>]", re.DOTALL), "arxml"),
+    (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--.*?-->\s*)*<(?:\w+:)?NetworkDefinition[\s>]", re.DOTALL), "kcd"),
+    (re.compile(rb"\AFormatVersion\s*=", re.IGNORECASE), "sym"),
+)
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _TEXT = r'"((?:[^"\\]|\\.)*)"'
 _MESSAGE = re.compile(r"BO_\s+(\d{1,10})\s+(\S+?)\s*:\s*(\d{1,6})\b")
@@ -40,8 +48,10 @@ _SPAN = re.compile(r"(\d{1,20})\s*-\s*(\d{1,20})")
 _CHOICES = re.compile(rf"BA_DEF_\s+(?:BO_\s+)?{_TEXT}\s+ENUM\s+(.*)", re.DOTALL)
 _DEFAULT = re.compile(rf"BA_DEF_DEF_\s+{_TEXT}\s+(.*?)\s*;", re.DOTALL)
 _OF_MESSAGE = re.compile(rf"BA_\s+{_TEXT}\s+BO_\s+(\d{{1,10}})\s+(.*?)\s*;", re.DOTALL)
+_OF_SIGNAL = re.compile(rf"BA_\s+{_TEXT}\s+SG_\s+(\d{{1,10}})\s+(\S+)\s+{_TEXT}\s*;", re.DOTALL)
 _OF_FILE = re.compile(rf'BA_\s+{_TEXT}\s+("[^"]*"|[^\sA-Z][^\s;]*)\s*;', re.DOTALL)
 _KEYWORD = re.compile(r"\s*([A-Z]{2,}_(?:[A-Z]+_)*)(?=[\s:])")
+_LONG_SIGNAL, _LONG_MESSAGE = "SystemSignalLongSymbol", "SystemMessageLongSymbol"  # names of more than 32 characters
 _FORMAT, _PROTOCOL = "VFrameFormat", "ProtocolType"  # attributes
 _J1939_FORMAT, _J1939 = "J1939PG", "J1939"
 
@@ -54,6 +64,8 @@ class _MessageLines:
     signals: dict[str, BusSignal] = field(default_factory=dict)
     marks: dict[str, str] = field(default_factory=dict)  # `M`, `m3` or `m3M` of each multiplexed signal
     switches: dict[str, list[Switch]] = field(default_factory=dict)
+    long_name: str = ""
+    long_names: dict[str, str] = field(default_factory=dict)  # of its signals
 
 
 @dataclass
@@ -84,7 +96,36 @@ def read_database(path: Path) -> BusDatabase:
         if path.stat().st_size > _MAX_SIZE:
             raise InputError.of(location, "this is too large for a CAN database (DBC)", "Is it the right file?")
         content = path.read_bytes()
-    return parse_database(path.name, decode(content))
+    return parse_content(path.name, content)
+
+
+def parse_content(file: str, content: bytes) -> BusDatabase:
+    """Return the database in a file: DBC, or an exchange format that another package reads."""
+    foreign = identify_foreign(content)
+    if foreign is not None:
+        raise InputError.of(Location(file), f"this is {foreign.description}", foreign.remedy)
+    kind = matrix_format(content)
+    if not kind:
+        return parse_database(file, decode(content))
+    from kennfeld.measurement.matrix_databases import to_dbc
+
+    texts = to_dbc(file, content, kind)
+    if not texts:
+        raise InputError.of(Location(file), "describes no message of a bus", "Is it the right file?")
+    databases = [parse_database(file, text) for text in texts]
+    messages = {(m.identifier, m.extended): m for database in reversed(databases) for m in reversed(database.messages)}
+    findings = [replace(f, location=Location(file)) for database in databases for f in database.findings]
+    return BusDatabase(file, tuple(messages.values()), tuple(findings))
+
+
+def matrix_format(content: bytes) -> str:
+    """Return the format of a database that is not DBC: `arxml`, `kcd` or `sym`; empty for others.
+
+    >>> matrix_format(b'FormatVersion=6.0 // Do not edit this line!')
+    'sym'
+    """
+    start = content[:_HEAD].removeprefix(b"\xef\xbb\xbf").lstrip()
+    return next((kind for mark, kind in _MATRIX_FORMATS if mark.search(start)), "")
 
 
 def decode(content: bytes) -> str:
@@ -165,7 +206,11 @@ def _read_message(statements: _Statements, line: int, text: str) -> None:
     if number == _UNASSIGNED:
         return
     extended, identifier = bool(number & _EXTENDED), number & ~_EXTENDED
-    if identifier > (0x1FFFFFFF if extended else 0x7FF) or number >= 1 << 32:
+    if not extended and _MOST_STANDARD < identifier <= _MOST_EXTENDED:
+        extended = True
+        message = f"message {name} has an identifier of more than 11 bits, {number}, and is taken as an extended one"
+        statements.warn(line, message, f"Write {number | _EXTENDED} (with bit 31) if that is right.")
+    if identifier > (_MOST_EXTENDED if extended else _MOST_STANDARD) or number >= 1 << 32:
         statements.warn(line, f"message {name} has an identifier {number} that no frame can have; it is skipped")
     elif number in statements.messages:
         other = statements.messages[number].message
@@ -265,6 +310,11 @@ def _read_default(statements: _Statements, line: int, text: str) -> None:
 def _read_attribute(statements: _Statements, line: int, text: str) -> None:
     if (match := _OF_MESSAGE.match(text)) and match[1] == _FORMAT:
         statements.formats[int(match[2])] = match[3].strip('"')
+    elif match and match[1] == _LONG_MESSAGE and int(match[2]) in statements.messages:
+        statements.messages[int(match[2])].long_name = match[3].strip('"')
+    elif (match := _OF_SIGNAL.match(text)) and match[1] == _LONG_SIGNAL:
+        if target := _signal_of(statements, match[2], match[3]):
+            target[0].long_names[match[3]] = match[4]
     elif (match := _OF_FILE.match(text)) and match[1] == _PROTOCOL:
         statements.protocol = match[2].strip('"')
 
@@ -289,8 +339,22 @@ def _unquoted(text: str) -> str:
 def _message(statements: _Statements, number: int) -> BusMessage:
     """Return a message with its signals in the order of the file."""
     lines = statements.messages[number]
-    signals = _with_switches(statements, lines)
-    return replace(lines.message, is_j1939=_is_j1939(statements, number), signals=tuple(signals))
+    signals = _with_long_names(lines, _with_switches(statements, lines))
+    name = lines.long_name or lines.message.name
+    return replace(lines.message, name=name, is_j1939=_is_j1939(statements, number), signals=tuple(signals))
+
+
+def _with_long_names(lines: _MessageLines, signals: Sequence[BusSignal]) -> list[BusSignal]:
+    """Return signals under their long names, if these are unique; multiplexers are named in the same way."""
+    names = {signal.name: lines.long_names.get(signal.name) or signal.name for signal in signals}
+    if len(set(names.values())) < len(names):
+        return list(signals)
+    renamed = []
+    for signal in signals:
+        switches = tuple(switch._replace(signal=names.get(switch.signal, switch.signal)) for switch in signal.switches)
+        short = signal.name if names[signal.name] != signal.name else ""
+        renamed.append(replace(signal, name=names[signal.name], switches=switches, short_name=short))
+    return renamed
 
 
 def _is_j1939(statements: _Statements, number: int) -> bool:
@@ -301,18 +365,20 @@ def _is_j1939(statements: _Statements, number: int) -> bool:
         frame_format = choices[int(frame_format)]
     protocol = statements.protocol or statements.defaults.get(_PROTOCOL, "")
     by_protocol = protocol == _J1939 and number not in statements.formats
-    return bool(number & _EXTENDED) and (by_protocol or frame_format == _J1939_FORMAT)
+    return statements.messages[number].message.extended and (by_protocol or frame_format == _J1939_FORMAT)
 
 
 def _with_switches(statements: _Statements, lines: _MessageLines) -> list[BusSignal]:
     """Return the signals of a message with the conditions of those that are multiplexed."""
     plain = next((name for name, mark in lines.marks.items() if mark == "M" and name in lines.signals), "")
     own: dict[str, list[Switch]] = {}
-    for name, mark in lines.marks.items():
-        if not mark.startswith("m"):
-            continue
-        value = int(mark[1:].rstrip("M"))
-        own[name] = lines.switches.get(name) or ([Switch(plain, ((value, value),))] if plain else [])
+    for name in lines.signals:
+        mark = lines.marks.get(name, "")
+        if lines.switches.get(name):  # whatever its mark is
+            own[name] = lines.switches[name]
+        elif mark.startswith("m"):
+            value = int(mark[1:].rstrip("M"))
+            own[name] = [Switch(plain, ((value, value),))] if plain else []
     signals = []
     for name, signal in lines.signals.items():
         switches = _chain(name, own)

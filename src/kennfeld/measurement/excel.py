@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.header import find_header
+from kennfeld.measurement.header import find_header, header_remarks
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table
 from kennfeld.workbooks import UnsavedFormulas, Workbook, column_letters, open_workbook
 
@@ -62,11 +62,13 @@ def _table(source: MeasurementFile, sheet: str, grid: list[list[object]], select
         builder.add([grid[row][index] for row in rows])
         return builder.build()
 
+    location = source.location.within(f"sheet {sheet}")
     return Table(
-        source.location.within(f"sheet {sheet}"),
+        location,
         tuple(map(build, selection.wants(header))),
         np.array(rows, dtype=np.int64) + 1,
         row_word="row",
         names=header.names,
+        findings=tuple(header_remarks(location, header)),
         details=(("sheet", sheet), ("names in row", str(header.row + 1))),
     )

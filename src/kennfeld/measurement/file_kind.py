@@ -11,11 +11,13 @@ from typing import BinaryIO, TypeVar
 
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
+from kennfeld.foreign_content import identify_foreign, identify_package
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
 
 _T = TypeVar("_T")
 _HEAD = 4096  # bytes
+_PACKAGE = 100_000_000  # bytes of an OLE package that are searched for its directory
 
 
 class FileKind(Enum):
@@ -38,6 +40,7 @@ class FileKind(Enum):
     BLF = "Vector BLF"
     TRC = "PEAK TRC"
     CANDUMP = "candump"
+    CAN_CSV = "CAN CSV"
     VBO = "VBOX"
     HALTECH = "Haltech"
     MATLAB = "MATLAB data"
@@ -93,14 +96,19 @@ _WORDS = (
 )
 _WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
 
+_CAN_LENGTHS = {b"dlc", b"datalength", b"len"}  # columns of logs of CAN frames
+
 _UNPACK = "Unpack it first; gzip, bzip2, xz and ZIP can be read."
 _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
 _ANYWHERE = re.IGNORECASE | re.MULTILINE
 _EXPORT = "Export the measurement as MDF, CSV or MATLAB."
 _DATABASE = "a database of bus messages: it describes signals and holds no samples of them"
+ASC_HEADER = re.compile(
+    rb"^base[ \t]+(?P<base>hex|dec)(?:[ \t]+timestamps[ \t]+(?P<stamps>absolute|relative)|[ \t]*$)", _ANYWHERE
+)
 # text logs of bus messages: a pattern within their first bytes
 _BUS_LOGS = (
-    (re.compile(rb"^base\s+(?:hex|dec)\s+timestamps\s+(?:absolute|relative)", _ANYWHERE), FileKind.ASC),
+    (ASC_HEADER, FileKind.ASC),
     (re.compile(rb"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=|\A;#{20,}\s*$", _ANYWHERE), FileKind.TRC),
     (re.compile(rb"\A\s*\(\d+\.\d+\)\s+\S+\s+[\da-f]{3,8}#", _ANYWHERE), FileKind.CANDUMP),
 )
@@ -220,10 +228,16 @@ def run_guarded(name: str, work: Callable[[], _T]) -> _T:  # Python 3.11
 
 
 def refuse_foreign(source: MeasurementFile) -> None:
-    """Raise `InputError` if a file is of a known kind that cannot be read, such as a bus log."""
+    """Raise `InputError` if a file is of a known kind that cannot be read, such as a picture or a Git LFS pointer."""
+    head = run_guarded(source.name, source.start)
+    content = identify_foreign(head)
+    if content is None and source.kind is FileKind.EXCEL:
+        content = identify_package(run_guarded(source.name, lambda: source.start(_PACKAGE)))
+    if content is not None:
+        raise InputError.of(source.location, f"this is {content.description}", content.remedy)
     if source.kind not in _WITHOUT_SIGNATURE:
         return
-    start = run_guarded(source.name, source.start).removeprefix(b"\xef\xbb\xbf")
+    start = head.removeprefix(b"\xef\xbb\xbf")
     for pattern, description, remedy in _FOREIGN:
         if re.search(pattern, start, _ANYWHERE):
             raise InputError.of(source.location, f"this is {description}", remedy)
@@ -262,9 +276,24 @@ def _kind_by_start(start: bytes) -> FileKind:
     log = next((kind for pattern, kind in _BUS_LOGS if pattern.search(start.removeprefix(b"\xef\xbb\xbf"))), None)
     if log is not None:
         return log
+    if can_csv_separator(start.removeprefix(b"\xef\xbb\xbf").splitlines()[0] if start.strip() else b""):
+        return FileKind.CAN_CSV
     if _is_vbo(words):
         return FileKind.VBO
     return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
+
+
+def can_csv_separator(head: bytes) -> str:
+    """Return the separator of a log of CAN frames in CSV with this first line; empty if it is another file.
+
+    >>> can_csv_separator(b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"), can_csv_separator(b"time,ID")
+    (',', '')
+    """
+    for separator in (b",", b";", b"\t"):
+        names = {name.strip(b' "').lower() for name in head.split(separator)}
+        if names & {b"id", b"arbitration_id"} and names & {b"databytes", b"data", b"d1"} and names & _CAN_LENGTHS:
+            return separator.decode()
+    return ""
 
 
 def _narrow(start: bytes) -> bytes:

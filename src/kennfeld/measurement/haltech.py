@@ -16,8 +16,8 @@ from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, unique_names
+from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table
 from kennfeld.measurement.text import RowCollector, iterate_lines, row_findings
 
 _HEAD = 1 << 16  # bytes

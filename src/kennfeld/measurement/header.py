@@ -1,12 +1,16 @@
 """Detection of the rows of names, units and first numbers at the top of a table."""
 
+import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import takewhile
 
+from kennfeld.errors import Finding, Location
+from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.cells import Decimal, is_missing, parse_number
-from kennfeld.measurement.unit_text import in_seconds, looks_like_unit, plain_unit, split_name, time_unit
+from kennfeld.measurement.cells import Decimal, is_dated, is_missing, parse_number
+from kennfeld.measurement.stamps import is_stamp
+from kennfeld.measurement.unit_text import in_seconds, is_clock, looks_like_unit, plain_unit, split_name, time_unit
 
 Row = Sequence[object]
 
@@ -14,7 +18,29 @@ _LABELS = ("unit", "units", "einheit", "einheiten")  # before the units of a row
 _MAX_HEADER_ROWS = 5  # above the numbers
 _MIN_TABLE_ROWS = 3  # of numbers; fewer may be settings above the table
 _MIN_NUMBERED = 3  # columns of a row of column numbers
+_MAX_LISTED = 6  # names in a message
 _MAX_BLOCK_ROWS = 10  # of numbers in a block above the table
+
+
+def unique_names(names: Sequence[str]) -> list[str]:
+    """Return unique names: the second `Speed` becomes `Speed (2)`; empty ones stay empty.
+
+    >>> unique_names(["Speed", "Torque", "Speed", "", ""])
+    ['Speed', 'Torque', 'Speed (2)', '', '']
+    """
+    taken = set(names)
+    seen: set[str] = set()
+    last: dict[str, int] = {}
+    unique = []
+    for name in names:
+        free, k = name, last.get(name, 1)
+        while name and (free in seen or (free != name and free in taken)):
+            k += 1
+            free = f"{name} ({k})"
+        last[name] = k
+        seen.add(free)
+        unique.append(free)
+    return unique
 
 
 @dataclass(frozen=True)
@@ -26,6 +52,8 @@ class Header:
     names: tuple[str, ...]  # empty if a column has none
     units: tuple[str, ...]
     staggered: bool = False  # groups of channels are sampled one after the other, each with its own time
+    numbered: bool = False  # the row above the first one of numbers holds channel numbers
+    renamed: tuple[str, ...] = ()  # columns whose names stand before them already
 
     @property
     def width(self) -> int:
@@ -58,10 +86,12 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
         if below is None:
             continue
         unit_row, data = below
-        if unit_row is not None and at > 0 and _has_time(rows[row][:1]):
-            data = _skip_column_numbers(filled, rows, shapes, data)
+        numbered = False
+        if unit_row is not None and _has_time(rows[row][:1]):
+            first_row = _skip_column_numbers(filled, rows, shapes, data, decimal, is_first=at == 0)
+            data, numbered = first_row, first_row > data
         run = list(takewhile(lambda row: shapes[row].numbers, (row for row in filled if row >= data)))
-        header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data)
+        header = _build_header(rows, *_raise_names(rows, shapes, row, unit_row, data), data, numbered)
         complete = len(run) >= _MAX_BLOCK_ROWS or run[-1] == filled[-1]
         if first is None:
             if complete:
@@ -75,20 +105,41 @@ def find_header(rows: Sequence[Row], decimal: Decimal = ".") -> Header | None:
     return first[0] if first else None
 
 
-def _skip_column_numbers(filled: Sequence[int], rows: Sequence[Row], shapes: Sequence[_Shape], data: int) -> int:
+def _skip_column_numbers(
+    filled: Sequence[int],
+    rows: Sequence[Row],
+    shapes: Sequence[_Shape],
+    data: int,
+    decimal: Decimal,
+    *,
+    is_first: bool,
+) -> int:
     """Return the first row of data below a row of channel numbers.
 
-    Loggers write such a row below the units, in files that begin with facts about the session: 1 to n above a blank
-    row, or whole numbers without one for the time.
+    Loggers write such a row below the units: 1 to n above a blank row or with a time that does not continue in the
+    rows below; and in files that begin with facts about the session, whole numbers without one for the time.
     """
     following = next((row for row in filled if row > data and shapes[row].numbers), data)
     cells = ["" if _is_blank(cell) else str(cell).strip() for cell in rows[data]]
     counted = [str(k + 1) for k in range(len(cells))]
     if len(cells) >= _MIN_NUMBERED and cells == counted:
-        return following if following > data + 1 else data
+        below = [row for row in filled if row > data and shapes[row].numbers][:2]
+        times = [parse_number(rows[row][0], decimal) for row in below if rows[row]]
+        is_apart = following > data + 1 and not is_first
+        return following if is_apart or _begins_anew(times) else data
+    if is_first:
+        return data
     numbers = [cell for cell in cells if cell]
     is_untimed = not cells[0] and bool(rows[following]) and not _is_blank(rows[following][0])
     return following if is_untimed and len(numbers) > 1 and all(map(str.isdecimal, numbers)) else data
+
+
+def _begins_anew(times: Sequence[float | None]) -> bool:
+    """Return whether time stamps do not continue a first one of 1: the step to them is another one."""
+    first, second = (*times, None, None)[:2]
+    if first is None or second is None:
+        return first is not None and first < 1
+    return not math.isclose(first - 1, second - first, rel_tol=0.1)
 
 
 def _tells_more(later: Header, first: Header, rows: Sequence[Row], shapes: Sequence[_Shape]) -> bool:
@@ -156,7 +207,7 @@ def _shape(row: Row, decimal: Decimal) -> _Shape:
     values = {i: parse_number(cell, decimal) for i, cell in enumerate(row) if not _is_blank(cell)}
     texts = frozenset(i for i, value in values.items() if value is None)
     numbers = frozenset(values) - texts
-    dashes = {i for i in numbers if str(row[i]).strip("- ") == ""}
+    dashes = {i for i in numbers if str(row[i]).strip("-?* ") == ""}
     ones = all(values[i] == 1 for i in numbers - dashes)
     worded = all(isinstance(row[i], str) and str(row[i]).strip().isalpha() for i in numbers - dashes)
     return _Shape(numbers - dashes if texts or numbers == dashes else numbers, texts, ones, worded)
@@ -195,9 +246,9 @@ def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
         return False
     cells = [str(row[i]).strip() for i in sorted(shape.texts)]
     above = [str(names[i]).strip() if i < len(names) else "" for i in sorted(shape.texts)]
-    if not all(above) or not _are_distinct(above):
-        return False
     known = sum(looks_like_unit(cell) for cell in cells)
+    if not all(above) or (known < len(cells) and not _are_distinct(above)):
+        return False
     return 2 * known >= len(cells) or len(set(cells)) < len(cells)
 
 
@@ -206,18 +257,46 @@ def _are_settings(run: Sequence[int], shapes: Sequence[_Shape]) -> bool:
     return all(shapes[row].texts and len(shapes[row].texts | shapes[row].numbers) <= 2 for row in run)
 
 
-def _build_header(rows: Sequence[Row], row: int, unit_row: int | None, data: int) -> Header:
+def _build_header(rows: Sequence[Row], row: int, unit_row: int | None, data: int, numbered: bool) -> Header:
     split = [("", "") if is_missing(cell) else split_name(str(cell)) for cell in rows[row]]
+    if _is_unnamed_time(rows, row, data):
+        split[0] = ("time", "")
     raw = ["" if is_missing(cell) else " ".join(str(cell).split()) for cell in rows[row]]
     short = [name for name, _ in split]
     shorts, raws = Counter(short), Counter(raw)
     # `p [bar]` beside `p [kPa]`: only the full heads tell them apart
-    names = [full if shorts[name] > raws[full] else name for name, full in zip(short, raw, strict=True)]
+    names = [full if full and shorts[name] > raws[full] else name for name, full in zip(short, raw, strict=True)]
     below = [] if unit_row is None else [plain_unit(_unit_text(cell)) for cell in rows[unit_row]]
     below = ["" if unit.casefold() in _LABELS else unit for unit in below]
     below += [""] * (len(names) - len(below))
     units = [unit or stated for unit, (_, stated) in zip(below, split, strict=False)]
-    return Header(row, data, tuple(names), tuple(units))
+    unique = _rename_repeated(names, units)
+    renamed = tuple(new for new, name in zip(unique, names, strict=True) if new != name)
+    return Header(row, data, tuple(unique), tuple(units), numbered=numbered, renamed=renamed)
+
+
+def _rename_repeated(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return names of which each is another one; those of a time may repeat, for groups of channels side by side."""
+    is_time = [is_clock(name, unit) for name, unit in zip(names, units, strict=True)]
+    own = iter(unique_names([name for name, is_own in zip(names, is_time, strict=True) if not is_own]))
+    return [name if is_own else next(own) for name, is_own in zip(names, is_time, strict=True)]
+
+
+def header_remarks(location: Location, header: Header) -> Iterator[Finding]:
+    """Yield what was done to read the head of a table: columns that were renamed, a row that was skipped."""
+    if header.renamed:
+        message = f"columns with a name that stands before were renamed: {join_names(header.renamed, _MAX_LISTED)}"
+        yield Finding(location, message, severity="remark")
+    if header.numbered:
+        message = "a row of channel numbers above the first sample was skipped"
+        yield Finding(location, message, "Put another value into it if it is a sample.", severity="remark")
+
+
+def _is_unnamed_time(rows: Sequence[Row], row: int, data: int) -> bool:
+    """Return whether the first column holds dates or times but has no name, as pandas writes an index."""
+    first = rows[data][0] if rows[data] else None
+    is_unnamed = bool(rows[row]) and is_missing(rows[row][0]) and not _has_time(rows[row])
+    return is_unnamed and (is_dated(first) or is_stamp(first))
 
 
 def _unit_text(cell: object) -> str:

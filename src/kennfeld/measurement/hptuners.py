@@ -15,8 +15,8 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.csv_dialect import split_line
 from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings, unique_names
+from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.text import NumberedLine, RowCollector, iterate_lines
 from kennfeld.measurement.unit_text import plain_unit

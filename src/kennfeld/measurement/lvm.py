@@ -16,7 +16,8 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.encoding import detect_encoding
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings, unique_names
+from kennfeld.measurement.header import unique_names
+from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings
 from kennfeld.measurement.text import NumberedLine, iterate_lines
 
 _START = 1 << 16  # bytes

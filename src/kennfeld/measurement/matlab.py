@@ -12,8 +12,9 @@ from kennfeld.formatting import join_names, size_text
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
+from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
-from kennfeld.measurement.table import Column, Selection, Table, unique_names
+from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 
 _TIME = "time"

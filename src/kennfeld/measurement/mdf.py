@@ -9,7 +9,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import field, replace
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,9 +24,11 @@ from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.library_conversions import conversion_of
 from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.mdf_bus import event_of, is_of_event, read_frames
+from kennfeld.measurement.mdf_conversions import ConversionKind, MdfConversion, UnsupportedConversionError
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
@@ -36,13 +38,13 @@ from kennfeld.optional_packages import optional_package
 _AT_ONCE = 50_000_000  # values in memory for a description
 _MAX_VALUES = 500_000_000  # of all requested channels, 4 GB
 _PACKING = 1100  # maximum compression ratio of deflate
-_TEXT_3, _TEXT_4 = (11, 12), (7, 8)  # conversions from a number to a text
 _ORIGINAL = 0  # the data are those of the file itself
 _VARYING_4 = 1  # a channel whose samples lie outside the records
 _VARYING_GROUP_4 = 1  # flag of a group with records of varying length
 _VIRTUAL_4 = (3, 6)  # channels without bits in the record
 _MARKED_4 = 2  # flag: the record says which values are invalid
 _MAX_TEXTS = 12  # of an enumeration in a description
+_MAX_LISTED = 6  # channels in a message
 _PACKAGE = "asammdf"
 _LIBRARY = LibraryProcess("MDF")
 
@@ -56,7 +58,8 @@ class _MdfChannel:
     group: int
     index: int
     is_array: bool
-    is_text_table: bool
+    conversion: MdfConversion | None = field(default=None, compare=False)
+    enumerated: bool = False  # its numbers stand for texts
 
     def named(self, name: str) -> "_MdfChannel":
         """Return the channel under another name."""
@@ -311,7 +314,6 @@ def _group_entries(file: Any, group: int) -> list[_MdfChannel]:
 def _channels(file: Any, group: int) -> Iterator[_MdfChannel]:
     own = file.groups[group]
     parts = own.channel_dependencies or [None] * len(own.channels)
-    texts = _TEXT_4 if file.version >= "4" else _TEXT_3
     indices = [
         i
         for i, channel in enumerate(own.channels)
@@ -324,8 +326,15 @@ def _channels(file: Any, group: int) -> Iterator[_MdfChannel]:
         # the library lists the elements as well; read with their array they cost one look at its samples
         if parts[i] or without_indices(channel.name) not in arrays:
             forms = _forms(file, group, i, channel)
-            is_text = getattr(channel.conversion, "conversion_type", -1) in texts
-            yield _MdfChannel(forms[0], forms, group, i, bool(parts[i]), is_text)
+            conversion = _conversion(file, channel)
+            unit = _unit(channel, conversion)
+            enumerated = conversion is not None and conversion.is_enumeration(unit)
+            yield _MdfChannel(forms[0], forms, group, i, bool(parts[i]), conversion, enumerated)
+
+
+def _conversion(file: Any, channel: Any) -> MdfConversion | None:
+    block = channel.conversion
+    return block if block is None or isinstance(block, MdfConversion) else conversion_of(block, file.version)
 
 
 def _forms(file: Any, group: int, index: int, channel: Any) -> tuple[str, ...]:
@@ -340,15 +349,19 @@ def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names
     group = own[0].group
     channels = file.groups[group].channels
     # samples of varying length are stored elsewhere; they are never numbers, so their links need not be followed
-    fixed = [e for e in own if file.version < "4" or channels[e.index].channel_type != _VARYING_4]
-    signals = _select_signals(file, fixed)
+    fixed = [e for e in own if _has_numbers(file, channels[e.index], e)]
+    places = [(None, entry.group, entry.index) for entry in fixed]
+    # raw, as the library computes some conversions wrongly
+    signals = dict(zip(fixed, file.select(places, raw=True, copy_master=False) if places else (), strict=True))
     stamps = signals[fixed[0]].timestamps if fixed else file.get_master(group)
     count = len(stamps)
     clock = _clock(file, group, _to_float64(stamps, None))
     columns: list[Column] = []
+    missing: list[str] = []
     for entry in own:
         if entry in signals:
             columns += _columns(entry, channels[entry.index], signals[entry])
+            missing += _missing_texts(entry, signals[entry])
         else:
             columns.append(Column.without_numbers(entry.name, count, "text or bytes of varying length"))
     spread = {entry.name for entry in own if entry.is_array}
@@ -361,22 +374,43 @@ def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names
         np.arange(1, count + 1),
         "sample",
         (*(time.name for time in times), *known),
+        findings=(*_text_remarks(source, missing), *_skipped_formulas(source, own, columns)),
         details=(("group", label),),
         clock_index=None if clock is None else 0,
     )
 
 
-def _select_signals(file: Any, own: Sequence[_MdfChannel]) -> dict[_MdfChannel, Any]:
-    """Return the samples of channels of one group, texts of enumerations left as the numbers they stand for."""
-    selected: dict[_MdfChannel, Any] = {}
-    for raw in (False, True):
-        # in version 3 the library has no other way to leave texts alone
-        some = [entry for entry in own if (entry.is_text_table and file.version < "4") == raw]
-        if some:
-            places = [(None, entry.group, entry.index) for entry in some]
-            signals = file.select(places, raw=raw, copy_master=False, ignore_value2text_conversions=True)
-            selected |= dict(zip(some, signals, strict=True))
-    return selected
+def _missing_texts(entry: _MdfChannel, signal: Any) -> Iterator[str]:
+    """Yield how many samples of a channel of numbers hold a text, and which."""
+    conversion, samples = entry.conversion, _plain(signal.samples)
+    if conversion is None or entry.enumerated or not conversion.has_texts or samples.dtype.kind not in "buif":
+        return
+    if counts := conversion.text_counts(samples.ravel()):
+        texts = join_names([text or "no value" for text in counts], _MAX_TEXTS)
+        yield f"{entry.name} ({sum(counts.values())} of {samples.size}: {texts})"
+
+
+def _skipped_formulas(
+    source: MeasurementFile, own: Sequence[_MdfChannel], columns: Sequence[Column]
+) -> Iterator[Finding]:
+    """Yield a warning on channels whose conversion cannot be computed."""
+    formulas = {entry.name for entry in own if entry.conversion and entry.conversion.kind is ConversionKind.FORMULA}
+    skipped = [f"{c.name} ({c.texts[0][1]})" for c in columns if c.is_text and c.name in formulas]
+    if skipped:
+        message = f"{count_noun(len(skipped), 'channel')} skipped: {join_names(skipped, _MAX_LISTED)}"
+        yield Finding(source.location, message, "Export the file with physical values.", severity="warning")
+
+
+def _text_remarks(source: MeasurementFile, missing: Sequence[str]) -> Iterator[Finding]:
+    if missing:
+        message = f"samples that stand for a text are missing values: {join_names(missing, _MAX_LISTED)}"
+        yield Finding(source.location, message, severity="remark")
+
+
+def _has_numbers(file: Any, channel: Any, entry: _MdfChannel) -> bool:
+    """Return whether the samples of a channel may be numbers: those of varying length are texts or bytes."""
+    is_fixed = file.version < "4" or channel.channel_type != _VARYING_4
+    return is_fixed or (entry.conversion is not None and entry.conversion.kind is ConversionKind.TEXT_VALUES)
 
 
 def _clock(file: Any, group: int, stamps: Float) -> Column | None:
@@ -394,30 +428,49 @@ def _clock(file: Any, group: int, stamps: Float) -> Column | None:
 
 def _columns(entry: _MdfChannel, channel: Any, signal: Any) -> Iterator[Column]:
     """Yield the column of a channel, or one for each element of an array; text gives a column of no numbers."""
-    samples = signal.samples
-    if samples.dtype.names:
-        samples = samples[samples.dtype.names[0]]
-    if samples.dtype.kind not in "buif" or (samples.ndim > 1 and not entry.is_array):
+    samples = _plain(signal.samples)
+    try:
+        physical = _physical(entry, samples)
+    except UnsupportedConversionError as error:
+        yield Column.without_numbers(entry.name, len(samples), str(error))
+        return
+    if physical.dtype.kind not in "buif" or (samples.ndim > 1 and not entry.is_array):
         sample = samples[0] if len(samples) else ""
         text = sample.decode(errors="replace") if isinstance(sample, bytes) else str(sample)
         yield Column.without_numbers(entry.name, len(samples), text.strip("\0 ")[:40])
         return
-    unit, description = _unit(entry, channel, signal), _description_of(entry, channel)
-    held = entry.is_text_table or samples.dtype.kind in "bui"
+    unit, description = _unit(channel, entry.conversion), _description_of(entry, channel)
+    held = entry.enumerated or physical.dtype.kind in "bui"
     for place in np.ndindex(samples.shape[1:]):
         name = entry.name + "".join(f"[{i}]" for i in place)
-        values = _to_float64(samples[(slice(None), *place)], signal.invalidation_bits)
+        values = _to_float64(physical[(slice(None), *place)], signal.invalidation_bits)
         yield Column(name, unit, name, values, held=held, description=description)
 
 
-def _unit(entry: _MdfChannel, channel: Any, signal: Any) -> str:
-    """Return the unit; of an enumeration, where the library takes a text for one, none."""
-    if not entry.is_text_table:
-        return plain_unit(str(signal.unit or ""))
-    blocks = (getattr(channel.conversion, "referenced_blocks", None) or {}).values()
-    texts = {_decode(block) for block in blocks if isinstance(block, bytes)}
-    unit = plain_unit(str(channel.unit or ""))
-    return "" if unit in texts else unit
+def _plain(samples: Any) -> Any:
+    """Return the samples of a channel without the axes of an array."""
+    return samples[samples.dtype.names[0]] if samples.dtype.names else samples
+
+
+def _physical(entry: _MdfChannel, samples: Any) -> Any:
+    """Return physical values, or the raw ones if they are equal, numbers of texts, or no numbers."""
+    conversion = entry.conversion
+    if conversion is None or entry.enumerated or conversion.is_identity:
+        return samples
+    from_text = conversion.kind in (ConversionKind.TEXT_VALUES, ConversionKind.TRANSLATION)
+    if from_text != (samples.dtype.kind not in "buif") or conversion.kind is ConversionKind.TRANSLATION:
+        return samples
+    return conversion.convert(samples)
+
+
+def _unit(channel: Any, conversion: MdfConversion | None) -> str:
+    """Return the unit that a channel or its conversion states; of a table of texts, texts are not a unit."""
+    own = plain_unit(str(getattr(channel, "unit", "") or ""))
+    if conversion is None:
+        return own
+    texts = {text for _, _, text in conversion.texts()}
+    stated = (plain_unit(unit) for unit in (conversion.unit, own) if unit)
+    return next((unit for unit in stated if unit not in texts), "")
 
 
 def _to_float64(samples: Any, invalid: Any) -> Float:
@@ -426,7 +479,9 @@ def _to_float64(samples: Any, invalid: Any) -> Float:
         values = np.array(samples, dtype=np.float64)
     if invalid is not None:
         values[np.asarray(invalid, dtype=bool)] = np.nan
-    values[np.isnan(values)] = np.nan  # a NaN that signals would set off warnings later
+    missing = np.isnan(values)
+    if missing.any():
+        values[missing] = np.nan  # a NaN that signals would set off warnings later
     return values
 
 
@@ -434,27 +489,13 @@ def _description_of(entry: _MdfChannel, channel: Any) -> str:
     """Return the comment, and of an enumeration the texts of its numbers."""
     comment = " ".join(str(channel.comment or "").split())
     comment = "" if comment.startswith("<") else comment[:200]
-    if not entry.is_text_table:
+    if entry.conversion is None or not entry.conversion.has_texts:
         return comment
-    pairs = list(_enumeration(channel.conversion))
-    more = ", ..." if len(pairs) > _MAX_TEXTS else ""
-    texts = ", ".join(f"{number} = {text}" for number, text in pairs[:_MAX_TEXTS]) + more
-    return f"{comment}: {texts}" if comment else texts
+    ranges = list(entry.conversion.texts())
+    pairs = [f"{_span(low, high)} = {text}" for low, high, text in ranges[:_MAX_TEXTS]]
+    texts = ", ".join(pairs) + (", ..." if len(ranges) > _MAX_TEXTS else "")
+    return ": ".join(part for part in (comment, texts) if part)
 
 
-def _enumeration(conversion: Any) -> Iterator[tuple[str, str]]:
-    """Yield the numbers of an enumeration, as a message shows them, with their texts."""
-    referenced = getattr(conversion, "referenced_blocks", None) or {}
-    for i in range(10_000):
-        text = referenced.get(f"text_{i}", getattr(conversion, f"text_{i}", None))
-        values = (getattr(conversion, f"{kind}_{i}", None) for kind in ("val", "param_val", "lower"))
-        low = next((value for value in values if value is not None), None)
-        if low is None:
-            return
-        if isinstance(text, bytes):
-            high = getattr(conversion, f"upper_{i}", low)
-            yield f"{low:g}" if math.isclose(low, high) else f"{low:g} to {high:g}", _decode(text)
-
-
-def _decode(text: bytes) -> str:
-    return text.decode("utf-8", errors="replace").strip("\0 ")
+def _span(low: float, high: float) -> str:
+    return f"{low:g}" if math.isclose(low, high) else f"{low:g} to {high:g}"

@@ -7,7 +7,7 @@ from threading import Event
 import numpy as np
 
 from kennfeld.arrays import Float, Int
-from kennfeld.measurement.cells import Decimal, parse_number
+from kennfeld.measurement.cells import Decimal, is_truth, parse_number
 from kennfeld.measurement.csv_body import CsvBody, count_lines
 from kennfeld.measurement.number_code import ODD_FIELDS, PADDING, compile_parser, powers_of_ten
 
@@ -71,8 +71,9 @@ def _read_part(part: memoryview, body: CsvBody, columns: dict[int, Float]) -> bo
 def _parse_odd(part: memoryview, odd: Int, decimal: Decimal, columns: dict[int, Float]) -> bool:
     """Parse cells such as `-`, `N/A`, `inf` or 30 digits one by one; return whether all are numbers or gaps."""
     for row, column, begin, end in odd.tolist():
-        value = parse_number(bytes(part[begin:end]).decode("ascii", "replace"), decimal)
-        if value is None:
+        cell = bytes(part[begin:end]).decode("ascii", "replace")
+        value = parse_number(cell, decimal)
+        if value is None or is_truth(cell):
             return False
         columns[column][row] = value
     return True

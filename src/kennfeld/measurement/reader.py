@@ -14,10 +14,12 @@ from kennfeld.file_spans import FileSpans
 from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.bus_databases import AnyDatabase, DatabaseFile, to_databases
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
+from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
-from kennfeld.measurement.table import Selection, Table, without_infinite
+from kennfeld.measurement.fraction_columns import with_fractions
+from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, describe_table
-from kennfeld.measurement.time_column import drop_untimed
+from kennfeld.measurement.time_column import drop_untimed, with_unread_time
 from kennfeld.measurement.unpacking import unpacked
 
 # each module offers read_tables(source, selection)
@@ -43,12 +45,13 @@ _READERS = {
     FileKind.BLF: "can_logs",
     FileKind.TRC: "can_logs",
     FileKind.CANDUMP: "can_logs",
+    FileKind.CAN_CSV: "can_logs",
 }
-_BUS_LOGS = {FileKind.ASC, FileKind.BLF, FileKind.TRC, FileKind.CANDUMP}
+_BUS_LOGS = {FileKind.ASC, FileKind.BLF, FileKind.TRC, FileKind.CANDUMP, FileKind.CAN_CSV}
 # kinds whose readers unpack gzip
 _TEXT = {
     FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM, FileKind.VBO, FileKind.HALTECH,
-    FileKind.ASC, FileKind.TRC, FileKind.CANDUMP,
+    FileKind.ASC, FileKind.TRC, FileKind.CANDUMP, FileKind.CAN_CSV,
 }  # fmt: skip
 _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
@@ -215,8 +218,12 @@ def _reader(source: MeasurementFile) -> Any:
 
 def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     tables: list[Table] = run_guarded(source.name, lambda: _reader(source).read_tables(source, selection))
-    tables = [without_infinite(table) for table in tables]
-    return [drop_untimed(table) for table in tables] if source.kind in _LOGS else tables
+    tables = [with_word_warnings(without_infinite(table)) for table in tables]
+    if source.kind in _LOGS:
+        tables = [drop_untimed(table) for table in tables]
+    if source.kind in _RASTERS:
+        return tables
+    return [with_unread_time(with_fractions(with_epochs(table, selection))) for table in tables]
 
 
 def _single_table(source: MeasurementFile, tables: Sequence[Table]) -> Table:

@@ -13,9 +13,10 @@ from kennfeld.errors import Finding, Findings, InputError, Location, Severity
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.claimed_values import check_claimed
+from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import Column, Selection, Table, unique_names
+from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.time_column import find_time
 from kennfeld.measurement.unit_text import in_seconds, time_unit
 
@@ -138,8 +139,11 @@ def tables_of(
     chosen = _choose(location, names, selection)
     tables = [_table(location, group, names, chosen, selection) for group in groups]
     kept = [table for table in tables if selection.channels is None or _has_channel(table, selection.channels)]
-    first, *others = _with_dates_aligned(kept or tables[:1], selection)
-    return [replace(first, findings=() if selection.channels else _warnings(location, unreadable)), *others]
+    first, *others = _with_dates_aligned([with_epochs(table, selection) for table in kept or tables[:1]], selection)
+    return [
+        replace(first, findings=(*first.findings, *(() if selection.channels else _warnings(location, unreadable)))),
+        *others,
+    ]
 
 
 def _check_values(

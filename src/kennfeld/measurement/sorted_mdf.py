@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.measurement.mdf_conversions import KINDS_4, ConversionKind, MdfConversion, UnsupportedConversionError
 
 _HEAD = struct.Struct("<4s4xQQ")  # kind, length and number of links of a block
 _FIRST = 64  # where the header block begins
@@ -31,7 +32,8 @@ _INVALID = 3  # flags: all samples are invalid, or the record says which
 _FOREIGN_GROUP = 0b11111  # flags: samples of varying length, bus events, samples in other groups
 _NUMBERS = {0: "<u", 1: ">u", 2: "<i", 3: ">i", 4: "<f", 5: ">f"}
 _SIZES = (8, 16, 32, 64)  # bits
-_LINEAR = 1  # type of a conversion
+_MOST_NESTED = 4  # conversions within tables of others
+_WITH_TEXTS = (ConversionKind.TEXTS, ConversionKind.TEXT_RANGES)
 
 
 class UnusualLayoutError(Exception):
@@ -59,33 +61,12 @@ class _Origin:
 
 
 @dataclass(frozen=True)
-class _Conversion:
-    conversion_type: int
-    unit: str
-    values: tuple[float, ...]  # offset and factor of a linear one
-
-    def convert(self, samples: NDArray[Any]) -> NDArray[Any]:
-        """Return physical values; the numbers are those of the library, to the last bit."""
-        if self.conversion_type == 0:
-            return samples
-        if self.conversion_type != _LINEAR or len(self.values) != 2:
-            raise UnusualLayoutError("conversion")
-        offset, factor = self.values
-        if (factor, offset) == (1, 0):
-            return samples
-        scaled: NDArray[Any] = samples * factor
-        if offset:
-            scaled += offset
-        return scaled
-
-
-@dataclass(frozen=True)
 class _Channel:
     name: str
     unit: str
     comment: str
     source: _Origin | None
-    conversion: _Conversion | None
+    conversion: MdfConversion | None
     channel_type: int
     sync_type: int
     flags: int
@@ -136,6 +117,7 @@ class SortedFile:
         self._size, self._file = path.stat().st_size, path.open("rb")
         self._texts: dict[int, str] = {}
         self._chained: set[int] = set()  # groups and channels; each has one place
+        self._conversions: dict[int, MdfConversion] = {}
         try:
             with _distrusted():
                 self._check_identification()
@@ -160,23 +142,33 @@ class SortedFile:
         self._file.close()
 
     def select(self, places: Sequence[tuple[None, int, int]], **_: Any) -> list[_Signal]:
-        """Return the samples of channels of one group, given by group and index."""
+        """Return the raw samples of channels of one group, given by group and index, with its stamps in s."""
         number = places[0][1]
         group, master = self.groups[number], self.masters_db.get(number)
         indices = [index for _, _, index in places]
         needed = list(dict.fromkeys([*indices, *(() if master is None else (master,))]))
         samples = dict(zip(needed, self._samples(group, needed), strict=True))
-        stamps = np.arange(group.channel_group.cycles_nr) if master is None else samples[master]
+        stamps = np.arange(group.channel_group.cycles_nr) if master is None else self._stamps(number, samples[master])
         return [_Signal(samples[index], stamps, _unit(group.channels[index])) for index in indices]
 
     def get_master(self, number: int) -> NDArray[Any]:
         """Return the time stamps of a group."""
         master = self.masters_db.get(number)
         group = self.groups[number]
-        return np.arange(group.channel_group.cycles_nr) if master is None else self._samples(group, [master])[0]
+        if master is None:
+            return np.arange(group.channel_group.cycles_nr)
+        return self._stamps(number, self._samples(group, [master])[0])
+
+    def _stamps(self, number: int, raw: NDArray[Any]) -> NDArray[Any]:
+        """Return the time stamps of a group from their raw values."""
+        conversion = self.groups[number].channels[self.masters_db[number]].conversion
+        try:
+            return raw if conversion is None else conversion.convert(raw)
+        except UnsupportedConversionError:
+            raise UnusualLayoutError("conversion of time") from None
 
     def _samples(self, group: _Group, indices: Sequence[int]) -> list[NDArray[Any]]:
-        """Return the physical values of channels."""
+        """Return the raw values of channels."""
         channels = [group.channels[index] for index in indices]
         count, record = group.channel_group.cycles_nr, group.channel_group.record
         if any(channel.layout[2] + channel.layout[3] // 8 > record for channel in channels):
@@ -198,8 +190,7 @@ class SortedFile:
                 end += table.size
         if end != count:
             raise UnusualLayoutError(f"{end} samples of {count}")
-        conversions = (channel.conversion for channel in channels)
-        return [c if by is None else by.convert(c) for c, by in zip(columns, conversions, strict=True)]
+        return columns
 
     def _records(self, group: _Group) -> Iterator[bytes]:
         """Yield whole records of a group."""
@@ -323,13 +314,32 @@ class SortedFile:
         links = self._block(at, b"##SI").links
         return _Origin(self._text(links[0]), self._text(links[1]))
 
-    def _conversion(self, at: int) -> _Conversion | None:
+    def _conversion(self, at: int, depth: int = 0) -> MdfConversion | None:
         if not at:
             return None
+        if at not in self._conversions:
+            self._conversions[at] = self._read_conversion(at, depth)
+        return self._conversions[at]
+
+    def _read_conversion(self, at: int, depth: int) -> MdfConversion:
         block = self._block(at, b"##CC")
-        kind, count = struct.unpack_from("<B5xH", block.data)
-        values = struct.unpack_from(f"<{count}d", block.data, 24) if kind == _LINEAR else ()
-        return _Conversion(kind, self._text(block.links[1]), values)
+        number, count = struct.unpack_from("<B5xH", block.data)
+        if number not in KINDS_4 or depth > _MOST_NESTED:
+            raise UnusualLayoutError("conversion")
+        kind = KINDS_4[number]
+        values = () if kind is ConversionKind.BITS else struct.unpack_from(f"<{count}d", block.data, 24)
+        references: tuple[str | MdfConversion | None, ...] = ()
+        if kind in _WITH_TEXTS:
+            references = tuple(self._reference(link, depth) for link in block.links[4:])
+        elif kind is ConversionKind.FORMULA:
+            references = (self._text(block.links[4]),)
+        return MdfConversion(kind, values, references, self._text(block.links[1]))
+
+    def _reference(self, at: int, depth: int) -> str | MdfConversion | None:
+        """Return a text or a conversion that a table of texts refers to."""
+        if at and self._head(at)[0] == b"##CC":
+            return self._conversion(at, depth + 1)
+        return self._text(at) or None
 
     def _text(self, at: int) -> str:
         """Return the text of a block; several blocks refer to one."""

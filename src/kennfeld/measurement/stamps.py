@@ -18,10 +18,12 @@ from kennfeld.measurement.cells import is_missing
 
 _DAY = 86_400.0
 _HALF_DAY = 43_200.0
+_HOUR = 3600.0
 _MONTH_NAMES = ("jan", "feb", "mar|mär|mrz", "apr", "may|mai", "jun", "jul", "aug", "sep", "oct|okt", "nov", "dec|dez")
 _MONTHS = {name: number for number, names in enumerate(_MONTH_NAMES, start=1) for name in names.split("|")}
 _DATE = (
     r"(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)"
+    r"|(?P<y1>\d{4})(?P<m1>\d\d)(?P<d1>\d\d)(?=[T ]\d\d)"
     r"|(?P<d2>\d\d?)\.(?P<m2>\d\d?)\.(?P<y2>\d{4})"
     r"|(?P<a>\d\d?)(?P<mark>[-/])(?P<b>\d\d?)(?P=mark)(?P<y3>\d{4})"
     r"|(?P<d4>\d\d?)[- ](?P<month>[^\W\d_]{3,9})\.?[- ](?P<y4>\d{4})"
@@ -30,9 +32,20 @@ _EITHER = re.compile(r"\b\d\d?([-/])\d\d?\1\d{4}")  # a date whose order shows i
 _ISO = re.compile(r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d):(\d\d(?:[.,]\d{1,9})?)Z?")
 _STAMP = re.compile(
     rf"\s*(?:(?P<date>{_DATE})(?:[T ,]+|$))?"
-    r"(?:(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?P<part>[.,:]\d{1,9})?)?(?:\s*(?P<half>[AP])\.?M\.?)?)?"
-    r"\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*",
+    r"(?:(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?P<part>[.,:]\d{1,9})?)?(?:\s*(?P<half>[AP])\.?M\.?)?"
+    r"|(?P<h1>\d\d)(?P<min1>\d\d)(?P<s1>\d\d)(?P<part1>[.,]\d{1,9})?)?"
+    r"\s*(?P<zone>Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?\s*",
     re.IGNORECASE,
+)
+# what spreadsheets leave of a time of day, as their format of it has no hours
+_MINUTES = re.compile(r"\s*(?P<min>\d{1,4}):(?P<s>[0-5]\d[.,]\d{1,9})\s*")
+# as pandas writes them: 1 days 02:03:04.5, -1 days +23:59:59; and by ISO 8601: P1DT2H3M4.5S
+_DURATION = re.compile(
+    r"\s*(?P<days>[+-]?\d+) days?,?(?:\s+\+?(?P<h>\d{1,2}):(?P<min>\d\d):(?P<s>\d\d(?:[.,]\d{1,9})?))?\s*",
+    re.IGNORECASE,
+)
+_ISO_DURATION = re.compile(
+    r"\s*(?P<sign>[+-]?)P(?:(?P<days>\d+)D)?(?:T(?:(?P<h>\d+)H)?(?:(?P<min>\d+)M)?(?:(?P<s>\d+(?:[.,]\d+)?)S)?)?\s*"
 )
 
 
@@ -80,6 +93,7 @@ class StampCollector:
 
     _blocks: dict[bool, list[Float]] = field(default_factory=lambda: {False: [], True: []})  # by month_first
     _origins: dict[bool, int | None] = field(default_factory=lambda: {False: None, True: None})
+    _only_minutes: bool = True  # all times are minutes and seconds
     _example: str = ""  # a date that reads either way
     doubt: str = ""  # what the data leave open, once `build` was called
 
@@ -100,6 +114,8 @@ class StampCollector:
             else:
                 self._blocks[order].append(stamps[0])
                 self._origins[order] = stamps[1]
+        if self._only_minutes:
+            self._only_minutes = all(is_missing(cell) or _MINUTES.fullmatch(str(cell)) for cell in cells)
         self._example = self._example or next((str(cell) for cell in cells if not is_missing(cell)), "")
         return True
 
@@ -110,14 +126,15 @@ class StampCollector:
         return orders if is_either else orders[:1]
 
     def build(self) -> Float:
-        """Return the seconds of all stamps; times of day continue across midnight."""
+        """Return the seconds of all stamps; times of day continue across midnight, minutes across the hour."""
         orders = {order: np.concatenate(blocks) for order, blocks in self._blocks.items()}
         order = self._choose_order(orders)
         values = orders[order]
         if self._origins[order] is None:
             known = np.flatnonzero(~np.isnan(values))
-            days = np.cumsum(np.diff(values[known], prepend=values[known[:1]]) < -_HALF_DAY)
-            values[known] += _DAY * days
+            period = _HOUR if self._only_minutes else _DAY
+            periods = np.cumsum(np.diff(values[known], prepend=values[known[:1]]) < -period / 2)
+            values[known] += period * periods
         return values
 
     def _choose_order(self, orders: dict[bool, Float]) -> bool:
@@ -151,21 +168,44 @@ def _stamp_seconds(cell: str, month_first: bool) -> tuple[int | None, float] | N
         return (day, 3600.0 * hours + 60.0 * minutes + seconds) if is_time else None
     match = _STAMP.fullmatch(cell)
     if match is None or (match["date"] is None and match["s"] is None):
-        return None
-    hours, minutes, whole = (int(match[part] or 0) for part in ("h", "min", "s"))
+        elapsed = _elapsed_seconds(cell)
+        return None if elapsed is None else (None, elapsed)
+    hours, minutes, whole = (int(match[part] or match[f"{part}1"] or 0) for part in ("h", "min", "s"))
     if match["half"]:
         if not 1 <= hours <= 12:
             return None
         hours = hours % 12 + (12 if match["half"] in "pP" else 0)
     if (hours > 23 and match["date"]) or minutes > 59 or whole > 60:
         return None
-    seconds = 3600.0 * hours + 60.0 * minutes + float(f"{whole}.{(match['part'] or '.0')[1:]}") - _offset(match["zone"])
+    seconds = (
+        3600.0 * hours
+        + 60.0 * minutes
+        + float(f"{whole}.{(match['part'] or match['part1'] or '.0')[1:]}")
+        - _offset(match["zone"])
+    )
     if match["date"] is None:
         return None, seconds
     try:
         return date(*_date_of(match, month_first)).toordinal(), seconds
     except ValueError:
         return None
+
+
+def _elapsed_seconds(cell: str) -> float | None:
+    """Return the seconds of minutes and seconds, or of a duration."""
+    match = _MINUTES.fullmatch(cell)
+    if match is not None:
+        return 60.0 * int(match["min"]) + _decimal(match["s"])
+    match = _DURATION.fullmatch(cell) or _ISO_DURATION.fullmatch(cell)
+    if match is None or not any(match[part] for part in ("days", "h", "min", "s")):
+        return None
+    within = 3600.0 * int(match["h"] or 0) + 60.0 * int(match["min"] or 0) + _decimal(match["s"])
+    seconds = _DAY * int(match["days"] or 0) + within
+    return -seconds if match.groupdict().get("sign") == "-" else seconds
+
+
+def _decimal(seconds: str | None) -> float:
+    return float((seconds or "0").replace(",", "."))
 
 
 @lru_cache(maxsize=64)  # the stamps of a file share few days
@@ -180,6 +220,8 @@ def _date_of(match: re.Match[str], month_first: bool) -> tuple[int, int, int]:
     """Return year, month and day; the month is 0 if its name is unknown."""
     if match["y"]:
         return int(match["y"]), int(match["m"]), int(match["d"])
+    if match["y1"]:
+        return int(match["y1"]), int(match["m1"]), int(match["d1"])
     if match["y2"]:
         return int(match["y2"]), int(match["m2"]), int(match["d2"])
     if match["y4"]:
@@ -189,7 +231,7 @@ def _date_of(match: re.Match[str], month_first: bool) -> tuple[int, int, int]:
 
 
 def _offset(zone: str | None) -> float:
-    if not zone or zone in "zZ":
+    if not zone or zone[0] not in "+-":
         return 0.0
     sign = -1.0 if zone[0] == "-" else 1.0
-    return sign * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:]))
+    return sign * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[3:].lstrip(":") or 0))

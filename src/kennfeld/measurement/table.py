@@ -16,7 +16,7 @@ from kennfeld.dataset import replace_infinite
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.cells import Decimal, is_dated, parse_numbers, quote_cell
+from kennfeld.measurement.cells import Decimal, is_dated, is_truth, parse_numbers, quote_cell
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.stamps import StampCollector, is_stamp
 from kennfeld.measurement.unit_text import may_be_time
@@ -27,27 +27,6 @@ _MAX_QUOTED = 50  # cells per column that messages may quote
 _MAX_FINDINGS = 20  # findings of one kind per file
 _MARK = re.compile(r'\s*"?MARK\s+\d+\b')
 _T = TypeVar("_T")  # Python 3.11
-
-
-def unique_names(names: Sequence[str]) -> list[str]:
-    """Return unique names: the second `Speed` becomes `Speed (2)`; empty ones stay empty.
-
-    >>> unique_names(["Speed", "Torque", "Speed", "", ""])
-    ['Speed', 'Torque', 'Speed (2)', '', '']
-    """
-    taken = set(names)
-    seen: set[str] = set()
-    last: dict[str, int] = {}
-    unique = []
-    for name in names:
-        free, k = name, last.get(name, 1)
-        while name and (free in seen or (free != name and free in taken)):
-            k += 1
-            free = f"{name} ({k})"
-        last[name] = k
-        seen.add(free)
-        unique.append(free)
-    return unique
 
 
 @dataclass(frozen=True)
@@ -84,6 +63,7 @@ class Column:
     dated: bool = False
     held: bool = False  # a value is valid until the next sample, so that nothing is interpolated
     description: str = ""
+    words: tuple[int, str] = (0, "")  # how many words such as OFF among numbers are missing values, and the first
     doubt: str = ""  # what its text leaves open, such as the order of day and month
 
     @classmethod
@@ -157,6 +137,8 @@ class ColumnBuilder:
         self._dated = False
         self._stamps: StampCollector | None = None  # dates and times as text
         self._has_numbers = False
+        self._truths: list[Int] = []  # samples that hold the state of a switch
+        self._truth = ""  # the first one
 
     @classmethod
     def of(cls, header: Header, index: int) -> "ColumnBuilder":
@@ -170,6 +152,7 @@ class ColumnBuilder:
             texts = self._add_stamps(cells, values, texts)
         elif not self._has_numbers:
             self._has_numbers = bool(texts) or not bool(np.isnan(values).all())
+        self._note_truths(cells, values)
         self._blocks.append(values)
         self._texts += [(self._samples + i, cells[i]) for i in texts[: _MAX_QUOTED - len(self._texts)]]
         self._text_count += len(texts)
@@ -177,6 +160,25 @@ class ColumnBuilder:
         # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
         is_text_file = bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
         self._dated = self._dated or (not is_text_file and any(map(is_dated, cells)))
+
+    def _note_truths(self, cells: Sequence[object], values: Float) -> None:
+        """Note the states of switches, which are missing values if the other cells are numbers."""
+        candidates = np.flatnonzero((values == 0) | (values == 1))
+        truths = [k for k in candidates.tolist() if is_truth(cells[k])] if candidates.size else []
+        if truths:
+            self._truth = self._truth or str(cells[truths[0]]).strip()
+            self._truths.append(np.array(truths, dtype=np.int64) + self._samples)
+
+    def _without_truths(self, values: Float) -> tuple[int, str]:
+        """Make the states of switches among other numbers NaN; return how many they are, and the first one."""
+        if not self._truths:
+            return 0, ""
+        truths = np.concatenate(self._truths)
+        others = np.delete(values, truths)
+        if np.all(np.isnan(others) | (others == 0) | (others == 1)):
+            return 0, ""
+        values[truths] = np.nan
+        return truths.size, self._truth
 
     def _add_stamps(self, cells: Sequence[object], values: Float, texts: list[int]) -> list[int]:
         """Take a block of a column of stamps; return the positions of other text."""
@@ -193,14 +195,24 @@ class ColumnBuilder:
 
     def build(self) -> Column:
         """Return the column of all cells taken."""
-        doubt = ""
+        doubt, words = "", (0, "")
         if self._dated and self._stamps is not None:
             values, doubt = self._stamps.build(), self._stamps.doubt
         else:
             values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
+            words = self._without_truths(values)
         values.setflags(write=False)
-        texts = tuple(self._texts)
-        return Column(self.name, self.unit, self.place, values, texts, self._text_count, self._dated, doubt=doubt)
+        return Column(
+            self.name,
+            self.unit,
+            self.place,
+            values,
+            tuple(self._texts),
+            self._text_count,
+            self._dated,
+            words=words,
+            doubt=doubt,
+        )
 
 
 def text_findings(table: Table, columns: Iterable[Column]) -> list[Finding]:
@@ -237,6 +249,21 @@ def limit_findings(
     more = max(len(items) - _MAX_FINDINGS, 0) + unseen
     summary = [Finding(location, f"{more} more {message}")] if more else []
     return [*map(report, items[:_MAX_FINDINGS]), *summary]
+
+
+def with_word_warnings(table: Table) -> Table:
+    """Return the table with a warning for each column of numbers in which words such as OFF are missing values."""
+    findings = []
+    for column in table.columns:
+        count, word = column.words
+        if count:
+            message = (
+                f"{count} of {column.values.size} cells hold {word!r} or the like among numbers and are missing values"
+            )
+            remedy = "Write 0 or 1 instead if that is meant."
+            location = table.location.within(f"column {column.place}")
+            findings.append(Finding(location, message, remedy, severity="warning"))
+    return replace(table, findings=(*table.findings, *findings)) if findings else table
 
 
 def without_infinite(table: Table) -> Table:

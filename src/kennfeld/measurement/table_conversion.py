@@ -13,12 +13,12 @@ from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import quote_cell
+from kennfeld.measurement.instants import Instants, instant_findings, separate_instants
 from kennfeld.measurement.resampling import even_grid, resample_all, samples_on
 from kennfeld.measurement.table import Column, Selection, Table, text_findings, without_infinite
 from kennfeld.measurement.time_column import (
     clock_of,
     find_time,
-    merge_instants,
     split_pieces,
     time_findings,
     time_in_seconds,
@@ -35,15 +35,20 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
         return Dataset(name, to_channels(columns, [c.values for c in columns]), findings=table.findings)
     stamps, clock = time_in_seconds(time), clock_of(time)
 
-    def dataset_of(piece: slice) -> Dataset:
-        stamps_here, values = merge_instants(stamps[piece], [c.values[piece] for c in columns])
+    parts = [
+        separate_instants(stamps[piece], [c.values[piece] for c in columns]) for piece in split_pieces(table, stamps)
+    ]
+    findings = (*table.findings, *instant_findings(table, time, parts))
+
+    def dataset_of(part: Instants) -> Dataset:
+        stamps_here, values = part.time, part.values
         if raster is not None:
             even = even_grid(stamps_here, raster)
             stamps_here, values = even, resample_all(stamps_here, values, even, [c.held for c in columns])
         channels = to_channels(columns, values)
-        return Dataset(name, channels, readonly_view(stamps_here), clock=clock, findings=table.findings)
+        return Dataset(name, channels, readonly_view(stamps_here), clock=clock, findings=findings)
 
-    return concatenate(name, [dataset_of(piece) for piece in split_pieces(table, stamps)])
+    return concatenate(name, list(map(dataset_of, parts)))
 
 
 def to_channels(columns: Sequence[Column], values: Sequence[Float]) -> tuple[Channel, ...]:

@@ -2,7 +2,7 @@
 
 import logging
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, tables_of
+from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, may_be_time, split_name
@@ -21,6 +21,10 @@ from kennfeld.optional_packages import optional_package
 
 _STEP, _OFFSET, _START, _UNIT = "wf_increment", "wf_start_offset", "wf_start_time", "wf_xunit_string"
 _COLUMNS = "wf_xcolumns"  # of a group: "One" if its first channel is the time, as LabVIEW writes it
+_SCALES = frozenset(
+    ["Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI"]
+)  # that the library applies
+_MOST_SCALES = 1000
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 
 
@@ -37,7 +41,9 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     try:
         with source.path.open("rb") as stream, TdmsFile.open(stream) as file:
             missing = _missing_values(file)
-            tables = tables_of(source, list(_groups(file, missing)), selection)
+            unscaled = dict(_unknown_scales(file))
+            groups = list(_groups(file, missing, unscaled))
+            tables = tables_of(source, groups, selection, list(unscaled.values()))
             if missing is None:
                 return tables
             message = "the last segment is incomplete: the recording was interrupted, or the file is cut off"
@@ -63,7 +69,30 @@ def _missing_values(file: Any) -> Mapping[str, int] | None:
     return {path: int(channel.expected_length) - int(channel.read_length) for path, channel in channels}
 
 
-def _groups(file: Any, missing: Mapping[str, int] | None) -> Iterator[RecordedGroup]:
+def _unknown_scales(file: Any) -> Iterator[tuple[str, UnreadableChannel]]:
+    """Yield the paths of channels whose scale the library does not know, so that it would return raw values."""
+    for group in file.groups():
+        for channel in group.channels():
+            levels = (channel.properties, group.properties, file.properties)
+            unknown = next((scale for scale in map(_unknown_scale, levels) if scale is not None), "")
+            if unknown:
+                problem = f"has a scale of the unknown type {unknown[:60]} and is skipped: its values are raw"
+                remedy = "Export it with scaled values."
+                yield channel.path, UnreadableChannel(split_name(channel.name)[0], problem, remedy)
+
+
+def _unknown_scale(properties: Mapping[str, Any]) -> str | None:
+    """Return the type of a scale that the library does not know; empty if it knows all, None if there is none."""
+    count = properties.get("NI_Number_Of_Scales")
+    if not isinstance(count, int | float | np.number) or properties.get("NI_Scaling_Status") == "scaled":
+        return None
+    types = [properties.get(f"NI_Scale[{k}]_Scale_Type") for k in range(min(int(count), _MOST_SCALES))]
+    stated = [str(kind) for kind in types if kind is not None]
+    return next((kind for kind in stated if kind not in _SCALES), "") if stated else None
+
+
+def _groups(file: Any, missing: Mapping[str, int] | None, skipped: Collection[str] = ()) -> Iterator[RecordedGroup]:
+    """Yield the rasters of the file; channels with the paths `skipped` are left out."""
     channels = [channel for group in file.groups() for channel in group.channels() if len(channel)]
     starts = [channel.properties[_START] for channel in channels if _is_even(channel)]
     dates = [date for channel in channels if _is_dated(channel) and not np.isnat(date := channel[0])]
@@ -73,7 +102,7 @@ def _groups(file: Any, missing: Mapping[str, int] | None) -> Iterator[RecordedGr
         rasters: dict[tuple[int, float, float], list[Any]] = defaultdict(list)
         even = not _has_time_channel(group)
         for channel in group.channels():
-            if len(channel):
+            if len(channel) and channel.path not in skipped:
                 # the length as it was meant: what is cut off is the end of some channels
                 length = len(channel) + (missing or {}).get(channel.path, 0)
                 rasters[(length, *(_raster(channel, first) if even else (0.0, 0.0)))].append(channel)

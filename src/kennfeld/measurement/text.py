@@ -24,6 +24,7 @@ from kennfeld.measurement.clock_numbers import decode_clock
 from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split_line
 from kennfeld.measurement.encoding import GUESSED_ENCODINGS, detect_encoding
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile
+from kennfeld.measurement.header import header_remarks
 from kennfeld.measurement.table import (
     BLOCK,
     MAX_MARKS,
@@ -44,6 +45,7 @@ _START = 1 << 16  # bytes that settle the encoding and characters that settle th
 _MOST = 64_000_000  # characters that are searched for grouped numbers
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 1.100, which may be 1100
 _POINTED = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_LEAST_DATE = 1e7  # numbers below it are clock times
 _LEAST_GROUPED = 1000  # plain numbers from here on would have a separator, too
 _HEAD_LINES = 200
 _HEAD_TEXT = 4_000_000  # characters, beyond which fewer lines tell enough of a table of very many columns
@@ -64,7 +66,11 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     decoded = tuple(map(decode_clock, table.columns))
     table = replace(table, columns=decoded, findings=(*table.findings, *_clock_findings(table, decoded)))
     table = replace(table, staggered=dialect.header.staggered)
-    ambiguities = (*_encoding_remark(table, dialect), *_thousands_warnings(source, dialect, table))
+    ambiguities = (
+        *header_remarks(source.location, dialect.header),
+        *_encoding_remark(table, dialect),
+        *_thousands_warnings(source, dialect, table),
+    )
     return [replace(table, findings=(*table.findings, *ambiguities))]
 
 
@@ -135,27 +141,31 @@ def _read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) 
 def read_exactly(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table:
     """Return the table, read line by line."""
     table = _read_rows(source, dialect, selection)
-    flipped = _other_decimal(table, dialect)
-    if flipped is None:
+    other = _other_numbers(table, dialect)
+    if other is None:
         return table
     # the first lines held whole numbers alone, so the decimal mark shows further down
-    again = _read_rows(source, replace(dialect, decimal=flipped, decimal_seen=True), selection)
+    again = _read_rows(source, other, selection)
     return min(table, again, key=lambda attempt: sum(column.text_count for column in attempt.columns))
 
 
-def _other_decimal(table: Table, dialect: Dialect) -> Decimal | None:
-    """Return the other decimal mark if the first lines do not show it and it turns a text into a number."""
-    if dialect.decimal_seen or dialect.separator == ",":
+def _other_numbers(table: Table, dialect: Dialect) -> Dialect | None:
+    """Return the dialect with another form of numbers if the first lines leave it open and it makes one of a text."""
+    if dialect.separator == ",":
+        other = replace(dialect, grouped=True)
+    elif dialect.decimal_seen:
         return None
-    other: Decimal = "," if dialect.decimal == "." else "."
+    else:
+        mark: Decimal = "," if dialect.decimal == "." else "."
+        other = replace(dialect, decimal=mark, decimal_seen=True)
     cells = [cell for column in table.columns for _, cell in column.texts]
-    return other if any(parse_number(cell, other) is not None for cell in cells) else None
+    return other if any(parse_number(cell, other.numbers) is not None for cell in cells) else None
 
 
 def _read_rows(source: MeasurementFile, dialect: Dialect, selection: Selection) -> Table:
     header = dialect.header
     builders = {i: ColumnBuilder.of(header, i) for i in selection.wants(header)}
-    rows = RowCollector(header.width, len(header.names), builders, dialect.decimal)
+    rows = RowCollector(header.width, len(header.names), builders, dialect.numbers)
     for line, cells in _split_rows(source, dialect, rows):
         rows.add(line, cells)
     table = rows.table(source.location)
@@ -265,7 +275,9 @@ def _clock_findings(table: Table, decoded: Sequence[Column]) -> Iterator[Finding
             remedy = "Export the file with ISO dates, 2026-12-31, if that is wrong."
             yield Finding(location, column.doubt, remedy, severity="warning")
         if before is not column:
-            message = "the numbers are clock times, HHMMSS, and were read as such"
+            has_dates = float(np.nanmax(before.values)) >= _LEAST_DATE
+            form = "dates with times, YYYYMMDDHHMMSS" if has_dates else "clock times, HHMMSS"
+            message = f"the numbers are {form}, and were read as such"
             yield Finding(location, message, "Rename the column if it is not a time.", severity="remark")
 
 

@@ -3,7 +3,7 @@
 Logs may contain records without a time: a logger writes some before its clock runs, or while it connects.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,12 +13,14 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Clock
 from kennfeld.errors import Finding, Location, Severity
 from kennfeld.formatting import count_noun
+from kennfeld.measurement.cells import quote_cell
 from kennfeld.measurement.table import Column, Table, limit_findings
 from kennfeld.measurement.unit_text import in_seconds, plain_unit, says_time, states_unit_of_time, time_unit
 
 LONG_STEP = 5.0  # s; recordings of a function in time have shorter steps, and milliseconds have longer ones
 SAME_INSTANT = 1e-9  # s; stamps closer than this belong to one instant (rasters of a logger that were merged)
 
+_LEAST_STAMPS = 3  # different ones of a clock that repeats most of them
 _SHARE = 0.1  # of the records, beyond which their loss is a warning
 
 
@@ -111,12 +113,12 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
         return limit_findings(
             gaps, lambda k: Finding(table.at(k, column), "the time stamp is missing", remedy), table.location, message
         )
-    if _advances(time):
+    if advances(time):
         return []
     earlier = time if table.restarts else np.maximum.accumulate(time)
     back = [] if table.restarts else _falls(time)
     still = int(np.count_nonzero(time[1:] < earlier[:-1] + SAME_INSTANT))
-    if not back and 2 * still > time.size:
+    if not back and 2 * still > time.size and np.unique(time).size < _LEAST_STAMPS:
         remedy = "Write the time with more digits, or rename the column if it is not a time."
         location = Location(f"{table.location}, column {column.place}")
         return [Finding(location, f"time does not increase at {still} samples", remedy)]
@@ -129,7 +131,7 @@ def time_findings(table: Table, column: Column, time: Float) -> list[Finding]:
     return limit_findings(back, report, table.location, message)
 
 
-def _advances(time: Float) -> bool:
+def advances(time: Float) -> bool:
     """Return True if each sample is later than the one before."""
     return bool(np.all(time[1:] >= time[:-1] + SAME_INSTANT))
 
@@ -151,25 +153,20 @@ def split_pieces(table: Table, time: Float) -> list[slice]:
     return [slice(begin, end) for begin, end in pairwise(ends)]
 
 
-def merge_instants(time: Float, columns: Sequence[Float]) -> tuple[Float, list[Float]]:
-    """Merge samples of one instant: the first value of each column that is present.
+def with_unread_time(table: Table) -> Table:
+    """Return the table with a warning if it has no time, but a column of text with the name of one."""
+    text = next((c for c in table.columns if c.is_text and _names_time(c)), None)
+    if text is None or not text.texts or find_time(table) is not None:
+        return table
+    sample, cell = text.texts[0]
+    message = f"{quote_cell(cell)} cannot be read as a time, so the samples are steady-state points"
+    remedy = "Write the time in seconds, or as 2026-12-31 23:59:59.9 or 23:59:59.9."
+    finding = Finding(table.at(sample, text), message, remedy, severity="warning")
+    return replace(table, findings=(*table.findings, finding))
 
-    >>> nan = np.nan
-    >>> merge_instants(np.array([0.0, 1.0, 1.0 + 1e-12]), [np.array([5.0, nan, 6.0])])
-    (array([0., 1.]), [array([5., 6.])])
-    """
-    if _advances(time):
-        return time, list(columns)
-    fresh = np.concatenate([[True], time[1:] >= np.maximum.accumulate(time)[:-1] + SAME_INSTANT])
-    instant = np.cumsum(fresh) - 1
-    merged = []
-    for values in columns:
-        valid = np.flatnonzero(~np.isnan(values))
-        known, first = np.unique(instant[valid], return_index=True)
-        column = np.full(int(instant[-1]) + 1, np.nan)
-        column[known] = values[valid[first]]
-        merged.append(column)
-    return time[fresh], merged
+
+def _names_time(column: Column) -> bool:
+    return time_unit(column.name, column.unit) is not None or says_time(column.name)
 
 
 def drop_untimed(table: Table) -> Table:

@@ -29,6 +29,7 @@ _NUMBERED = re.compile(r"(?:time|zeit|timestamps?)[ _.]?\(?[0-9]+(?: ?m?s)?\)?|x
 # words that name a date or a time of day, whose column may be the time although it is called `Device Time`
 _STAMPED = re.compile(r"\b(?:time|timestamps?|stamp|date|datetime|zeit|uhrzeit|datum|clock)\b", re.IGNORECASE)
 _SAYS_TIME = re.compile(r"\b(?:time|timestamp|zeit|uhrzeit)\b", re.IGNORECASE)
+_FRACTION = re.compile(r"(?:time[ _.]?)?(?:ms|msec|millis|millisec|milliseconds?|millisekunden?)", re.IGNORECASE)
 _BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*", re.DOTALL)
 _PARENTHESES = re.compile(r"(.*\S)\s*\(([^()]*)\)\s*", re.DOTALL)
 
@@ -117,9 +118,18 @@ def says_time(name: str) -> bool:
 
 def may_be_time(name: str, unit: str) -> bool:
     """Return whether a column may be the time of the samples."""
-    if _STAMPED.search(name.replace("_", " ")):
+    if _STAMPED.search(name.replace("_", " ")) or is_fraction_name(name):
         return True
     return time_unit(name, unit) is not None or is_clock(name, unit) or in_seconds(unit) is not None
+
+
+def is_fraction_name(name: str) -> bool:
+    """Return whether a column has the name of milliseconds beside a time in whole seconds.
+
+    >>> is_fraction_name("ms"), is_fraction_name("Millisekunden"), is_fraction_name("Speed")
+    (True, True, False)
+    """
+    return _FRACTION.fullmatch(name.strip()) is not None
 
 
 def is_clock(name: str, unit: str) -> bool:

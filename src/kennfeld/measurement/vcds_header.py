@@ -8,8 +8,7 @@ import re
 from collections.abc import Sequence
 
 from kennfeld.measurement.cells import Decimal, parse_number
-from kennfeld.measurement.header import Header
-from kennfeld.measurement.table import unique_names
+from kennfeld.measurement.header import Header, unique_names
 from kennfeld.measurement.unit_text import looks_like_unit, plain_unit
 
 _SIGNATURE = re.compile(r"VCID:|VCDS|VAG-?COM", re.IGNORECASE)

@@ -9,8 +9,9 @@ from kennfeld import calfiles, measurement
 from kennfeld.calfiles.flash.recognition import recognises_a2l, recognises_flash
 from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource
 from kennfeld.calfiles.unsupported_files import explain_unsupported
-from kennfeld.errors import InputError
+from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.foreign_content import identify_foreign
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.file_kind import FileKind, detect_kind
 from kennfeld.models.function_files import kind_of, split_reference
@@ -54,6 +55,7 @@ def describe_file(
         return describe_fmu(Path(name), choice)
     file = _InputFile(Path(path), a2l, selection)
     if file.path.is_file():
+        file.refuse_foreign()
         for recognises, describe in _DESCRIBERS:
             if recognises(file):
                 return describe(file)
@@ -73,6 +75,13 @@ class _InputFile:
     path: Path
     a2l: str | Path | None
     selection: ModelSelection
+
+    def refuse_foreign(self) -> None:
+        """Raise `InputError` if the file is a pointer, a web page, a picture or the like."""
+        with convert_errors(self.path, "cannot be read"), self.path.open("rb") as stream:
+            content = identify_foreign(stream.read(HEAD_SIZE))
+        if content is not None and explain_unsupported(self.path) is None:
+            raise InputError.of(Location(self.path.name), f"this is {content.description}", content.remedy)
 
     @property
     def suffix(self) -> str:

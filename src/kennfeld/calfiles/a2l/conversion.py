@@ -4,17 +4,8 @@
     RAT_FUNC a b c d e f    raw = (a p^2 + b p + c) / (d p^2 + e p + f),   p physical
 
 A conversion without a unique inverse has none here; nothing is guessed.
-
-Formulas are arithmetic in one raw value X1: numbers, X1, + - * / and functions. Python parses them, but never evaluates
-them.
-
-The operator ^ is a power in older versions of the standard and an exclusive or in newer ones, and `log` has the base
-e or 10; formulas with them are not supported.
 """
 
-import ast
-import re
-from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -22,71 +13,10 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.a2l.objects import A2l, CompuMethod, CompuTab, CompuVtab
 from kennfeld.calfiles.a2l.syntax import A2lError
+from kennfeld.conversion_formulas import Formula, nan_if_infinite, parse_formula
 from kennfeld.lazy_dataclass import dataclass
 
-Formula = Callable[[Float], Float]
-
-_TOKEN = re.compile(r"\s*(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|[-+*/(),])\s*")
-_NAMES = ("abs", "arccos", "arcsin", "arctan", "cos", "exp", "sin", "sqrt", "tan")
-_FUNCTIONS: dict[str, np.ufunc] = {name: getattr(np, name) for name in _NAMES}
-_FUNCTIONS |= {"acos": np.arccos, "asin": np.arcsin, "atan": np.arctan, "pow": np.power}
 _TABLE_KINDS = ("TAB_INTP", "TAB_NOINTP", "TAB_VERB")
-_OPERATORS: dict[type[ast.AST], np.ufunc] = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply}
-_OPERATORS |= {ast.Div: np.divide, ast.UAdd: np.positive, ast.USub: np.negative}
-_MAX_CHARACTERS, _MAX_TOKENS = 2000, 300
-
-
-class _UnsupportedFormulaError(Exception):
-    pass
-
-
-def parse_formula(text: str) -> Formula | None:
-    """Return the function of a formula, None if it is empty or not supported.
-
-    What has no finite value gives NaN.
-
-    >>> parse_formula("(X1 + 4) * 2")(np.array([1.0])).tolist()
-    [10.0]
-    >>> parse_formula("X1 ^ 2") is None
-    True
-    """
-    tokens = _TOKEN.findall(text[: _MAX_CHARACTERS + 1])
-    if "".join(tokens) != text or len(tokens) > _MAX_TOKENS:
-        return None
-    try:
-        # Blanks between the tokens part what is an operator or a number of Python only: ** // 0x1
-        formula = _compile(ast.parse(" ".join(map(str.strip, tokens)), mode="eval").body)
-    except (_UnsupportedFormulaError, SyntaxError, RecursionError, MemoryError):
-        return None
-
-    def value(raw: Float) -> Float:
-        with np.errstate(all="ignore"):
-            result = np.asarray(formula(np.asarray(raw, np.float64)), np.float64)
-            return _nan_if_infinite(np.broadcast_to(result, np.shape(raw)))
-
-    return value
-
-
-def _compile(node: ast.expr) -> Formula:
-    match node:
-        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-            return lambda raw: np.full(np.shape(raw), float(number))
-        case ast.Name(id=name) if name.casefold() in ("x", "x1"):
-            return lambda raw: raw
-        case ast.UnaryOp(op=operator, operand=operand) if type(operator) in _OPERATORS:
-            return _call(_OPERATORS[type(operator)], [operand])
-        case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
-            return _call(_OPERATORS[type(operator)], [left, right])
-        case ast.Call(func=ast.Name(id=name), args=operands, keywords=[]) if name.casefold() in _FUNCTIONS:
-            return _call(_FUNCTIONS[name.casefold()], operands)
-    raise _UnsupportedFormulaError
-
-
-def _call(function: np.ufunc, operands: Sequence[ast.expr]) -> Formula:
-    if len(operands) != function.nin:
-        raise _UnsupportedFormulaError
-    arguments = list(map(_compile, operands))
-    return lambda raw: function(*(argument(raw) for argument in arguments))
 
 
 @dataclass(frozen=True)
@@ -156,11 +86,11 @@ def _rational(method: CompuMethod, lower: float, upper: float) -> tuple[Formula,
 
     def raw(values: Float) -> Float:
         with np.errstate(all="ignore"):
-            return _nan_if_infinite(((a * values + b) * values + c) / ((d * values + e) * values + f))
+            return nan_if_infinite(((a * values + b) * values + c) / ((d * values + e) * values + f))
 
     def physical(values: Float) -> Float:
         with np.errstate(all="ignore"):
-            return _nan_if_infinite((f * values - c) / (b - e * values))
+            return nan_if_infinite((f * values - c) / (b - e * values))
 
     if not (a or b or d or e):
         raise A2lError(f"has the conversion {method.name}, which has no physical value")
@@ -175,16 +105,12 @@ def _root(coeffs: tuple[float, ...], lower: float, upper: float, values: Float) 
     square, linear, constant = a - d * values, b - e * values, c - f * values
     with np.errstate(all="ignore"):
         whole = -0.5 * (linear + np.where(linear < 0, -1.0, 1.0) * np.sqrt(linear * linear - 4 * square * constant))
-        roots = _nan_if_infinite(np.stack([whole / square, constant / whole]))
+        roots = nan_if_infinite(np.stack([whole / square, constant / whole]))
     slack = 1e-9 * (np.abs(roots) + 1e-300)
     inside = (roots >= lower - slack) & (roots <= upper + slack)
     same = np.isclose(roots[0], roots[1], rtol=1e-12, atol=0)
     inside[1] &= ~(inside[0] & same)
     return np.where(inside.sum(axis=0) == 1, np.where(inside[0], roots[0], roots[1]), np.nan)
-
-
-def _nan_if_infinite(values: Float) -> Float:
-    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _table_conversion(a2l: A2l, method: CompuMethod) -> tuple[Formula, Formula | None]:

@@ -11,7 +11,8 @@ is accepted and kept.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 
 from kennfeld.calfiles.flash.image import Image, Record
 from kennfeld.calfiles.format import FileFindings
@@ -138,15 +139,36 @@ def decode_hex(digits: bytes) -> bytes | None:
 def report_overlaps(records: list[Record], findings: FileFindings) -> None:
     """Warn about records that define the same memory twice."""
     overlapping: list[Record] = []
+    shared: list[int] = []  # addresses
     end = -1
     for record in sorted(records, key=lambda record: record.address):
         if record.address < end:
             overlapping.append(record)
+            shared += range(record.address, min(record.end, end))
         end = max(end, record.end)
     if overlapping:
         first = min(overlapping, key=lambda record: record.line)
         message = f"{count_noun(len(overlapping), 'record')} overlap with others, the first at 0x{first.address:X}"
-        findings.warning(first.line, "", f"{message}; the last record takes precedence")
+        differing = _differing_bytes(records, sorted(set(shared)))
+        findings.warning(first.line, "", f"{message}; the last record takes precedence; {differing}")
+
+
+def _differing_bytes(records: Sequence[Record], addresses: Sequence[int]) -> str:
+    """Return in how many of these bytes of memory records differ, and the first one."""
+    known: dict[int, tuple[int, int]] = {}  # the byte at an address, and its line
+    differing: dict[int, str] = {}
+    for record in records:
+        begin, end = bisect_left(addresses, record.address), bisect_left(addresses, record.end)
+        for address in addresses[begin:end]:
+            byte = record.content[address - record.address]
+            before, line = known.get(address, (byte, record.line))
+            if before != byte and address not in differing:
+                differing[address] = f"{before:02X} (line {line}) and {byte:02X} (line {record.line})"
+            known[address] = (byte, record.line)
+    if not differing:
+        return "their bytes are equal"
+    address = min(differing)
+    return f"{count_noun(len(differing), 'byte')} differ, the first at 0x{address:X}: {differing[address]}"
 
 
 class SRecordReader(RecordReader):

@@ -1,0 +1,144 @@
+"""Recognises files of no format that is read by their first bytes: pointers to content, web pages, pictures, programs."""
+
+import re
+import struct
+from typing import NamedTuple
+
+_HEAD = 4096  # bytes that settle it
+_POINTER = re.compile(
+    rb"\Aversion https://(?:git-lfs|hawser)\.github\.com/spec/v\d[^\n]*\n(?:.*\n)*?size (\d+)\s*$", re.M
+)
+_ANNEX = re.compile(rb"\A(?:\.\./)*(?:\.git)?/?annex/objects/\S+-s(\d+)-", re.MULTILINE)
+_PAGE = re.compile(
+    rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:!doctype\s+html|html|head|body|script|style|meta|title|div|table)\b",
+    re.IGNORECASE | re.DOTALL,
+)
+_DRAWING = re.compile(
+    rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!(?:--.*?--|doctype svg[^>]*)>\s*)*<svg[\s>]", re.IGNORECASE | re.DOTALL
+)
+_PICTURES = (
+    (b"\x89PNG\r\n\x1a\n", "PNG"),
+    (b"\xff\xd8\xff", "JPEG"),
+    (b"GIF87a", "GIF"),
+    (b"GIF89a", "GIF"),
+    (b"II*\0", "TIFF"),
+    (b"MM\0*", "TIFF"),
+    (b"8BPS", "Photoshop"),
+    (b"%!PS", "PostScript"),
+)
+_PROGRAMS = (
+    (b"MZ", "Windows"),
+    (b"\x7fELF", "ELF"),
+    (b"\xcf\xfa\xed\xfe", "macOS"),
+    (b"\xca\xfe\xba\xbe", "macOS or Java"),
+)
+_SECRETS = (b"-----BEGIN PGP MESSAGE", b"Salted__", b"age-encryption.org/", b"\x93VeraCrypt")
+_ENCRYPTED_MEMBER = 1  # flag of a ZIP archive
+_NAMES = (  # streams of OLE packages, as their directory spells them
+    ("WordDocument", "a Word document", ""),
+    ("PowerPoint Document", "a PowerPoint presentation", ""),
+    ("__properties_version1.0", "an Outlook message", "Save its attachment."),
+    ("__nameid_version1.0", "an Outlook message", "Save its attachment."),
+)
+_WORKBOOKS = ("Workbook", "Book", "WORKBOOK", "BOOK", "EncryptedPackage")  # the last one is refused when it is opened
+_OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+
+
+class ForeignContent(NamedTuple):
+    """The content of a file, as `this is ...` continues, and the remedy."""
+
+    description: str
+    remedy: str
+
+
+def identify_foreign(head: bytes) -> ForeignContent | None:
+    """Return what a file that begins with these bytes holds if it is none that is read; None for others.
+
+    >>> identify_foreign(b"GIF89a...").description
+    'a picture (GIF)'
+    """
+    text = _plain_text(head[:_HEAD])
+    recognitions = (
+        _without_content, _git_pointer, _web_page, _picture, _video, _program, _encrypted
+    )  # fmt: skip
+    return next((content for recognise in recognitions if (content := recognise(text)) is not None), None)
+
+
+def identify_package(content: bytes) -> ForeignContent | None:
+    """Return what an OLE package holds if it is not a workbook; None for workbooks and other files.
+
+    Args:
+        content: all bytes of the file; the directory may be anywhere in it.
+    """
+    if not content.startswith(_OLE):
+        return None
+    names = (each for each in _NAMES if each[0].encode("utf-16-le") in content)
+    _, description, remedy = next(names, ("", "", ""))
+    if description:
+        return ForeignContent(description, remedy or "Name the recording instead, as MDF or CSV.")
+    if any(f"{name}\0".encode("utf-16-le") in content for name in _WORKBOOKS):
+        return None
+    return ForeignContent("an OLE package without a workbook", "Save its content as CSV or .xlsx.")
+
+
+def _plain_text(head: bytes) -> bytes:
+    """Return text of two bytes a character as UTF-8, without the mark of its encoding; other bytes as they are."""
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return head[: len(head) // 2 * 2].decode("utf-16", "replace").encode("utf-8", "replace")
+    return head.removeprefix(b"\xef\xbb\xbf")
+
+
+def _without_content(head: bytes) -> ForeignContent | None:
+    if head and not head.strip(b"\0"):
+        return ForeignContent("a file of zero bytes, such as a copy leaves that was not finished", "Copy it again.")
+    return None
+
+
+def _git_pointer(head: bytes) -> ForeignContent | None:
+    match = _POINTER.match(head)
+    if match is not None:
+        return ForeignContent(f"a Git LFS pointer ({int(match[1])} bytes were not fetched)", "Run git lfs pull.")
+    match = _ANNEX.match(head)
+    if match is not None:
+        return ForeignContent(f"a git-annex pointer ({int(match[1])} bytes were not fetched)", "Run git annex get.")
+    return None
+
+
+def _web_page(head: bytes) -> ForeignContent | None:
+    if _PAGE.match(head) is None:
+        return None
+    return ForeignContent("a web page (HTML)", "Download the file itself, or save the table as .xlsx or CSV.")
+
+
+def _picture(head: bytes) -> ForeignContent | None:
+    kind = next((kind for mark, kind in _PICTURES if head.startswith(mark)), "")
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        kind = "WebP"
+    if (
+        head[:2] == b"BM"
+        and len(head) >= 18
+        and head[6:10] == bytes(4)
+        and struct.unpack("<I", head[14:18])[0] in (12, 40, 108, 124)
+    ):
+        kind = "bitmap"
+    if _DRAWING.match(head) is not None:
+        kind = "SVG"
+    return ForeignContent(f"a picture ({kind})", "Name the data that it shows.") if kind else None
+
+
+def _video(head: bytes) -> ForeignContent | None:
+    is_video = head[4:8] == b"ftyp" or (head[:4] == b"RIFF" and head[8:12] in (b"AVI ", b"WAVE"))
+    is_video = is_video or head.startswith(b"\x1aE\xdf\xa3")
+    return ForeignContent("a video or sound", "Name the recording beside it.") if is_video else None
+
+
+def _program(head: bytes) -> ForeignContent | None:
+    kind = next((kind for mark, kind in _PROGRAMS if head.startswith(mark) and b"\0" in head), "")
+    return ForeignContent(f"a program or library ({kind})", "Name a file of data.") if kind else None
+
+
+def _encrypted(head: bytes) -> ForeignContent | None:
+    is_zip = head.startswith(b"PK\x03\x04") and len(head) > 6 and bool(head[6] & _ENCRYPTED_MEMBER)
+    if is_zip or head.startswith(_SECRETS):
+        return ForeignContent("an encrypted archive" if is_zip else "an encrypted file", "Unpack it first.")
+    return None

@@ -1,0 +1,37 @@
+"""Milliseconds in a column of their own, beside columns of date and time of day in whole seconds."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from kennfeld.errors import Finding
+from kennfeld.measurement.table import Column, Table
+from kennfeld.measurement.time_column import find_time
+from kennfeld.measurement.unit_text import is_fraction_name
+
+_PER_SECOND = 1000
+
+
+def with_fractions(table: Table) -> Table:
+    """Return the table with the milliseconds of a column of their own added to its time stamps."""
+    clock = find_time(table)
+    if clock is None or not clock.dated or table.clock is not None:
+        return table
+    fraction = next((column for column in table.columns if _is_fraction(column)), None)
+    known = clock.values[~np.isnan(clock.values)]
+    if fraction is None or np.any(known != np.round(known)):
+        return table
+    stamps = clock.values + fraction.values / _PER_SECOND
+    steps = np.diff(stamps[~np.isnan(stamps)])
+    if np.isnan(stamps).sum() > np.isnan(clock.values).sum() or np.any(steps < 0):
+        return table
+    message = f"its milliseconds were added to the time stamps of {clock.place}"
+    remark = Finding(table.location.within(f"column {fraction.place}"), message, severity="remark")
+    columns = tuple(replace(clock, values=stamps) if column is clock else column for column in table.columns)
+    return replace(table, columns=columns, findings=(*table.findings, remark))
+
+
+def _is_fraction(column: Column) -> bool:
+    known = column.values[~np.isnan(column.values)]
+    whole = known.size > 0 and bool(np.all((known >= 0) & (known < _PER_SECOND) & (known == np.round(known))))
+    return whole and not column.dated and not column.text_count and is_fraction_name(column.name)

@@ -1,0 +1,39 @@
+"""Databases of a bus as AUTOSAR (.arxml), Kayak (.kcd) and PEAK (.sym) write them, converted to DBC by canmatrix."""
+
+import io
+import logging
+
+from kennfeld.errors import InputError, Location
+from kennfeld.optional_packages import optional_package
+
+
+def to_dbc(file: str, content: bytes, kind: str) -> list[str]:
+    """Return a database for each bus of a file, as the text of a DBC file.
+
+    Args:
+        file: its name in messages.
+        content: its bytes.
+        kind: `arxml`, `kcd` or `sym`.
+
+    Raises:
+        InputError: it is damaged, or the package that reads it is missing.
+    """
+    location = Location(file)
+    with optional_package(location, "bus"):
+        import canmatrix.formats
+    logging.getLogger("canmatrix").setLevel(logging.CRITICAL + 1)
+    try:
+        buses = canmatrix.formats.loads(content, import_type=kind, encoding="utf-8")
+        return [_written(matrix) for matrix in buses.values() if len(matrix.frames)]
+    except Exception as error:  # of many kinds: the library trusts what it reads
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        message = f"the database ({kind}) cannot be read ({reason})"
+        raise InputError.of(location, message, "Export it again, or convert it to DBC.") from None
+
+
+def _written(matrix: object) -> str:
+    import canmatrix.formats
+
+    stream = io.BytesIO()
+    canmatrix.formats.dump(matrix, stream, "dbc", dbcExportEncoding="utf-8")
+    return stream.getvalue().decode("utf-8", "replace")

@@ -1,0 +1,134 @@
+"""Forms of time in text and tables: numbers since 1970, minutes, durations, fractions apart, stamps with few digits."""
+
+import gzip
+
+import numpy as np
+import pytest
+
+from kennfeld.errors import InputError
+from kennfeld.measurement import describe, read
+
+EPOCH = 1_767_225_600  # s from 1970 to 2026
+
+
+def log(head, cells):
+    return f"{head},rpm\n" + "".join(f"{cell},{800 + k}\n" for k, cell in enumerate(cells))
+
+
+def severities(data):
+    return [finding.severity for finding in data.findings]
+
+
+@pytest.mark.parametrize("name", ["timestamp", "Time", "time [-]", "Zeit"])
+@pytest.mark.parametrize(("digits", "unit"), [(3, "milliseconds"), (6, "microseconds"), (9, "nanoseconds")])
+def test_numbers_since_1970_are_read_in_their_unit(csv, name, digits, unit):
+    data = read(csv(log(name, [f"{EPOCH * 10**digits + k * 10 ** (digits - 1)}" for k in range(5)])))
+    np.testing.assert_allclose(data.time - EPOCH, 0.1 * np.arange(5), atol=3e-7)
+    assert f"the numbers are {unit} since 1970" in data.findings[0].message
+
+
+@pytest.mark.parametrize("cells", [[EPOCH + 0.1 * k for k in range(4)], [1e12, 2e12, 3e12], [0, 1000, 2000]])
+def test_other_numbers_are_seconds(csv, cells):
+    assert read(csv(log("timestamp", cells))).time.tolist() == [float(cell) for cell in cells]
+
+
+def test_a_stated_unit_counts_more_than_the_size_of_the_numbers(csv):
+    path = csv(log("timestamp", [EPOCH * 1000, EPOCH * 1000 + 1]))
+    data = read(path, units={"timestamp": "us"})
+    assert np.diff(data.time) == pytest.approx([1e-6], abs=3e-7)
+    assert not data.findings
+
+
+def test_numbers_since_1970_are_read_from_parquet(tmp_path):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    for digits, type_ in ((3, pa.int64()), (9, pa.int64()), (3, pa.float64())):
+        stamps = pa.array([EPOCH * 10**digits + k * 10 ** (digits - 1) for k in range(4)], type_)
+        parquet.write_table(pa.table({"timestamp": stamps, "rpm": [1.0, 2, 3, 4]}), tmp_path / "x.parquet")
+        np.testing.assert_allclose(read(tmp_path / "x.parquet").time - EPOCH, 0.1 * np.arange(4), atol=3e-7)
+
+
+def test_stamps_of_pandas_are_read(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    index = pandas.date_range("2026-01-01", periods=4, freq="100ms", tz="UTC")
+    for form in (index, index.tz_localize(None), index - index[0]):
+        frame = pandas.DataFrame({"rpm": [800, 801, 802, 803]}, index=form)
+        frame.to_csv(tmp_path / "x.csv")
+        np.testing.assert_allclose(read(tmp_path / "x.csv").time, [0, 0.1, 0.2, 0.3])
+
+
+FORMS = {
+    "minutes": (["00:00.0", "00:00.1", "00:10.5"], [0, 0.1, 10.5]),
+    "minutes with a comma": (["59:59,9", "00:00,0", "00:00,1"], [0, 0.1, 0.2]),
+    "many minutes": (["98:59.50", "99:00.50", "100:00.00"], [0, 1, 60.5]),
+    "minutes, then hours": (["59:59.5", "1:00:00.5"], [0, 1]),
+    "durations of pandas": (["0 days 23:59:59.5", "1 days 00:00:00", "1 days 00:00:01.25"], [0, 0.5, 1.75]),
+    "negative durations": (["-1 days +23:59:59.5", "0 days 00:00:00", "0 days 00:00:01"], [0, 0.5, 1.5]),
+    "durations of Python": (["1 day, 0:00:00.5", "2 days, 0:00:00.5"], [0, 86400]),
+    "ISO durations": (["P0DT0H0M0.5S", "PT1.5S", "PT1M"], [0, 1, 59.5]),
+    "ISO basic": (["20260101T101112.5Z", "20260101T101113Z", "20260102T101113Z"], [0, 0.5, 86400.5]),
+    "ISO basic with a zone": (["20260101T101112+0100", "20260101T091113Z", "20260101T101114+01"], [0, 1, 2]),
+    "one number": (["20260131235959", "20260201000000", "20260201000001.5"], [0, 1, 2.5]),
+    "zone by its name": (["2026-01-01 10:11:12 UTC", "2026-01-01 10:11:13 UTC"], [0, 1]),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_forms_of_time(csv, form):
+    cells, seconds = FORMS[form]
+    text = log("time", cells).replace(",", ";") if any("," in cell for cell in cells) else log("time", cells)
+    text = text if ";" not in text else "time;rpm\n" + "".join(f"{cell};{800 + k}\n" for k, cell in enumerate(cells))
+    np.testing.assert_allclose(read(csv(text)).time - read(csv(text)).time[0], seconds, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ms", "Millisekunden", "msec"])
+@pytest.mark.parametrize("head", ["Date,Time", "Datum,Uhrzeit"])
+def test_milliseconds_in_a_column_of_their_own_belong_to_the_time(csv, head, name):
+    rows = "".join(f"01.02.2026,10:00:{59 + k // 4 - 1:02d},{250 * (k % 4)},{k}\n" for k in range(8))
+    data = read(csv(f"{head},{name},rpm\n{rows}"), ["rpm"])
+    np.testing.assert_allclose(np.diff(data.time), 0.25)
+    assert severities(data) == ["remark"]
+
+
+def test_a_time_that_cannot_be_read_is_said(csv):
+    path = csv(log("Time", ["noon", "later", "12:00"]))
+    data = read(path)
+    assert data.time is None
+    assert "line 2, column Time: 'noon' cannot be read as a time" in str(data.findings[0])
+    assert data.findings[0].severity == "warning"
+    assert describe(path).tables[0].findings == data.findings
+
+
+@pytest.mark.parametrize("rate", [199, 200, 333, 1000, 30])
+@pytest.mark.parametrize("packed", [False, True])
+def test_stamps_with_few_digits_keep_their_samples(tmp_path, rate, packed):
+    text = log("Time", [f"{int(100 * k / rate) / 100:.2f}" for k in range(1000)])
+    path = tmp_path / "x.csv"
+    path.write_bytes(gzip.compress(text.encode()) if packed else text.encode())
+    data = read(path)
+    assert data.samples == 1000
+    np.testing.assert_allclose(data.time, np.arange(1000) / rate, atol=0.0101)
+    assert np.all(np.diff(data.time) > 0)
+    assert severities(data) == ([] if rate == 30 else ["remark"])
+
+
+def test_equal_rows_are_left_out_and_counted(csv):
+    data = read(csv("time,a\n0,1\n1,2\n1,2\n2,3\n"))
+    assert data.time.tolist() == [0, 1, 2]
+    assert "1 sample of 4 repeat the time stamp before with the same values, and were left out" in str(data.findings[0])
+
+
+def test_a_pause_after_equal_stamps_is_not_filled(csv):
+    data = read(csv("time,a\n0,1\n0.1,2\n0.1,3\n60,4\n60.1,5\n"))
+    np.testing.assert_allclose(data.time, [0, 0.1, 0.15, 60, 60.1])
+
+
+def test_rows_that_complete_each_other_are_one_sample_without_a_remark(csv):
+    data = read(csv("time,a,b\n0,1,\n0,,5\n1,2,\n1,,6\n"))
+    assert (data.time.tolist(), data["b"].values.tolist(), data.findings) == ([0, 1], [5, 6], ())
+
+
+def test_a_clock_that_stands_still_is_refused(csv):
+    with pytest.raises(InputError, match="time does not increase at 3 samples"):
+        read(csv("time,a\n0,1\n0,2\n0,4\n1,4\n1,5\n"))
