@@ -35,6 +35,8 @@ HEADERS = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 TICKET = "open"  # key of the token that opens one page
+# without an icon, browsers ask for one
+WELCOME = b'<!doctype html><link rel="icon" href="data:,"><meta http-equiv="refresh" content="0;url=/">'
 POLICY_VIOLATION = 1008  # close code of a socket
 NORMAL_CLOSURE = 1000
 MAX_BODY = 2000  # bytes of a request before a page is let in
@@ -189,7 +191,7 @@ async def _welcome(send: Send, cookie: str, token: str) -> None:
     kind = (b"content-type", b"text/html; charset=utf-8")
     headers = [kind, (b"set-cookie", _cookie_header(cookie, token)), (b"cache-control", b"no-store"), *HEADERS]
     await send({"type": "http.response.start", "status": 200, "headers": headers})
-    await send({"type": "http.response.body", "body": b'<!doctype html><meta http-equiv="refresh" content="0;url=/">'})
+    await send({"type": "http.response.body", "body": WELCOME})
 
 
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
