@@ -208,6 +208,9 @@ class RBF(Parameter):
         inputs: the quantities that it depends on.
         attributes: unit, bounds and all else that parameters have.
 
+    Attributes:
+        kernel: the shape of a bell, that of the expansion.
+
     Raises:
         ArgumentError: the number of inputs is not that of the expansion.
 

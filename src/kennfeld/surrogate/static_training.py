@@ -26,7 +26,7 @@ MOST_NAMED = 5  # outliers that are named one by one
 
 
 @dataclass(frozen=True, eq=False)
-class _DatasetPoints:
+class _UsableSamples:
     """The usable samples of a dataset: inputs Float[rows, inputs], output Float[rows], sample numbers Int[rows]."""
 
     dataset: Dataset
@@ -48,7 +48,7 @@ def train_static(
         InputError: a dataset has no usable sample.
         ArgumentError: the points cannot be used for training.
     """
-    parts = [_DatasetPoints(data, *extract_points(data, settings.inputs, settings.output)) for data in datasets]
+    parts = [_UsableSamples(data, *extract_points(data, settings.inputs, settings.output)) for data in datasets]
     training = [part for part in parts if part.training]
     x, y = np.concatenate([part.x for part in training]), np.concatenate([part.y for part in training])
     left_out: list[SurrogateQuality] = []
@@ -94,7 +94,7 @@ def train_static(
     )
 
 
-def recording_blocks(training: Sequence[_DatasetPoints], seed: int) -> Int | None:
+def recording_blocks(training: Sequence[_UsableSamples], seed: int) -> Int | None:
     """Return the number of the block of each row; None for steady-state points, each of which is left out alone.
 
     Neighbouring samples of a recording are nearly the same, so that leaving out one of them says nothing. Rows of
@@ -122,7 +122,7 @@ def _left_out_scores(process: GaussianProcess, y: Float, blocks: bool) -> list[S
     return [quality_of("all", "training", mode, residual[used], y[used]) for mode, residual in rows]
 
 
-def _scores(parts: Sequence[_DatasetPoints], wrong: Bool, model: Expansion, mode: Mode) -> list[SurrogateQuality]:
+def _scores(parts: Sequence[_UsableSamples], wrong: Bool, model: Expansion, mode: Mode) -> list[SurrogateQuality]:
     """Return the errors over each dataset, without the training rows that are outliers."""
     lines, first = [], 0
     for part in parts:
@@ -135,7 +135,7 @@ def _scores(parts: Sequence[_DatasetPoints], wrong: Bool, model: Expansion, mode
     return lines
 
 
-def _outlier_remarks(training: Sequence[_DatasetPoints], wrong: Bool, model: Expansion, output: str) -> Iterator[str]:
+def _outlier_remarks(training: Sequence[_UsableSamples], wrong: Bool, model: Expansion, output: str) -> Iterator[str]:
     """Yield a sentence for each of the first outliers, and one for the others."""
     names = [(part, row) for part in training for row in range(len(part.y))] if wrong.any() else []
     listed = [names[at] for at in np.flatnonzero(wrong)]

@@ -33,7 +33,7 @@ def _location(dataset: Dataset) -> Location:
 
 
 def extract_points(dataset: Dataset, inputs: Sequence[str], output: str) -> tuple[Float, Float, Int]:
-    """Return points Float[points, inputs], values Float[points] and sample numbers >= 0, Int[points].
+    """Return points Float[points, inputs], values Float[points] and sample numbers Int[points], the first being 0.
 
     They are the scored samples without missing values.
     """
