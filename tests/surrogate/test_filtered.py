@@ -5,7 +5,7 @@ import kennfeld as kf
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate import FilteredSurrogate, read_surrogate, write_surrogate
+from kennfeld.surrogate import FilteredSurrogate, filtered_training, read_surrogate, write_surrogate
 from kennfeld.surrogate.input_filters import filtered_points
 from kennfeld.surrogate.training import SurrogateSettings, train_surrogate
 
@@ -84,8 +84,11 @@ def settings(**changes):
     return SurrogateSettings("wall", ("u",), "y", kind="dynamic", centres=20, starts=1, **changes)
 
 
-def test_time_constants_are_found():
-    wall_model = train_surrogate([wall("a", 0), wall("b", 1, "test")], settings(structure="filtered"))
+@pytest.mark.parametrize(("samples", "most"), [(300, 2), pytest.param(600, 4, marks=pytest.mark.slow)])
+def test_time_constants_are_found(samples, most, monkeypatch):
+    monkeypatch.setattr(filtered_training, "MOST_FILTERS", most)
+    data = [wall("a", 0, samples=samples), wall("b", 1, "test", samples)]
+    wall_model = train_surrogate(data, settings(structure="filtered"))
     assert isinstance(wall_model, FilteredSurrogate)
     np.testing.assert_allclose(wall_model.time_constants, [4.0, 40.0], rtol=0.2)
     errors = {(q.dataset, q.mode): q.rmse for q in wall_model.quality}
