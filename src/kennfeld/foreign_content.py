@@ -1,4 +1,4 @@
-"""Recognises by their first bytes files of no format that is read: pointers, web pages, pictures, programs."""
+"""Recognises files of no format that is read by their first bytes: pointers, web pages, pictures, programs."""
 
 import re
 import struct

@@ -25,7 +25,7 @@ def test_the_face_is_pinned():
         (b"\x89HDF\r\n\x1a\n", "the HDF5 file is damaged"),
         (b"%PDF-1.7", "a PDF file"),
         (b"<?xml version='1.0'?><a/>", "an XML file"),
-        (b"<!DOCTYPE html><html>", "an HTML file"),
+        (b"<!DOCTYPE html><html>", "this is a web page"),
         (b"* comment\r\nKONSERVIERUNG_FORMAT 2.0\r\n", "a DCM calibration file"),
         (b'CALIBRATION VALUES V2.1;,;*;"";', "a CVX calibration file"),
         (b"\0\1\2\3", "a binary file"),
