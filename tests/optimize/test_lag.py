@@ -98,10 +98,35 @@ def test_fractions_of_a_sample_are_found_in_time_data(late):
     assert result.parameters["T"].value == pytest.approx(1.5, abs=0.05)
 
 
-def test_a_shift_at_the_end_of_the_window_is_said_to_be_there():
-    text, data, start = moving(samples=1000)
-    result = kf.calibrate(text, shift_channels(data, {"wanted": 3.0}), start, target="wanted", shift={"wanted": "auto"})
-    assert "The estimated shift of wanted in drive is at the edge of the search window (20 samples)" in result.message
+def noisy(delay, samples=1200):
+    """A signal of random steps, rounded by a lag, and its double that comes later, with noise of 10 %."""
+    rng = np.random.default_rng(1)
+    steps = np.repeat(rng.uniform(-1, 1, samples // 20), 20)
+    u = np.convolve(steps, np.exp(-np.arange(50) / 5) / 5.5, "full")[:samples]
+    data = kf.Dataset.of("drive", {"u": u, "m": 2 * u + 0.1 * rng.normal(size=samples)}, time=np.arange(samples) * 0.1)
+    return shift_channels(data, {"m": delay})
+
+
+def line(data):
+    return kf.calibrate("y = k * u", data, {"k": 1.0}, target="m", shift={"m": "auto"})
+
+
+@pytest.mark.parametrize("delay", mostly_slow([3.5, 2.0, -5.0], [3.5]))
+def test_the_search_continues_from_the_edge_of_the_window(delay):
+    result = line(noisy(delay))
+    assert result.shifts["drive"]["m"] == pytest.approx(-delay, abs=0.02)
+    assert not result.warnings
+
+
+def test_a_shift_at_the_edge_of_the_widest_window_is_a_warning():
+    """The window is at most a quarter of the recording, 30 samples."""
+    time = np.arange(120) * 0.1
+    data = kf.Dataset.of("drive", {"u": np.sin(time / 3), "m": np.sin((time - 5) / 3)}, time=time)
+    result = line(data)
+    assert "The estimated shift of m in drive is at the edge of the search window (30 samples)." in result.message
+    [warning] = result.as_json()["warnings"]
+    assert "is at the edge of the search window, 3 s to either side" in warning["sentence"]
+    assert "shift = { m = ... }" in warning["remedy"]
 
 
 @pytest.mark.slow
@@ -190,6 +215,7 @@ def test_a_shift_that_the_data_do_not_tell_is_said_to_be_unclear():
     result = search(text, unrelated, start)
     assert "The estimated shift of t in d is ambiguous: the error is" in result.message
     assert "Set it to a number." in result.message
+    assert "is ambiguous" in str(result.warnings[0])
 
 
 def walked(late):

@@ -102,7 +102,7 @@ class Result(NotebookDisplay):
         shifts: estimated shifts by dataset and channel, in s, or in samples for steady-state data.
         warnings: criteria whose errors are larger than at the start, signs that the end is not the optimum, slopes that
             do not describe how the cost changes, sample weights that are missing, fitted time constants close to the
-            step, and limits that are crossed.
+            step, limits that are crossed, and shifts that are ambiguous or at the edge of the search window.
         recordings: errors by criterion, dataset and file, with the worst stretch of each file.
         certificate: how far the values are from a minimum within the limits, in numbers without units; None if that
             cannot be computed.

@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 from kennfeld.arrays import Float
+from kennfeld.errors import Finding
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.compiled import smoothable
 from kennfeld.optimize.fit import FitRun
@@ -45,10 +46,11 @@ def resolve_automatic(
     began = time.perf_counter()
     shifts: dict[str, dict[str, float]] = {}
     sentences = ""
+    warnings: tuple[Finding, ...] = ()
     ready = problem
     if problem.unknown_shifts:
         with blas_threads(sum(problem.parameters[name].size for name in problem.free_names)):
-            ready, shifts, sentences = estimate_shifts(problem)
+            ready, shifts, sentences, warnings = estimate_shifts(problem)
     if ready.automatic_names:
         plain = FitRun(ready, replace(options, continuation="off"), progress, Seconds())
         with blas_threads(plain.exact.values.free):
@@ -59,7 +61,8 @@ def resolve_automatic(
     compiling = result.seconds.compile
     spent = Seconds(total, read, compiling, total - read - compiling)
     message = " ".join(part for part in (result.message, sentences) if part)
-    return replace(result, shifts=shifts, message=message, seconds=spent)
+    warnings = (*warnings, *result.warnings)
+    return replace(result, shifts=shifts, message=message, warnings=warnings, seconds=spent)
 
 
 def choose_smoothness(

@@ -9,6 +9,9 @@ Then the neighbouring lags: the search continues while a neighbour is better, an
 best three costs gives the fraction of a sample. Recorded values are not interpolated for that, since interpolation
 averages noise and so favours lags between samples.
 
+A window whose best lag is at its edge is doubled, up to `WIDEST` samples and a quarter of the recording, and scanned
+again. Both sides are widened, since the edge nearer to a distant minimum need not have the lower cost.
+
 With data in partitions, lags are scanned on a part of the recordings, which depends on the files and their lengths
 alone, and the neighbouring lags are compared on all of them.
 """
@@ -17,7 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -40,6 +43,7 @@ NEIGHBOURHOOD = 2.0  # samples around a lag in time within which others are abou
 EDGE_DISTANCE = 0.6  # samples
 
 WINDOW = 20  # samples to either side
+WIDEST = 8 * WINDOW  # of a window that was widened
 SCANNED_SAMPLES = 300_000  # of data in partitions
 ROUNDS = 3  # scans of each lag, if there are several
 CANDIDATES = 3  # lags that are fitted again from the start values
@@ -84,14 +88,18 @@ class Minimum:
             return not other <= best
         return self.scored * float(np.log(other / best)) > MIN_LIKELIHOOD_RATIO
 
-    def __str__(self) -> str:
+    @property
+    def errors(self) -> str:
+        """The errors at the lag and at the best of the others."""
         best, other = (float(np.sqrt(cost)) for cost in (min(self.costs.values()), self.costs[self.rival]))
-        name = f"{self.channel} in {self.dataset}"
         shift, rival = f"{self.shift:g} {self.unit}", f"{self.rival * self.step:g} {self.unit}"
-        errors = f"the error is {best:.4g} at {shift} and {other:.4g} at {rival}"
+        return f"the error is {best:.4g} at {shift} and {other:.4g} at {rival}"
+
+    def __str__(self) -> str:
+        name = f"{self.channel} in {self.dataset}"
         if self.clear:
-            return f"The estimated shift of {name} is {shift}: {errors}."
-        return f"The estimated shift of {name} is ambiguous: {errors}. Set it to a number."
+            return f"The estimated shift of {name} is {self.shift:g} {self.unit}: {self.errors}."
+        return f"The estimated shift of {name} is ambiguous: {self.errors}. Set it to a number."
 
 
 def describe_shifts(minima: Sequence[Minimum]) -> str:
@@ -99,11 +107,48 @@ def describe_shifts(minima: Sequence[Minimum]) -> str:
     sentences = []
     for most in sorted({m.most for m in minima if m.at_the_end}):
         names = ", ".join(f"{m.channel} in {m.dataset}" for m in minima if m.at_the_end and m.most == most)
-        sentences.append(
-            f"The estimated shift of {names} is at the edge of the search window ({most} samples). "
-            "Set an approximate shift first."
-        )
+        sentences.append(f"The estimated shift of {names} is at the edge of the search window ({most} samples).")
     return " ".join([*sentences, *(str(m) for m in minima if not m.at_the_end)])
+
+
+def _find_doubtful(minima: Sequence[Minimum]) -> Iterator[Finding]:
+    """Yield a warning for each estimated shift at the edge of its window, and for each ambiguous one."""
+    for each in minima:
+        name = f"the estimated shift of {each.channel}, {each.shift:g} {each.unit},"
+        number = f"write it as a number, shift = {{ {each.channel} = ... }}"
+        location = Location(f"shift of dataset {each.dataset}")
+        if each.at_the_end:
+            edge = f"{each.most} samples" if each.unit == "samples" else f"{each.most * each.step:g} s"
+            message = f"{name} is at the edge of the search window, {edge} to either side; the delay may be longer"
+            yield Finding(location, message, f"If it is known, {number}. {_wider(each)}", severity="warning")
+        elif not each.clear:
+            message = f"{name} is ambiguous: {each.errors}"
+            yield Finding(location, message, f"If it is known, {number}.", severity="warning")
+
+
+def _wider(minimum: Minimum) -> str:
+    """Return how to search a wider window than that of a minimum at its edge."""
+    if minimum.most < WIDEST:
+        return "A longer recording has a wider window, up to a quarter of it."
+    if minimum.unit == "samples":
+        return f"More than {WIDEST} samples are not searched."
+    return f"A coarser raster, such as raster = {10 * minimum.step:g}, has a wider window."
+
+
+class EstimatedShifts(NamedTuple):
+    """The estimated shifts of a problem.
+
+    Attributes:
+        problem: the problem with the channels of `unknown_shifts` shifted.
+        shifts: the shifts by dataset and channel in s, or in samples for steady-state data.
+        sentences: how distinct they are.
+        warnings: shifts at the edge of their window, and ambiguous ones.
+    """
+
+    problem: Problem
+    shifts: dict[str, dict[str, float]]
+    sentences: str
+    warnings: tuple[Finding, ...]
 
 
 def apply_shifts(problem: Problem, shifts: Shifts) -> Problem:
@@ -117,15 +162,11 @@ def apply_shifts(problem: Problem, shifts: Shifts) -> Problem:
     return replace(problem, datasets=datasets, partitions=partitions, unknown_shifts={})
 
 
-def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, float]], str]:
+def estimate_shifts(problem: Problem) -> EstimatedShifts:
     """Estimate the automatic shifts of a problem.
 
     A shift is estimated for each training dataset that has it as automatic; test datasets get the median of these, so
     that they remain unseen.
-
-    Returns:
-        The problem with the channels of `unknown_shifts` shifted; the shifts by dataset and channel in s, or in samples
-        for steady-state data; and sentences on how distinct they are.
 
     Raises:
         InputError: a channel is not used by the problem, or its shift is automatic in test data only.
@@ -146,7 +187,8 @@ def estimate_shifts(problem: Problem) -> tuple[Problem, dict[str, dict[str, floa
                 known = [own[channel] for own in shifts.values() if channel in own]
                 shifts.setdefault(data.name, {})[channel] = float(np.median(known))
     minima = [search.minimum(i, lag, shifts) for i, lag in enumerate(lags)]
-    return apply_shifts(problem, shifts), shifts, " ".join([describe_shifts(minima), *remark])
+    sentences = " ".join([describe_shifts(minima), *remark])
+    return EstimatedShifts(apply_shifts(problem, shifts), shifts, sentences, tuple(_find_doubtful(minima)))
 
 
 def _part_to_scan(problem: Problem) -> tuple[Problem, tuple[str, ...]]:
@@ -210,6 +252,7 @@ class _ShiftSearch:
         self.problem, self.sought = problem, sought
         data = [problem.datasets[at.dataset] for at in sought]
         self.most, self.steps = [_half_width(own) for own in data], [_step(own) for own in data]
+        self.widest = [max(most, _greatest_half_width(own)) for most, own in zip(self.most, data, strict=True)]
         self.fits: dict[tuple[SolverSettings, tuple[float, ...]], tuple[float, ParameterSet]] = {}
         self.scans: dict[int, dict[float, float]] = {}
         self.compiled = CompiledProblem(self._shift([0.0] * len(sought)))
@@ -228,8 +271,25 @@ class _ShiftSearch:
         return other
 
     def scan(self) -> list[float]:
-        """Return the best whole lags within the windows."""
-        lags = [0.0] * len(self.sought)
+        """Return the best whole lags within the windows, which are widened while one of the lags is at an edge."""
+        lags = self._scan_windows([0.0] * len(self.sought))
+        while self._widen(lags):
+            lags = self._scan_windows(lags)
+        return lags
+
+    def _widen(self, lags: Sequence[float]) -> bool:
+        """Double the windows whose lag is at an edge, if they may be wider; return False if none was."""
+        wider = [
+            min(2 * most, widest) if abs(lag) >= most - 1 else most  # the next fits may move a lag by a sample
+            for lag, most, widest in zip(lags, self.most, self.widest, strict=True)
+        ]
+        if wider == self.most:
+            return False
+        self.most, self.fits = wider, {}  # fits in another window are scored on other samples
+        return True
+
+    def _scan_windows(self, lags: list[float]) -> list[float]:
+        """Return the best whole lags within the windows as they are."""
         for _ in range(ROUNDS):
             before = list(lags)
             for which in range(len(lags)):
@@ -336,7 +396,7 @@ class _ShiftSearch:
         margins: dict[int, int] = {}
         for at, lag, most, step in zip(self.sought, lags, self.most, self.steps, strict=True):
             shifts.setdefault(at.dataset, {})[at.channel] = lag * step
-            margins[at.dataset] = most
+            margins[at.dataset] = max(most, margins.get(at.dataset, 0))
         if self.problem.partitions is not None:
             names = [data.name for data in self.problem.datasets]
             moved = {names[number]: own for number, own in shifts.items()}
@@ -351,6 +411,13 @@ class _ShiftSearch:
 def _half_width(data: Dataset) -> int:
     longest = int(np.diff([*data.starts, data.samples]).max())
     return min(WINDOW, max(longest // 4, 1))
+
+
+def _greatest_half_width(data: Dataset) -> int:
+    """Return half the width up to which a window may grow: a quarter of the piece that the median sample is in."""
+    lengths = np.diff([*data.starts, data.samples])
+    typical = int(np.sort(lengths)[np.searchsorted(np.cumsum(np.sort(lengths)), data.samples / 2)])
+    return min(WIDEST, max(typical // 4, 1))
 
 
 def _exclude_ends(data: Dataset, margin: int) -> Dataset:
