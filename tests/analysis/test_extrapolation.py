@@ -5,10 +5,10 @@ import pytest
 from hypothesis import strategies as st
 
 from kennfeld import Criterion, Dataset, ParameterSet, Scalar, Settling, formula
-from kennfeld.analysis import extrapolation as module
 from kennfeld.analysis.extrapolation import find_extrapolation
 from kennfeld.optimize import Problem
 from kennfeld.optimize import quality as scoring_module
+from kennfeld.optimize import surrogate_calls as calls_module
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate import DynamicSurrogate, StaticSurrogate, Validity
 from tests.draws import few_or_many
@@ -174,7 +174,7 @@ def test_blocks_change_nothing(text, monkeypatch):
         starts=np.array([0, 50]),
     )
     whole = found(text, static(), data)
-    monkeypatch.setattr(module, "SAMPLES_PER_BLOCK", 7)
+    monkeypatch.setattr(calls_module, "SAMPLES_PER_BLOCK", 7)
     monkeypatch.setattr(scoring_module, "SAMPLES_PER_BLOCK", 7)
     assert found(text, static(), data) == whole
     assert whole[0].outside
