@@ -152,9 +152,11 @@ class ProblemBuilder:
         findings.add(*delay_findings(problem.model, problem.free_size))
         findings.add(*matrix_findings(file.location("calibration", "free"), problem.free_size))
         findings.add(*trajectory_findings(problem, partial(axis_location, file)))
-        self._check_samples(problem)
+        weights = check_weights(file, problem, self.loaded)
+        if not any(finding.severity == "error" for finding in weights):  # samples of weight 0 have no target
+            self._check_samples(problem)
         self._check_limits(problem)
-        findings.add(*check_method(file, problem), *check_weights(file, problem, self.loaded))
+        findings.add(*check_method(file, problem), *weights)
         return None if findings.has_errors else self._feasible(self._lock_uncovered(problem, tables))
 
     def _with_surrogates(self, initial: ParameterSet | None) -> ParameterSet | None:
