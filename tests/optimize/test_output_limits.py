@@ -157,3 +157,14 @@ def test_datasets_of_one_name_keep_their_limits_apart():
         assert np.interp(halves[0]["u"][:-1], GRID, found).max() <= 2.5 * (1 + FEASIBLE)
         assert found[:3] == pytest.approx(2.5, abs=1e-4)
         assert found[8:] == pytest.approx(4.0, abs=0.05)
+
+
+def test_samples_of_output_limits_are_numbered_from_1():
+    data = {"x": [1.0, 2.0, 3.0], "m": [2.0, 4.0, 6.0]}
+    result = kf.calibrate("y = a * x", data, {"a": 0.5}, target="m", limits=[kf.Limit("y", upper=3.0)])
+    assert "The limit y <= 3 is reached at sample 3 of" in str(result.trust)
+    failed = kf.calibrate(
+        "y = a * x", data, {"a": 0.5}, target="m", limits=[kf.Limit("y", upper=3.0), kf.Limit("a * x", lower=4.0)]
+    )
+    assert "sample 0" not in failed.message
+    assert "at sample 1 of" in failed.message or "at sample 3 of" in failed.message

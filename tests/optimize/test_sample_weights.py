@@ -11,6 +11,7 @@ from kennfeld.errors import ArgumentError
 from kennfeld.optimize import Problem
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.project.steps import uncovered_values
 from tests.draws import few_or_many
 
 RANDOM = np.random.default_rng(5)
@@ -151,7 +152,22 @@ def test_weight_zero_and_nan_switch_a_sample_off_even_where_the_model_fails():
     data = {"x": x, "y": np.sqrt(np.abs(x)) * 2, "w": [1.0, 1.0, 1.0, 0.0, np.nan]}
     result = kf.calibrate("m = a * sqrt(x)", data, {"a": 1.0}, criteria=[kf.Criterion("m", "y", weight_channel="w")])
     assert result.parameters["a"].value == pytest.approx(2.0)
-    assert result.quality[0].samples == 5
+    assert result.quality[0].samples == 3
+    assert result.quality[0].rmse_after < 1e-9
+
+
+def test_samples_that_a_region_gives_weight_zero_are_no_data():
+    """Neither in the counts and errors, nor for lock = "no-data"."""
+    data = kf.Dataset.of("bench", {"x": X, "y": np.where(X > 1.5, 2 * X, 99.0), "w": W})
+    test = kf.Dataset.of("other", {"x": X, "y": 2 * X, "w": -W}, use="test")
+    table = kf.ParameterSet([kf.Curve("C", [0.0, 1.0, 2.0, 3.0], np.zeros(4))])
+    criterion = kf.Criterion("m", "y", regions=(Region("x <= 1.5 and w >= 0", 0.0),))
+    model = kf.formula("m = C(x)")
+    result = kf.calibrate(model, (data, test), table, criteria=[criterion])
+    assert [row.samples for row in result.quality] == [int(np.sum(X > 1.5)), X.size]
+    assert result.quality[0].rmse_after < 1e-6
+    masks = uncovered_values(Problem(model, (data,), table, (criterion,)), ["C"])
+    assert masks["C"].tolist() == [True, False, False, False]
 
 
 def test_weights_of_dataset_criterion_and_regions_multiply():

@@ -22,7 +22,7 @@ def test_a_channel_weighs_the_samples(shop, where):
     error = np.array([1, 1.5, 2, 2.5, 3, 1.2]) - 1
     load = 10.0 + np.arange(6) % 4
     assert result.cost_before == pytest.approx(np.sum([1, 2, 0, 3, 1, 1] * (error * load + 5) ** 2), rel=1e-9)
-    assert result.quality[0].samples == 6
+    assert result.quality[0].samples == 5  # without that of weight 0
 
 
 def test_a_calculated_channel_weighs_too(shop):

@@ -418,3 +418,14 @@ def test_value_blocks_are_kept(shop):
     shop.change('[channels]\nSpeed = "n"\n', "")
     made = gain(shop)
     assert (made.kind, made.values.tolist()) == ("block", [4, 5, 6])
+
+
+def test_an_undeclared_input_is_to_be_declared_if_it_is_a_channel(shop):
+    """A scalar of this name would hide the channel."""
+    shop.text = "input Speed\nPredict = Gain(Speed) * Load + offset\n"
+    (finding,) = shop.findings()
+    assert str(finding).startswith("sensor.kf line 2, column 25: undefined name Load: ")
+    assert finding.remedy.startswith("The data have a channel of this name; declare it: input Load. ")
+    assert finding.excerpt == "input Load"
+    shop.text = f"{finding.excerpt}\n{shop.text}"
+    assert shop.errors() == []

@@ -30,6 +30,7 @@ from kennfeld.optimize.table_penalties import Restraint
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.preprocessing.binding import BoundDataset, bind_inputs
 from kennfeld.preprocessing.bound_parts import BoundPart, divide
+from kennfeld.preprocessing.sample_weights import has_weight
 from kennfeld.preprocessing.settling import average_window, needs_average
 
 Place = tuple[str, tuple[float, ...]]  # a parameter, and coordinates in it
@@ -244,7 +245,7 @@ class Problem:
             values = bound.channel(criterion.target.name)
         else:
             values = np.full(bound.count, np.nan)
-        counts = bound.scored & ~np.isinf(values)
+        counts = bound.scored & ~np.isinf(values) & has_weight(criterion, bound)
         return values if counts.all() else np.where(counts, values, np.nan)
 
     @property

@@ -9,7 +9,7 @@ from dataclasses import field
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.criteria import Criterion, Region
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, InputError, Location
@@ -22,17 +22,23 @@ from kennfeld.preprocessing.calculated import holds
 
 
 def sample_weights(criterion: Criterion, dataset: Dataset) -> Float | None:
-    """Return the product of all weights of each sample, Float[samples]; None if there are none. NaN counts as 0."""
-    factors = [
-        np.nan_to_num(dataset[name].values, nan=0.0)
-        for name in (dataset.weight_channel, criterion.weight_channel)
-        if name
-    ]
-    factors += [
-        np.where(holds(expression(region.where, Location("where")), dataset), region.weight, 1.0)
-        for region in criterion.regions
-    ]
+    """Return the product of all weights of each sample, Float[samples]; None if there are none. NaN counts as 0.
+
+    Weights whose channels a dataset does not have are 1: test data need not have them.
+    """
+    channels = [name for name in (dataset.weight_channel, criterion.weight_channel) if name and name in dataset]
+    factors = [np.nan_to_num(dataset[name].values, nan=0.0) for name in channels]
+    for region in criterion.regions:
+        condition = expression(region.where, Location("where"))
+        if all(name in dataset for name in condition.inputs) and (dataset.time is not None or not condition.clocks):
+            factors.append(np.where(holds(condition, dataset), region.weight, 1.0))
     return np.asarray(np.prod(factors, axis=0)) if factors else None
+
+
+def has_weight(criterion: Criterion, bound: BoundDataset) -> Bool:
+    """Return the kept samples with a weight above 0, Bool[kept samples]; samples of weight 0 count as no data."""
+    weights = None if criterion.internal else sample_weights(criterion, bound.dataset)
+    return np.ones(bound.count, dtype=bool) if weights is None else weights[bound.kept] > 0
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from kennfeld.graph import Graph
 from kennfeld.graph.factors import factors
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
-from kennfeld.models.formula import extend, read
+from kennfeld.models.formula import extend, read, spell_name
 from kennfeld.models.formula.functions import FUNCTIONS
 from kennfeld.models.formula.lexer import Source, is_plain
 from kennfeld.models.formula.name_resolution import NameScope, NameTable
@@ -279,18 +279,36 @@ def _siblings(graph: Graph, text: str) -> list[str]:
     return [name for name in graph.names if name.startswith(f"{first}/")]
 
 
-def find_undefined(function: ProjectModel, known: Collection[str]) -> Iterator[Finding]:
-    """Yield an error for each undefined parameter, with a snippet to copy."""
-    for name, count in function.graph.parameters.items():
-        if name not in known:
-            lines = _snippet(name, count, function)
-            kinds = "a parameter" if count else "a node, an input, or a parameter"
-            message = f"undefined name {name}: not {kinds} of any file or section"
-            others = FUNCTIONS if count else (*function.graph.inputs, *function.graph.names)
-            guess = nearest(name, [*known, *others])
-            define = "Or define it" if guess else "Define it"
-            remedy = f"{guess} {define}: {lines[0]} {', '.join(lines[1:])}.".strip()
-            yield Finding(function.place(name), message, remedy, "\n".join(lines))
+def undefined_names(function: ProjectModel, known: Collection[str]) -> list[str]:
+    """Return the names of the function that no file or section defines."""
+    return [name for name in function.graph.parameters if name not in known]
+
+
+def find_undefined(function: ProjectModel, known: Collection[str], channels: Collection[str] = ()) -> Iterator[Finding]:
+    """Yield an error for each undefined name, with a snippet to copy.
+
+    Args:
+        function: the function.
+        known: names of parameters.
+        channels: the undefined names that are channels of the data, inputs that the text does not declare.
+    """
+    for name in undefined_names(function, known):
+        count = function.graph.parameters[name]
+        lines = _snippet(name, count, function)
+        kinds = "a parameter" if count else "a node, an input, or a parameter"
+        message = f"undefined name {name}: not {kinds} of any file or section"
+        define = f"{lines[0]} {', '.join(lines[1:])}"
+        if name in channels and not count:
+            declaration = f"input {spell_name(name)}"
+            remedy = (
+                f"The data have a channel of this name; declare it: {declaration}. Or define a parameter: {define}."
+            )
+            yield Finding(function.place(name), message, remedy, declaration)
+            continue
+        others = FUNCTIONS if count else (*function.graph.inputs, *function.graph.names)
+        guess = nearest(name, [*known, *others])
+        remedy = f"{guess} {'Or define' if guess else 'Define'} it: {define}.".strip()
+        yield Finding(function.place(name), message, remedy, "\n".join(lines))
 
 
 def axis_count_finding(function: ProjectModel, name: str, kind: str, axes: int) -> Finding:

@@ -44,6 +44,7 @@ from kennfeld.project.model import (
     find_undefined,
     read_function,
     read_surrogates,
+    undefined_names,
 )
 from kennfeld.project.parameter_tables import Tables, build_tables
 from kennfeld.project.partitioned_loading import PartitionedLoading
@@ -100,6 +101,8 @@ class ProblemBuilder:
         self.findings = Findings()
         self.loaded = LoadedData()
         self.function: ProjectModel | None = None
+        self.known: list[str] = []  # names of parameters
+        self.undefined: list[str] = []
         self.surrogates: tuple[Surrogate, ...] = ()
 
     def _without_texts_of(self, values: ParameterSet, initial: ParameterSet) -> ParameterSet:
@@ -126,6 +129,7 @@ class ProblemBuilder:
             origin = values.origin if initial.origin is None else initial.origin
             initial = merge_start_values(values, self._without_texts_of(values, initial)).from_origin(origin)
         self.loaded = self._load(file, self._request(calculated, known_all=initial is not None), calculated)
+        self._report_undefined()
         findings.add(*calculated.findings, *self.loaded.findings)
         whole = self.loaded.datasets if self.loaded.complete and self.loaded.datasets else None
         partitioned = self._load if isinstance(self._load, PartitionedLoading) else None
@@ -152,9 +156,11 @@ class ProblemBuilder:
         findings.add(*delay_findings(problem.model, problem.free_size))
         findings.add(*matrix_findings(file.location("calibration", "free"), problem.free_size))
         findings.add(*trajectory_findings(problem, partial(axis_location, file)))
-        self._check_samples(problem)
+        weights = check_weights(file, problem, self.loaded)
+        if not any(finding.severity == "error" for finding in weights):  # samples of weight 0 have no target
+            self._check_samples(problem)
         self._check_limits(problem)
-        findings.add(*check_method(file, problem), *check_weights(file, problem, self.loaded))
+        findings.add(*check_method(file, problem), *weights)
         return None if findings.has_errors else self._feasible(self._lock_uncovered(problem, tables))
 
     def _with_surrogates(self, initial: ParameterSet | None) -> ParameterSet | None:
@@ -206,7 +212,7 @@ class ProblemBuilder:
                 self.findings.warning(self.file.location("surrogates", surrogate.name), "the function does not call it")
         known = [*known, *function.model.values]
         if initial is not None:
-            self.findings.add(*find_undefined(function, known))
+            self.known, self.undefined = known, undefined_names(function, known)
         for name in self.file.parameters:
             if name not in function.graph.parameters:
                 self._report_unused(name, function, known)
@@ -217,6 +223,12 @@ class ProblemBuilder:
                 remedy = nearest(name, inputs) or f"Its inputs are {', '.join(inputs[:12])}."
                 self.findings.error(self.file.location("channels", name), f"unknown input {name}", remedy)
         return function
+
+    def _report_undefined(self) -> None:
+        """Report undefined names, those of channels of the data as undeclared inputs."""
+        if self.function is not None and self.undefined:
+            channels = {name for name in self.undefined if any(name in data for data in self.loaded.datasets)}
+            self.findings.add(*find_undefined(self.function, self.known, channels))
 
     def _report_unused(self, name: str, function: ProjectModel, known: list[str]) -> None:
         """Report the section of a parameter that the function does not use."""
@@ -256,6 +268,7 @@ class ProblemBuilder:
             targets |= {file.channels.get(n, n): "a limit" for n in channels_of(function.model, limits)}
         regions = weight_channels(file)
         optional = {**regions, **targets}
+        optional = dict.fromkeys(self._undeclared(), "an input that the function does not declare") | optional
         optional |= {name: why for name, why in quantiles.items() if name not in nodes}
         self._check_calculated(calculated, [*needed, *optional])
         if not known_all:
@@ -271,6 +284,10 @@ class ProblemBuilder:
             complete,
             names_are_open=not defines_values(file),
         )
+
+    def _undeclared(self) -> list[str]:
+        """Return the undefined names without coordinates, which may be inputs that the function does not declare."""
+        return [name for name in self.undefined if self.function and not self.function.graph.parameters[name]]
 
     def _units(self) -> dict[str, tuple[str, str]]:
         """Return the units of channels in the function; those of inputs precede those of nodes with a target."""

@@ -143,7 +143,7 @@ class OutputLimits:
         clauses = []
         for side, worst in zip(self.sides, self._worst(values), strict=True):
             if worst.samples:
-                place = f"sample {worst.sample} of {self._names[worst.data]}"
+                place = f"sample {worst.sample + 1} of {self._names[worst.data]}"
                 clauses.append(f"{side} is exceeded at {worst.samples} samples, most by {worst.excess:.4g} at {place}")
         return "; ".join(clauses)
 

@@ -202,7 +202,7 @@ def describe_output_limits(
         reached = touched.side == number
         count, presses = int(reached.sum()), reached & pressed.presses
         first = int(np.flatnonzero(presses if presses.any() else reached)[0])
-        where = f"sample {touched.sample[first]} of {bounds[touched.data[first]].dataset.name}"
+        where = f"sample {touched.sample[first] + 1} of {bounds[touched.data[first]].dataset.name}"
         where = f"at {count} samples, e.g. {where}" if count > 1 else f"at {where}"
         rows = pressed.rows[pressed.sides == number]
         names = _held_parameters(rows, columns, sizes)
