@@ -1,6 +1,7 @@
 """The results: what is accepted, and what a pin would do to the uncertainty."""
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,10 @@ def ask(session: Session, question: str, **given: Any) -> Answer:
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    session = Session(write("torque", tmp_path_factory.mktemp("results") / "torque"))
+    return run(Session(write("torque", tmp_path_factory.mktemp("results") / "torque")))
+
+
+def run(session: Session) -> Session:
     session.run()
     deadline = time.monotonic() + 120
     while session.job.state == "running":
@@ -62,8 +66,28 @@ def test_the_errors_of_a_choice_are_those_after_it_is_accepted(calibrated: Sessi
     assert [row["rmse"] for row in expected] == pytest.approx(scores)
 
 
-def test_directions_have_remedies_that_a_click_applies(calibrated: Session) -> None:
+PROJECT = """\
+model.file = "f.kf"
+[[dataset]]
+files = "d.csv"
+[[criterion]]
+node = "m"
+target = "y"
+[parameters.A]
+initial = 2.0
+[parameters.B]
+initial = 1.0
+"""
+
+
+def test_directions_have_remedies_that_a_click_applies(tmp_path: Path) -> None:
+    (tmp_path / "f.kf").write_text("input x\nm = A * B * x\n", encoding="utf-8")
+    rows = "".join(f"{x},{3 * x + (-1) ** x}\n" for x in range(20))
+    (tmp_path / "d.csv").write_text(f"x,y\n{rows}", encoding="utf-8")
+    (tmp_path / "kennfeld.toml").write_text(PROJECT, encoding="utf-8")
+    calibrated = run(Session(tmp_path / "kennfeld.toml"))
     head = ask(calibrated, "trust").head
+    assert head["coupled"] == []
     remedies = [each for direction in head["directions"] for each in direction["remedies"]]
     assert remedies
     before = calibrated.state

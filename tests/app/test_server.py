@@ -159,7 +159,7 @@ def test_a_run_reports_its_course_and_ends(server: Served) -> None:
         assert head["starts"][0]["state"] == "converged"
         assert arrays["rmse 1"][-1] < arrays["rmse 1"][0]
         assert page.state["scores"][0]["rmse"] < 2.0
-        assert page.ask("trust")[0]["directions"]
+        assert page.ask("trust")[0]["coupled"]
 
 
 def test_an_uploaded_file_is_stored_beside_the_project(server: Served) -> None:

@@ -105,7 +105,6 @@ def test_a_description_says_what_is_in_a_file(tmp_path):
         (b"PK\x03\x04\0\0", "it looks like a ZIP archive"),
         (b"\xef\xbb\xbf<?xml version='1.0'?>", "it looks like XML"),
         (b"<?xml version='1.0'?>\n<!-- <a> --><PaCo><x/></PaCo>", "it looks like XML with the root PaCo"),
-        (b"\x7fELF\x02\0\0", "it looks like an ELF program"),
         (b"time,Torque\n0,1\n", "it begins with 'time,Torque'"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def write(path, raw, conversion, unit="degC", version="4.10", **more):
 def read_both(path):
     """Return the channel read with and without the library."""
     source = locate(path)
-    with mdf._open(source) as file:
+    with TemporaryDirectory() as folder, mdf._open(source, folder) as file:
         column = mdf._read(source, file, Selection())[0].columns[1]
     own = read(path)["x"]
     np.testing.assert_array_equal(column.values, own.values)
