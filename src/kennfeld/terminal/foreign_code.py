@@ -1,5 +1,7 @@
 """Asks before a command runs code that a project names, or uses its addresses: once on a terminal, else refused."""
 
+import os
+import select
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,6 +21,7 @@ from kennfeld.project.project import Project
 from kennfeld.terminal.output import print_always
 
 MAX_NAMES = 4
+POLL_INTERVAL = 0.2  # s
 UNASKED = "Look into it first. Then answer on a terminal, or add --trust."
 
 Gate = Callable[[ExternalFunction], None]
@@ -87,7 +90,16 @@ def _agrees(requests: Sequence[ConsentRequest]) -> bool:
     for request in requests:
         print_always(Finding(Location(), f"The project {request.text}.", severity="remark"))
     question = "Allow it, with all your rights? Answer y only if you trust who wrote the project"
-    return click.confirm(question, default=False, err=True)
+    click.echo(f"{question} [y/N]: ", nl=False, err=True)
+    _wait_for_input()
+    return click.confirm("", default=False, show_default=False, prompt_suffix="", err=True)
+
+
+def _wait_for_input() -> None:
+    """Wait for a line on a terminal, in short intervals, so that no signal is missed before the read that blocks."""
+    if os.name == "posix" and sys.stdin.isatty():
+        while not select.select([sys.stdin], [], [], POLL_INTERVAL)[0]:
+            pass
 
 
 @contextmanager
