@@ -13,7 +13,7 @@ import signal
 import struct
 import sys
 from collections.abc import Callable
-from contextlib import chdir, suppress
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
@@ -143,11 +143,11 @@ def _answer(
 ) -> tuple[bool, Any]:
     """Return whether the work was done, and its result or error; `folder` is that of relative paths."""
     work: Work = getattr(import_module(module), name)
-    limit_memory(bound)
-    limit_time(_TIME + _TIME_PER_BYTE * source.size)
     try:
-        with chdir(folder):
-            return True, work(source, *arguments)
+        os.chdir(folder)
+        limit_memory(bound)
+        limit_time(_TIME + _TIME_PER_BYTE * source.size)
+        return True, work(source, *arguments)
     except MemoryError:
         return False, _too_large(source, source.kind.value)
     except InputError as error:
