@@ -49,3 +49,27 @@ def write_functions(folder: Path, text: str = "y = K * u\n", functions: str = ""
         '[[criterion]]\nnode = "y"\ntarget = "wanted"\n[parameters.K]\ninitial = 1.0\n'
     )
     return folder / "kennfeld.toml"
+
+
+PRODUCT = """\
+model.file = "f.kf"
+[[dataset]]
+files = "d.csv"
+[[criterion]]
+node = "m"
+target = "y"
+[parameters.A]
+initial = 2.0
+[parameters.B]
+initial = 1.0
+"""
+
+
+def write_product(folder: Path) -> Path:
+    """Write a project whose two factors no data tell apart, and return its file."""
+    folder.mkdir()
+    (folder / "f.kf").write_text("input x\nm = A * B * x\n", encoding="utf-8")
+    rows = "".join(f"{x},{3 * x + (-1) ** x}\n" for x in range(20))
+    (folder / "d.csv").write_text(f"x,y\n{rows}", encoding="utf-8")
+    (folder / "kennfeld.toml").write_text(PRODUCT, encoding="utf-8")
+    return folder / "kennfeld.toml"

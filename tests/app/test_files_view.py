@@ -7,6 +7,7 @@ import pytest
 import kennfeld as kf
 from kennfeld.project import Project
 from tests.app.browser import READY, browser_page, started
+from tests.app.function_samples import write_product
 from tests.app.shared_app import project_page
 
 
@@ -80,8 +81,8 @@ def test_a_file_name_with_markup_is_shown_as_text(torque: Path, bench: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path) -> None:
-    with project_page(torque) as page:
+def test_a_remedy_is_applied_with_one_click_and_undone(tmp_path: Path) -> None:
+    with project_page(write_product(tmp_path / "product")) as page:
         page.click("#run")
         page.wait_for_selector("#job-state.converged", timeout=60_000)
         page.click("[data-screen=results]")
@@ -91,7 +92,7 @@ def test_a_remedy_is_applied_with_one_click_and_undone(torque: Path) -> None:
         page.wait_for_selector("#trust span[data-remedy]", state="detached")
         with page.expect_download() as download:
             page.click("#export-folder")
-        assert download.value.suggested_filename == "torque.zip"
+        assert download.value.suggested_filename == "product.zip"
 
 
 @pytest.mark.slow
@@ -100,7 +101,6 @@ def test_values_that_are_not_accepted_keep_their_start(torque: Path) -> None:
         page.click("#run")
         page.wait_for_selector("#job-state.converged", timeout=60_000)
         page.click("[data-screen=results]")
-        page.wait_for_selector("#if-pinned")
         page.click(".pi[data-parameter=MapOptTorque] .tick")
         page.wait_for_selector("#choice")
         expected = page.inner_text("#choice b")

@@ -13,6 +13,7 @@ from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.trust import pinned_deviation
 from kennfeld.app.session.session import Session
 from kennfeld.project.demo import write
+from tests.app.function_samples import write_product
 
 
 def ask(session: Session, question: str, **given: Any) -> Answer:
@@ -66,26 +67,8 @@ def test_the_errors_of_a_choice_are_those_after_it_is_accepted(calibrated: Sessi
     assert [row["rmse"] for row in expected] == pytest.approx(scores)
 
 
-PROJECT = """\
-model.file = "f.kf"
-[[dataset]]
-files = "d.csv"
-[[criterion]]
-node = "m"
-target = "y"
-[parameters.A]
-initial = 2.0
-[parameters.B]
-initial = 1.0
-"""
-
-
 def test_directions_have_remedies_that_a_click_applies(tmp_path: Path) -> None:
-    (tmp_path / "f.kf").write_text("input x\nm = A * B * x\n", encoding="utf-8")
-    rows = "".join(f"{x},{3 * x + (-1) ** x}\n" for x in range(20))
-    (tmp_path / "d.csv").write_text(f"x,y\n{rows}", encoding="utf-8")
-    (tmp_path / "kennfeld.toml").write_text(PROJECT, encoding="utf-8")
-    calibrated = run(Session(tmp_path / "kennfeld.toml"))
+    calibrated = run(Session(write_product(tmp_path / "product")))
     head = ask(calibrated, "trust").head
     assert head["coupled"] == []
     remedies = [each for direction in head["directions"] for each in direction["remedies"]]
