@@ -154,3 +154,16 @@ def test_a_file_that_cannot_be_read_has_no_version_twice(tmp_path, monkeypatch):
     path.write_text("1", encoding="utf-8")
     monkeypatch.setattr(file_state.FileState, "of", lambda path: (_ for _ in ()).throw(PermissionError(path)))
     assert version_of([path]) != version_of([path])
+
+
+def test_another_file_of_the_same_size_and_times_is_another_one(reader, tmp_path, monkeypatch):
+    """As two recordings that were copied together, and whose folders are renamed."""
+    other = tmp_path / "other.txt"
+    other.write_text("7", encoding="utf-8")
+    times = file_state._times_of(reader.file.stat())[:3]
+    of = file_state._times_of
+    monkeypatch.setattr(file_state, "_times_of", lambda stat: (*times, *of(stat)[3:]))
+    monkeypatch.setattr(file_state, "SETTLED", -1)
+    assert reader.look(reader.file) == 1
+    other.replace(reader.file)
+    assert reader.look(reader.file) == 7

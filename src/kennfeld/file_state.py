@@ -39,12 +39,14 @@ class FileState:
         changed: when the content was changed, and when anything of the file was; ns.
         at: when it was hashed; ns.
         content: the hash; of a folder, that of the names in it.
+        number: that of the file in its file system.
     """
 
     size: int
     changed: tuple[int, int]
     at: int
     content: str
+    number: int = 0
 
     @classmethod
     def of(cls, path: Path) -> "FileState":
@@ -57,7 +59,7 @@ class FileState:
         else:
             with path.open("rb") as file:
                 content = hashlib.file_digest(file, _hash).hexdigest()
-        return cls(stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns), at, content)
+        return cls(stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns), at, content, stat.st_ino)
 
     @classmethod
     def from_json(cls, note: Mapping[str, Any]) -> "FileState":
@@ -66,11 +68,11 @@ class FileState:
         content = note["content"]
         if not (isinstance(content, str) and content.isalnum()):  # it is part of names and patterns of files
             raise ValueError(f"{content!r} is not a hash")
-        return cls(int(note["size"]), (int(first), int(second)), int(note["at"]), content)
+        return cls(int(note["size"]), (int(first), int(second)), int(note["at"]), content, int(note["number"]))
 
     def describes(self, stat: os.stat_result) -> bool:
-        """Return whether a file has this size and these times."""
-        return (self.size, *self.changed) == _times_of(stat)
+        """Return whether a file has this size, these times and this number."""
+        return (self.size, *self.changed, self.number) == _times_of(stat)
 
     def holds(self, stat: os.stat_result) -> bool:
         """Return whether the file is certainly unchanged, without reading its content."""
@@ -121,7 +123,7 @@ def _version_of(path: Path) -> tuple[tuple[int, ...], str]:
 
 def _is_settled(times: tuple[int, ...]) -> bool:
     """Return whether size and times are old enough to tell that a file has not changed."""
-    return not times or time.time_ns() - max(times[1:]) > SETTLED
+    return not times or time.time_ns() - max(times[1:3]) > SETTLED
 
 
 def digest(content: bytes) -> str:
@@ -159,7 +161,7 @@ class FileVersion:
 
     Attributes:
         path: absolute.
-        times: size, and when content and file were changed, in ns; empty if there was no file.
+        times: size, when content and file were changed, in ns, and number; empty if there was no file.
         content: its hash; empty if size and times are old enough to tell.
     """
 
@@ -244,4 +246,5 @@ def _times(path: Path) -> tuple[int, ...]:
 
 
 def _times_of(stat: os.stat_result) -> tuple[int, ...]:
-    return stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
+    """Return size, times and number of a file: of two with equal times, a renamed folder leads to the other one."""
+    return stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino

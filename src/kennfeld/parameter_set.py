@@ -204,7 +204,8 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
         }
         if len(own.axes) == len(known.axes):
             changes["axes"] = tuple(map(self._completed_axis, own.axes, known.axes))
-            changes |= {"extrapolation": known.extrapolation} if "extrapolation" in self.unstated else {}
+            if "extrapolation" in self.unstated and own.extrapolation == "clip":  # as a file without it is read
+                changes["extrapolation"] = known.extrapolation
         if own.values.shape == known.values.shape:
             bounds = ("lower", "upper") if "bounds" in self.unstated and not own.limited else ()
             locks = ("locked",) if "locks" in self.unstated else ()

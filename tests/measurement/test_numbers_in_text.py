@@ -45,7 +45,7 @@ def test_thousands_that_show_only_far_down_are_numbers(csv, monkeypatch):
 def test_what_is_not_grouped_by_thousands_is_not_a_number(csv):
     for cell in ('"1,20"', '"12,3456"', '"1,200.5.1"', '"0,900"'):
         with pytest.raises(InputError, match="must be a number"):
-            read(csv(f"time,n\n0,1\n1,{cell}\n2,3\n"))
+            read(csv(f"time,n\n0,1.5\n1,{cell}\n2,3\n"))
 
 
 WORDS = [

@@ -50,12 +50,22 @@ def test_a_set_is_completed_to_what_it_was(project, ending):
         np.testing.assert_array_equal(getattr(completed, name), getattr(whole["C"], name))
 
 
-def test_what_a_file_states_counts(project):
-    file = project.path.with_name("values.json")
-    clipped = Curve("C", Axis([0.0, 5.0, 10.0], input="x"), [0.0, 1.0, 3.0])
-    ParameterSet([clipped]).save(file)
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_file_without_extrapolation_has_that_of_the_project(project, ending):
+    file = project.path.with_name(f"values{ending}")
+    ParameterSet([Curve("C", Axis([0.0, 5.0, 10.0], input="x"), [0.0, 1.0, 3.0])]).save(file)
     [simulated] = project.simulate(project.read_values(file))
-    np.testing.assert_array_equal(simulated["y"].values, [0.0, 1.0, 3.0])
+    np.testing.assert_array_equal(simulated["y"].values, [-1.0, 1.0, 5.0])
+
+
+def test_what_a_file_states_counts(project):
+    project.path.write_text(TOML.replace('extrapolation = "linear"\n', ""), encoding="utf-8")
+    file = project.path.with_name("values.json")
+    continued = Curve("C", Axis([0.0, 5.0, 10.0], input="x"), [0.0, 1.0, 3.0], extrapolation="linear")
+    ParameterSet([continued]).save(file)
+    clipping = Project.read(project.path)
+    [simulated] = clipping.simulate(clipping.read_values(file))
+    np.testing.assert_array_equal(simulated["y"].values, [-1.0, 1.0, 5.0])
 
 
 def test_a_set_from_python_is_taken_as_it_is(project):

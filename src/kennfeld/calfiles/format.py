@@ -141,8 +141,8 @@ class Format:
 
     @property
     def unstated(self) -> tuple[str, ...]:
-        """The aspects that a file of this format cannot state; control units have a rule of their own beyond axes."""
-        return self.lacks or ("extrapolation", "locks", "free axes")
+        """The aspects that a file of this format does not state, or, as JSON the extrapolation, may leave out."""
+        return ("extrapolation", *(self.lacks or ("locks", "free axes")))
 
     def _function(self, verb: str) -> Callable[..., Any]:
         module = self.modules[("recognises", "read", "write").index(verb)]

@@ -34,7 +34,7 @@ _APART = rf"[+-]?[1-9][0-9]{{0,2}}(?:(?P<mark>[{_SEPARATED}])[0-9]{{3}})(?:(?P=m
 # numbers whose thousands are separated, as far as that is certain
 _GROUPED: dict[str, re.Pattern[str]] = {
     ".": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+(?=\.))(?:\.[0-9]*)?"),
-    ",": re.compile(rf"{_APART}(?:,[0-9]*)?"),
+    ",": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:\.[0-9]{{3}})+)(?:,[0-9]*)?"),
     ".,": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+)(?:\.[0-9]*)?"),
 }
 _EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones

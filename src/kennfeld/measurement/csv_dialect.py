@@ -17,7 +17,7 @@ from kennfeld.measurement.vcds_header import find_vcds_header
 ALONE = "\x1f"  # stands for: one column, no separator
 _SEPARATORS = (";", "\t", ",", "|", " ", ALONE)
 _COMMENT = re.compile(r"\s*(?:#(?!n/?a\b)|//|%)", re.IGNORECASE)
-_QUOTED_THOUSANDS = re.compile(r'"\s*[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?\s*"')  # "1,200.5"
+_QUOTED_NUMBER = re.compile(r'"\s*[+-]?\d+(?:,\d+)+(?:\.\d*)?\s*"')  # "1,200.5", or "0,25"
 _NAMES = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks", ALONE: "none"}
 
 
@@ -89,17 +89,22 @@ def find_dialect(location: Location, first_lines: tuple[str, ...], encoding: str
         elif not any(separator in line for line in lines):
             continue
         rows = [[] if is_comment(line) or is_mark(line, separator) else split_line(line, separator) for line in lines]
-        may_have_commas = separator != "," and any("," in line for line in lines)
-        decimals: tuple[Decimal, ...] = (".", ",") if may_have_commas else (".",)
-        if separator == "," and any(map(_QUOTED_THOUSANDS.search, lines)):
-            decimals = (".", ".,")
-        for decimal in decimals:
+        for decimal in _possible_decimals(separator, lines):
             rating = _rate(rows, separator, decimal, encoding, lines)
             if rating is not None and (best is None or rating[0] > best[0]):
                 best = rating
     if best is None or best[0][0] <= 0:
         raise _no_table(location, lines)
     return best[1]
+
+
+def _possible_decimals(separator: str, lines: Sequence[str]) -> tuple[Decimal, ...]:
+    """Return the forms that numbers between these separators may have, the likeliest first."""
+    if separator == ",":
+        return (".", ".,", ",") if any(map(_QUOTED_NUMBER.search, lines)) else (".",)
+    if not any("," in line for line in lines):
+        return (".",)
+    return (".", ",", ".,") if any("." in line for line in lines) else (".", ",")
 
 
 def _join_cells(lines: Sequence[str]) -> list[str]:

@@ -46,6 +46,7 @@ _MOST = 64_000_000  # characters that are searched for grouped numbers
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 1.100, which may be 1100
 _POINTED = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _LEAST_DATE = 1e7  # numbers below it are clock times
+_MARKS = {".": "point", ",": "comma"}
 _LEAST_GROUPED = 1000  # plain numbers from here on would have a separator, too
 _HEAD_LINES = 200
 _HEAD_TEXT = 4_000_000  # characters, beyond which fewer lines tell enough of a table of very many columns
@@ -298,8 +299,11 @@ class _GroupedNumbers:
 
 
 def _thousands_warnings(source: MeasurementFile, dialect: Dialect, table: Table) -> Iterator[Finding]:
-    """Yield a warning for each column that holds 1.100 beside 950 in a file that shows no other decimal point."""
-    if dialect.separator in (",", " ") or dialect.decimal != ".":
+    """Yield a warning for each column that holds 1.100 beside 950 in a file that shows no other decimal point.
+
+    Commas likewise; and for columns of quoted numbers such as "1,005", which are read as thousands.
+    """
+    if dialect.separator == " " or (dialect.separator == "," and not dialect.grouped):
         return
     grouped = _find_grouped(source, dialect)
     for column in table.columns:
@@ -307,11 +311,14 @@ def _thousands_warnings(source: MeasurementFile, dialect: Dialect, table: Table)
         if number is None or column.dated or column.is_text:
             continue
         values = np.abs(column.values[~np.isnan(column.values)])
-        if values.size == number.count or values.max() >= _LEAST_GROUPED:
+        if dialect.grouped != (values.size == number.count) or (not dialect.grouped and values.max() >= _LEAST_GROUPED):
             continue
-        whole = number.text.replace(".", "")
-        message = f"{number.text} is read as {float(number.text):g}, but may mean {whole}: other cells have no point"
-        remedy = f"If it means {whole}, export the file without thousands separators; if not, ignore this."
+        mark = _mark(dialect)
+        whole, fraction = number.text.replace(mark, ""), f"{float(number.text.replace(mark, '.')):g}"
+        read, other = (whole, fraction) if dialect.grouped else (fraction, whole)
+        reason = "no cell tells" if dialect.grouped else f"other cells have no {_MARKS[mark]}"
+        message = f"{number.text} is read as {read}, but may mean {other}: {reason}"
+        remedy = f"If it means {other}, export the file without thousands separators; if not, ignore this."
         location = table.location.within(f"line {number.line}, column {column.place}")
         yield Finding(location, message, remedy, severity="warning")
 
@@ -331,14 +338,23 @@ def _find_grouped(source: MeasurementFile, dialect: Dialect) -> dict[int, _Group
 def _find_grouped_in(text: str, dialect: Dialect) -> dict[int, _GroupedNumbers] | None:
     """Return the same of a text; None if it shows a decimal point."""
     grouped: dict[int, _GroupedNumbers] = {}
+    mark = _mark(dialect)
     for number, line in enumerate(text.split("\n"), 1):
-        if number <= dialect.header.data or "." not in line:
+        if number <= dialect.header.data or not (mark in line or (dialect.grouped and "." in line)):
             continue
-        for i, raw in enumerate(line.split(dialect.separator)):
+        for i, raw in enumerate(split_line(line, dialect.separator)):
             cell = raw.strip(' "')
-            if "." not in cell or not _POINTED.fullmatch(cell):
+            if dialect.grouped and "." in cell and _POINTED.fullmatch(cell.replace(mark, "")):
+                return None
+            pointed = cell.replace(mark, ".")
+            if mark not in cell or not _POINTED.fullmatch(pointed):
                 continue
-            if not _GROUPED.fullmatch(cell):
+            if not _GROUPED.fullmatch(pointed):
                 return None
             grouped.setdefault(i, _GroupedNumbers(cell, number)).count += 1
     return grouped
+
+
+def _mark(dialect: Dialect) -> str:
+    """Return the mark that is a decimal one or separates thousands."""
+    return "," if dialect.grouped else dialect.decimal
