@@ -211,4 +211,4 @@ def test_a_data_driven_model_is_trained(torque: Path) -> None:
         page.wait_for_selector("[data-cell]")
         page.click("[data-screen=function]")
         page.wait_for_selector("[data-surrogate=engine] .tag.g", timeout=120_000)
-        assert page.locator("[data-surrogate=engine] table tbody tr").count() == 3
+        assert page.locator("[data-surrogate=engine] table tbody tr:has-text('plane')").count() > 0
