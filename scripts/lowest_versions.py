@@ -12,7 +12,7 @@ from pathlib import Path
 
 __all__ = ["lowest"]
 
-_REQUIREMENT = re.compile(r"([\w.-]+)[>=]=([\w.]+)")
+_REQUIREMENT = re.compile(r"([\w.-]+)(?:\[[\w,-]+\])?[>=]=([\w.]+)")  # a constraint names no extras
 
 
 def lowest(text: str) -> Iterator[str]:

@@ -23,6 +23,10 @@ def test_every_dependency_of_this_project_states_one(lowest):
     assert all(constraint.partition("==")[2] for constraint in found)
 
 
+def test_extras_of_a_dependency_are_left_out(lowest):
+    assert list(lowest('[project]\ndependencies = ["canmatrix[arxml,kcd]>=1.2"]\n')) == ["canmatrix==1.2"]
+
+
 @pytest.mark.parametrize("requirement", ["numpy", "numpy<3", "numpy>=1.26,<3"])
 def test_a_dependency_that_states_none_or_more_is_refused(lowest, requirement):
     with pytest.raises(ValueError, match="must have the form name>=version"):
