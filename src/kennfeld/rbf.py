@@ -31,7 +31,7 @@ def kernel_of_square(square: Float, kernel: Kernel) -> tuple[Float, Float]:
     C. E. Rasmussen, C. K. I. Williams: Gaussian Processes for Machine Learning, 2006, equation 4.17.
 
     >>> [float(part.round(6)) for part in kernel_of_square(np.array(1.0), "matern52")]
-    [0.523994, 0.576475]
+    [0.523994, 0.57644]
     """
     if kernel == "gaussian":
         bell: Float = np.exp(-0.5 * square)

@@ -50,8 +50,9 @@ def _keys_of(data: Dataset, names: tuple[str, ...]) -> Keys:
     runs = np.lib.stride_tricks.sliding_window_view(keys, RUN)
     varying = (runs[:, 1:] != runs[:, :-1]).any(axis=1)
     joined = np.zeros(len(runs), dtype=np.uint64)
-    for column in runs.T:
-        joined = (joined ^ column) * MIXER
+    for column in runs.T:  # in place, as there may be many samples
+        joined ^= column
+        joined *= MIXER
         joined ^= joined >> np.uint64(29)
     return np.asarray(joined[varying])
 
