@@ -106,9 +106,9 @@ def test_a_simulated_target_that_is_called_like_a_node_gets_a_suffix(shop):
 
 def test_a_model_with_memory_is_calibrated_on_its_own_step(shop):
     time, u = np.arange(200) * 0.1, np.repeat([0.0, 1.0, 0.3, 2.0, 1.2], 40)
-    fine = np.repeat(u, 2)
-    y, state = [], fine[0] * 3
-    for k, x in enumerate(np.interp(np.arange(399) / 2, np.arange(200), u)):
+    held = np.repeat(u, 2)[:399]  # as set values are between their samples
+    y, state = [], held[0] * 3
+    for k, x in enumerate(held):
         state = 3 * x if k == 0 else state + 0.05 / (0.8 + 0.05) * (3 * x - state)
         y.append(state)
     shop.csv("bench.csv", {"time": time, "u": u + 0.0, "y": np.array(y)[::2]})

@@ -102,7 +102,7 @@ def test_an_axis_without_input_takes_what_the_function_looks_up_with(shop):
 def test_equal_quantiles_are_merged_with_a_warning(shop):
     shop.bench("bench.csv", [1000] * 6 + [2000])
     shop.add("[parameters.Gain]\nx = { input = 'Speed', count = 5 }")
-    assert "[parameters.Gain] x: only 2 of 5 quantiles of Speed differ" in shop.warning()
+    assert "[parameters.Gain] x: only 2 of 5 quantiles of Speed differ" in shop.warnings()[0]
 
 
 UNEVEN = (703.2, 805.9536, 836.145, 1502.7)

@@ -96,7 +96,9 @@ def test_every_key_is_read(training):
     assert made.target.name == "t.json"
     assert made.settings == SurrogateSettings(
         *("tank", ("u",), "level", "dynamic", "sparse", 12, 3, 2, 0.5),
-        *({"u": (0, 2)}, (1, 3), 7, (0.0, 10.0), False, True, 0.5, 4, ("u",), "narx"),
+        *({"u": (0, 2)}, (1, 3), 7, (0.0, 10.0), False, True, 0.5, 4),
+        held=("u",),
+        structure="narx",
     )
 
 

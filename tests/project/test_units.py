@@ -26,7 +26,8 @@ def test_an_input_is_converted_to_the_unit_of_the_function(shop):
 def test_a_conversion_is_told_once_and_is_no_warning(shop):
     for name in ("bench.csv", "bench2.csv"):
         in_radians(shop, name)
-    [finding] = shop.change('"bench.csv"', '"bench*.csv"').findings()
+    finding, copies = shop.change('"bench.csv"', '"bench*.csv"').findings()
+    assert "have the same inputs and targets" in copies.message
     assert finding.severity == "remark"
     said = "channel n is converted from rad/s to rpm, the unit of the input Speed"
     assert str(finding) == f"bench.csv and 1 more: {said}"
@@ -128,7 +129,7 @@ def test_files_of_a_dataset_are_put_into_the_unit_of_the_first_where_the_functio
     joined = data(shop.change('"bench.csv"', '"bench*.csv"'))["Load"]
     assert joined.values == pytest.approx([1, 2, 3, 4, 5, 6] * 2)
     assert joined.unit == "bar"
-    assert "bench2.csv: channel Load is converted from mbar to bar, the unit of bench.csv" in shop.warning()
+    assert "bench2.csv: channel Load is converted from mbar to bar, the unit of bench.csv" in shop.warnings()[0]
 
 
 def test_datasets_are_put_into_one_unit_where_the_function_has_none(shop):

@@ -166,9 +166,9 @@ def describe_surrogate_file(path: Path) -> FileInfo:
     ranges = ranges_table(surrogate)
     further: tuple[str, ...] = ()
     if isinstance(surrogate, DynamicSurrogate):
-        further = "step", "lags", "output_lags", "stability", "limits", "remarks"
+        further = "step", "lags", "output_lags", "stability", "limits"
     elif isinstance(surrogate, FilteredSurrogate):
-        further = "step", "delay", "time_constants", "stability", "limits", "remarks"
+        further = "step", "delay", "time_constants", "stability", "limits"
     as_json = _json(
         "surrogate",
         path,
