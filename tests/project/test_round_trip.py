@@ -88,6 +88,7 @@ STRATEGIES = {
         st.lists(st.one_of(names, st.integers(1, 9)), max_size=3).map(tuple),
         st.dictionaries(st.one_of(st.integers(1, 9)), st.floats(0, 9), max_size=3),
     ),
+    surrogate_training.LimitsForm: lambda form: st.one_of(pairs, st.just("auto")),
     surrogate_training.LagsForm: lambda form: st.lists(st.integers(form.least, 9), min_size=1, max_size=3).map(tuple),
     surrogate_training.InputLagsForm: lambda form: st.one_of(st.just("auto"), table_of(form)),
 }

@@ -72,7 +72,7 @@ def _find_repeats(keys: Keys, name: str, before: dict[str, Keys]) -> tuple[Bool,
     repeated[np.unique(keys, return_index=True)[1]] = False
     sources = [name] if repeated.sum() > max(1, SHARE * keys.size) else []
     for other, known in before.items():
-        shared = np.isin(keys, known)
+        shared = np.isin(keys, known, kind="sort")  # older versions of NumPy count up to the largest key
         if shared.sum() > max(1, SHARE * keys.size):
             sources.append(other)
         repeated |= shared

@@ -14,7 +14,7 @@ from kennfeld.parameters import AXIS_LETTERS, Parameter
 from kennfeld.report.report_data import ReportData
 
 if TYPE_CHECKING:
-    pass
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 MAX_LISTED = 8  # values in a row
 
@@ -42,15 +42,15 @@ def render_undetermined(report: ReportData) -> Html:
         else None,
         None if rows or lines else note("Every value is determined by training data."),
         _extrapolation_table(report.extrapolation) if report.extrapolation else None,
-        _surrogate_errors(report),
+        _surrogate_errors(report.problem.model.surrogates),
     )
 
 
-def _surrogate_errors(report: ReportData) -> Html | None:
+def _surrogate_errors(surrogates: Sequence["Surrogate"]) -> Html | None:
     """Return the errors of the surrogates on the data of their training, beside those of linear models."""
     rows = [
         [s.name, q.dataset, q.use, q.mode, str(q.samples), decimal(q.rmse), decimal(q.r2), decimal(q.max_abs)]
-        for s in report.problem.model.surrogates
+        for s in surrogates
         for q in s.quality
     ]
     head = ("surrogate", "dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|")
