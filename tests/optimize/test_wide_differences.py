@@ -26,7 +26,7 @@ def test_a_fit_goes_on_where_events_hide_the_slope(resetting):
     result = fitted(resetting, {"k": 8.0, "T": 1.5, "limit": 10.0}, target)
     assert result.cost_after < 0.7 * result.cost_before
     assert abs(result.parameters["limit"].value - 10.0) > 0.1
-    if result.converged and result.cost_after > 1e-9 * result.cost_before:  # else the truth is found, or it says that not
+    if result.converged and result.cost_after > 1e-9 * result.cost_before:  # else at the truth, or not at an end
         assert "along differences of whole simulations" in result.message
         assert "events move with parameters" in " ".join(finding.message for finding in result.warnings)
 
