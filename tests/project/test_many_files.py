@@ -146,8 +146,7 @@ def test_memory_is_that_of_the_data(project, monkeypatch, use, samples, files):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     data = 8 * samples * (files - 2) * 3  # Load, Flow and Measured in double precision
-    copies = 2 if use is Project.calibrate else 3  # with the keys by which samples that occur twice are found
-    assert peaks[1] - peaks[0] < copies * data
+    assert peaks[1] - peaks[0] < 2 * data
 
 
 def test_a_bad_file_among_many_is_named(project):

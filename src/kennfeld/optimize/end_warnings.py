@@ -31,11 +31,6 @@ from kennfeld.parameter_set import ParameterSet
 MAX_LISTED = 5
 
 
-def find_repeats(problem: Problem) -> tuple[Finding, ...]:
-    """Return the warnings about samples that occur twice; none for data in partitions."""
-    return () if problem.partitions is not None else tuple(repeat_findings(problem, dataset_location))
-
-
 def scored_nodes(problem: Problem) -> set[str]:
     """Return the nodes of the criteria with a weight."""
     return {criterion.node for criterion in problem.criteria if criterion.weight > 0}
@@ -48,14 +43,13 @@ def targeted_nodes(problem: Problem) -> set[str]:
 
 @dataclass(frozen=True)
 class EndWarnings:
-    """The warnings about the end of a search that did not fail; `repeats` are those about samples that occur twice."""
+    """The warnings about the end of a search that did not fail."""
 
     compiled: CompiledProblem
     objective: LeastSquaresObjective
     limits: LinearLimits
     options: Options
     end: SolverResult
-    repeats: tuple[Finding, ...] = ()
 
     def find(
         self, quality: Sequence[Quality], certificate: Certificate | None, misleading: Int | None
@@ -81,7 +75,7 @@ class EndWarnings:
             *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem))),
             *find_slopes(certificate, steep, moved=moved, in_steps=in_steps),
             *(() if misleading is None else self._slopes(misleading)),
-            *self.repeats,
+            *(() if problem.partitions is not None else repeat_findings(problem, dataset_location)),
             *find_runaways(self.compiled, self.objective, start, values),
             *find_equal_neurons(problem.model.graph, problem.parameters, fitted),
             *find_short_lags(problem, fitted),

@@ -17,7 +17,6 @@ from kennfeld.optimize.end_warnings import (
     EndWarnings,
     describe_close_breakpoints,
     describe_uninformed,
-    find_repeats,
     scored_nodes,
     targeted_nodes,
 )
@@ -98,7 +97,6 @@ class FitRun:
         self.problem, self.progress = problem, progress
         self.watch: Callable[[TraceLine, Float], None] | None = None  # as `progress`, with the values
         self.began = time.perf_counter()
-        self.repeats = find_repeats(problem)  # before the samples are laid out, which take the memory that it needs
         self.exact = CompiledProblem(problem)
         self.objective = LeastSquaresObjective(self.exact)
         tolerance = options.tolerance or default_tolerance(self.exact, self.objective)
@@ -583,7 +581,7 @@ class FitRun:
     ) -> tuple[Finding, ...]:
         if end.status in ("infeasible", "failed"):
             return ()
-        warnings = EndWarnings(self.exact, self.objective, limits, self.options, end, self.repeats)
+        warnings = EndWarnings(self.exact, self.objective, limits, self.options, end)
         sloped = self.options.method != "global" and not self._is_solved(end, self.objective.start)
         misleading = self._misleading(end.values, limits) if sloped else None
         return warnings.find(quality, certificate if end.status == "converged" else None, misleading)

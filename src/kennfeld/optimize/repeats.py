@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from kennfeld.arrays import Bool
-from kennfeld.dataset import Dataset
+from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
-from kennfeld.optimize.overlap import MIXER, Keys, sample_keys, shared_names
+from kennfeld.optimize.overlap import MIXER, Keys, contained, sample_keys, shared_names
 from kennfeld.optimize.problem import Problem
 
 SHARE = 0.01  # of the samples of a dataset; fewer repeat themselves by chance
@@ -39,22 +39,33 @@ def repeat_findings(problem: Problem, location: Callable[[Dataset], Location]) -
             if count > 1 and count > SHARE * keys.size:
                 message = _describe(count / keys.size, data.name, sources)
                 yield Finding(location(data), message, REMEDY, severity="warning")
-            before[data.name] = np.unique(keys)
+            before[data.name] = keys
 
 
 def _keys_of(data: Dataset, names: tuple[str, ...]) -> Keys:
-    """Return a hash for each sample, or for each run of samples of a recording that are not all equal."""
+    """Return a hash for each sample, or for each run of samples of a recording that are not all equal, in order."""
     keys = sample_keys(data, names)
-    if data.time is None or keys.size < RUN:
-        return keys
-    runs = np.lib.stride_tricks.sliding_window_view(keys, RUN)
-    varying = (runs[:, 1:] != runs[:, :-1]).any(axis=1)
-    joined = np.zeros(len(runs), dtype=np.uint64)
-    for column in runs.T:  # in place, as there may be many samples
-        joined ^= column
-        joined *= MIXER
-        joined ^= joined >> np.uint64(29)
-    return np.asarray(joined[varying])
+    if data.time is not None and keys.size >= RUN:
+        keys = _join_runs(keys)
+    keys.sort()
+    return keys
+
+
+def _join_runs(keys: Keys) -> Keys:
+    """Return a hash for each run of samples that are not all equal; it takes the place of those of the samples."""
+    count, total = 0, keys.size - RUN + 1
+    for first in range(0, total, SAMPLES_PER_BLOCK):
+        block = keys[first : min(first + SAMPLES_PER_BLOCK, total) + RUN - 1].copy()
+        runs = np.lib.stride_tricks.sliding_window_view(block, RUN)
+        joined = np.zeros(len(runs), dtype=np.uint64)
+        for column in runs.T:
+            joined ^= column
+            joined *= MIXER
+            joined ^= joined >> np.uint64(29)
+        joined = joined[(runs[:, 1:] != runs[:, :-1]).any(axis=1)]
+        keys[count : count + joined.size] = joined
+        count += joined.size
+    return keys[:count]
 
 
 def _is_coarse(problem: Problem, data: Dataset, keys: Keys) -> bool:
@@ -67,12 +78,12 @@ def _is_coarse(problem: Problem, data: Dataset, keys: Keys) -> bool:
 
 
 def _find_repeats(keys: Keys, name: str, before: dict[str, Keys]) -> tuple[Bool, list[str]]:
-    """Mark the samples that occur before, and return the names of the datasets in which they do."""
-    repeated = np.ones(keys.size, dtype=bool)
-    repeated[np.unique(keys, return_index=True)[1]] = False
+    """Mark the samples that occur before, and name the datasets in which they do; all keys are sorted."""
+    repeated = np.zeros(keys.size, dtype=bool)
+    repeated[1:] = keys[1:] == keys[:-1]
     sources = [name] if repeated.sum() > max(1, SHARE * keys.size) else []
     for other, known in before.items():
-        shared = np.isin(keys, known, kind="sort")  # older versions of NumPy count up to the largest key
+        shared = contained(keys, known)
         if shared.sum() > max(1, SHARE * keys.size):
             sources.append(other)
         repeated |= shared
