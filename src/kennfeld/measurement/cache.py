@@ -160,15 +160,14 @@ class Cache:
     ) -> Dataset:
         """Read a file as `read_leniently` does, from the cache if possible."""
         source = replace(locate(path), databases=databases)
-        key = _key(source, channels, raster, units)
-        stored = self._find(source, key)
+        stored = self._find(source, channels, raster, units)
         if stored is not None:
             return stored
         before, began = _stats(source), time.perf_counter()
         dataset = read_leniently(path, channels, raster, units or {}, databases)
         if time.perf_counter() - began >= _worth(source.kind):
             with contextlib.suppress(*_ERRORS):
-                self._store(source, before, key, dataset)
+                self._store(source, before, _key(source, channels, raster, units), dataset)
         return dataset
 
     def load_failed(
@@ -201,10 +200,19 @@ class Cache:
             known = self._known(source) or _Note.of(source)
             self._write_note(source, replace(known, failed={**known.failed, _key(source, channels, raster): [*names]}))
 
-    def _find(self, source: MeasurementFile, key: str) -> Dataset | None:
+    def _find(
+        self,
+        source: MeasurementFile,
+        channels: Sequence[str] | None,
+        raster: float | None,
+        units: Mapping[str, str] | None,
+    ) -> Dataset | None:
+        """Return a stored recording; None, without the digest of the code, of a file that nothing is known of."""
         with contextlib.suppress(*_ERRORS):
             known = self._known(source)
-            entries = () if known is None else self.folder.glob(f"{known.content}-{key}-*.parquet")
+            if known is None:
+                return None
+            entries = self.folder.glob(f"{known.content}-{_key(source, channels, raster, units)}-*.parquet")
             recordings = (_read_entry(entry, source.stem) for entry in entries)
             return next((recording for recording in recordings if recording is not None), None)
         return None

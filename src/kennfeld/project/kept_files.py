@@ -39,7 +39,7 @@ class KeptFiles:
         return sum(size for _, size in self.files)
 
     def remove(self) -> None:
-        """Remove the files; one that another process has removed, or still uses on Windows, is no error."""
+        """Remove the files, as far as other processes, which may use or remove them as well, allow it."""
         for path, _ in self.files:
             with suppress(OSError):
                 path.unlink(missing_ok=True)

@@ -31,7 +31,15 @@ def simulate_problem(problem: Problem, parameters: ParameterSet | None) -> list[
     """Return the named nodes and target channels over every dataset; a target named like a node gets a suffix."""
     values = replace_parameters(problem, parameters)
     compiled = NodeSimulator(problem.model.graph, values)
-    return [_simulate_bound(problem, problem.bind(data), values, compiled) for data in problem.datasets]
+    return [_simulate_dataset(problem, problem.bind(data), values, compiled) for data in problem.datasets]
+
+
+def _simulate_dataset(problem: Problem, bound: BoundDataset, values: ParameterSet, compiled: NodeSimulator) -> Dataset:
+    """Simulate a whole dataset, and add what is skipped to its findings."""
+    simulated, skipped = _simulate_bound(problem, bound, values, compiled), _skipped(problem, bound)
+    if skipped is None:
+        return simulated
+    return replace(simulated, findings=(skipped.finding(Location(f"dataset {bound.dataset.name}")),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +150,7 @@ def _simulate_bound(
     shown, data = bound.shown, bound.dataset
     targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, nodes)]
     files = None if data.files is None else data.files.picked(shown.kept)
-    found = replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored, files=files)
-    skipped = _skipped(problem, bound)
-    return found if skipped is None else replace(found, findings=(skipped.finding(Location(f"dataset {data.name}")),))
+    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored, files=files)
 
 
 def _skipped(problem: Problem, bound: BoundDataset) -> SkippedSamples | None:

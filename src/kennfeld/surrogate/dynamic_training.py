@@ -190,8 +190,8 @@ class _DynamicTraining:
         low, high = float(runs.one_step_target.min()), float(runs.one_step_target.max())
         lower, upper = (float(f"{end:.4g}") for end in (2 * low - high, 2 * high - low))
         self.limits = max(self.limits[0], lower), min(self.limits[1], upper)
-        left = f"{stability.runs - stability.bounded} of {stability.runs} free runs left the training data far behind"
-        self.remarks.append(f"{left}; limits = [{self.limits[0]:g}, {self.limits[1]:g}] are set")
+        far = f"{stability.runs - stability.bounded} of {stability.runs} free runs left the training data far behind"
+        self.remarks.append(f"{far}; limits = [{self.limits[0]:g}, {self.limits[1]:g}] are set")
         return str(check_stability(expansion, runs, self.limits, self.settings.seed))
 
     def _limits_and_lags(self) -> Lags:

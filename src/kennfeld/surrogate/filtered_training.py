@@ -74,8 +74,8 @@ def train_filtered(
     target = (y - scaling.level) / scaling.height
     inner = scaling.inward(x)
     points = TrainingPoints.of(inner, target)
-    found = sparse_hyperparameters(points, "gaussian", centres, starts, seed, LENGTH_STEPS, stopped)
-    lengths, noise = found.lengths, found.noise
+    optimum = sparse_hyperparameters(points, "gaussian", centres, starts, seed, LENGTH_STEPS, stopped)
+    lengths, noise = optimum.lengths, optimum.noise
     filtered = [filtered_points(piece.u, delay, step, time_constants) for piece in pieces]
     longest, factor = _regularisation(_parts(pieces, filtered, all_blocks), limits, lengths, noise, seed)
     rmse = _held_out(_parts(pieces, filtered, blocks), limits, np.minimum(lengths, longest), factor * noise, seed)

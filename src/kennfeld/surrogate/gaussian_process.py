@@ -125,11 +125,11 @@ def gaussian_process(
     if method == "exact" and len(training.points) > MOST_FORCED:
         raise ArgumentError(f"an exact Gaussian process takes at most {MOST_FORCED} points, not {len(training.points)}")
     kernels: tuple[Kernel, ...] = get_args(Kernel) if kernel == "auto" else (kernel,)
-    found = training.search(kernels, starts, stopped)
-    wrong = far | (outliers & training.is_certain(found, blocks))
+    candidates = training.search(kernels, starts, stopped)
+    wrong = far | (outliers & training.is_certain(candidates, blocks))
     if np.any(wrong != outliers):
         training = _Training(rows, values, ~wrong, method, centres, seed)
-    process = training.choose(found, blocks, wrong)
+    process = training.choose(candidates, blocks, wrong)
     if noise == "gaussian" or process.hyperparameters is None or stopped():
         return process
     return training.with_student_noise(process, blocks, starts, forced=noise == "student", stopped=stopped)
@@ -170,9 +170,9 @@ class _Training:
         self, kernels: Sequence[Kernel], starts: int, stopped: Stopped, near: Hyperparameters | None = None
     ) -> list[Hyperparameters]:
         """Return the best length scales and noise of each kernel; those of the first are a start of the next."""
-        found: list[Hyperparameters] = []
+        candidates: list[Hyperparameters] = []
         for kernel in kernels:
-            near = found[0] if found else near
+            near = candidates[0] if candidates else near
             if near and stopped():
                 break
             if self.exact:
@@ -181,8 +181,8 @@ class _Training:
                 best = sparse_hyperparameters(
                     self.points, kernel, self.centres, starts, self.seed, stopped=stopped, near=near
                 )
-            found.append(best)
-        return found
+            candidates.append(best)
+        return candidates
 
     def process(self, at: Hyperparameters) -> Exact | Sparse:
         """Return the process over all points."""
@@ -191,11 +191,11 @@ class _Training:
         z = greedy_centres(self.points.x, self.centres, at.lengths, self.seed, kernel=at.kernel)
         return Sparse.at(self.points, z, at.lengths, at.noise, at.kernel)
 
-    def is_certain(self, found: Sequence[Hyperparameters], blocks: Int | None) -> Bool:
+    def is_certain(self, candidates: Sequence[Hyperparameters], blocks: Int | None) -> Bool:
         """Return the rows whose value is far from the model that was trained without them, Bool[rows]."""
         if self.used.all():
             return np.zeros(len(self.y), dtype=bool)
-        best = self.choose(found, blocks, ~self.used)
+        best = self.choose(candidates, blocks, ~self.used)
         deviation = Deviation(best.expansion, best.uncertainty)(self.x)
         certain: Bool = np.abs(best.expansion(self.x) - self.y) > CERTAIN * deviation
         return certain
@@ -231,11 +231,11 @@ class _Training:
         remarks = (*robust.remarks, "the noise has wide tails; large errors count less")
         return replace(robust, plane=normal.plane, plane_left_out=normal.plane_left_out, remarks=remarks)
 
-    def choose(self, found: Sequence[Hyperparameters], blocks: Int | None, outliers: Bool) -> GaussianProcess:
+    def choose(self, candidates: Sequence[Hyperparameters], blocks: Int | None, outliers: Bool) -> GaussianProcess:
         """Return the process, or the plane, with the smallest residuals of points or blocks left out."""
         together = self._together(blocks)
         plane = _plane_left_out(self.points, together)
-        processes = [self.process(at) for at in found]
+        processes = [self.process(at) for at in candidates]
         residuals = [process.left_out(together) for process in processes]
         best = int(np.argmin([self._rmse(residual) for residual in residuals]))
         process, residual = processes[best], residuals[best]
@@ -243,7 +243,7 @@ class _Training:
             process, residual = self._smoothed(process, residual, together)
         is_plane = not self._rmse(residual) <= WORTH * self._rmse(plane)
         residual = self._by_row(plane if is_plane else residual)
-        flat = plane_through(self.points, self.scaling)
+        flat = _plane_through(self.points, self.scaling)
         expansion = flat
         if not is_plane:
             expansion = self.scaling.expansion(*process.terms(), process.lengths, process.kernel)
@@ -255,9 +255,9 @@ class _Training:
             flat,
             self._by_row(plane),
             outliers,
-            None if is_plane else found[best],
+            None if is_plane else candidates[best],
             int(self.used.sum()) - len(self.points),
-            (*self._remarks(), *_remarks(found[best], is_plane)),
+            (*self._remarks(), *_remarks(candidates[best], is_plane)),
         )
 
     def _remarks(self) -> Iterator[str]:
@@ -321,13 +321,11 @@ class _Training:
         return calibrated(Uncertainty(float(signal), noise, nugget), expansion, self.x[self.used][some], residual[some])
 
 
-def plane_through(points: TrainingPoints, scaling: Scaling | None = None) -> Expansion:
-    """Return the plane of least squares through points, which are in units of `scaling` if it is given."""
+def _plane_through(points: TrainingPoints, scaling: Scaling) -> Expansion:
+    """Return the plane of least squares through points in units of `scaling`."""
     plane = Plane.over(points.x, points.weights)
     flat = plane.back @ (plane.basis.T @ (points.y * np.sqrt(points.weights)))
     none = np.empty((0, points.x.shape[1]))
-    if scaling is None:
-        return Expansion(float(flat[0]), flat[1:], np.empty(0), none, none)
     return scaling.expansion(float(flat[0]), flat[1:], np.empty(0), none, np.ones(points.x.shape[1]))
 
 

@@ -144,10 +144,10 @@ def _gains(matrix: Float, gradient: Float, hold: Float, ridge: Float) -> list[fl
     size, terms = hold.size, ridge.size
     across = matrix[:size, size:]
     solved = np.linalg.solve(matrix[:size, :size] + np.diag(hold), np.column_stack([across, gradient[:size]]))
-    left = gradient[size:] - across.T @ solved[:, -1]
+    rest = gradient[size:] - across.T @ solved[:, -1]
     gains = []
-    for first in range(0, left.size, terms):
+    for first in range(0, rest.size, terms):
         part = slice(first, first + terms)
         block = matrix[size:, size:][part, part] - across[:, part].T @ solved[:, part] + np.diag(ridge)
-        gains.append(float(left[part] @ np.linalg.solve(block, left[part])))
+        gains.append(float(rest[part] @ np.linalg.solve(block, rest[part])))
     return gains

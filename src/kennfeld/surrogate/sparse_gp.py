@@ -53,9 +53,9 @@ def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, 
     misfit = max((float(target @ rest) + float(points.scatter.sum())) / noise, count * LEAST_VARIANCE)
     variance = misfit / count
     inside = cho_solve((root, True), np.eye(len(z)))  # Kzz^-1
-    left = float(points.weights.sum()) - float(np.sum(inside * across))
+    unexplained = float(points.weights.sum()) - float(np.sum(inside * across))
     logarithm = 2 * np.sum(np.log(np.diag(outer))) + (count - len(z)) * np.log(noise)
-    bound = -0.5 * (count * np.log(variance) + logarithm + left / noise)
+    bound = -0.5 * (count * np.log(variance) + logarithm + unexplained / noise)
 
     by_columns = np.outer(rest, weights / (noise * variance)) - flat @ inverse + columns @ (inside / noise)
     spent = inside @ across @ inside / noise
@@ -63,7 +63,7 @@ def sparse_bound(values: Float, points: TrainingPoints, z: Float, plane: Plane, 
     by_lengths = scaled_second_moment(by_columns * declines, x, z, lengths)
     by_lengths += scaled_second_moment(by_inner * inner_declines, z, z, lengths)
     steeper = (weights @ inner @ weights - misfit) / (noise * variance)
-    by_noise = -0.5 * (float(np.sum(inverse * inner)) + (count - len(z)) / noise + steeper - left / noise**2)
+    by_noise = -0.5 * (float(np.sum(inverse * inner)) + (count - len(z)) / noise + steeper - unexplained / noise**2)
     return float(bound), np.append(by_lengths, noise * by_noise)
 
 

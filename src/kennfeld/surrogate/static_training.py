@@ -10,7 +10,8 @@ from kennfeld.dataset import Dataset
 from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.gaussian_process import GaussianProcess, gaussian_process, plane_through
+from kennfeld.surrogate import baselines
+from kennfeld.surrogate.gaussian_process import GaussianProcess, gaussian_process
 from kennfeld.surrogate.rbf_fit import expand_data
 from kennfeld.surrogate.stopping import Stopped
 from kennfeld.surrogate.surrogate_models import Mode, StaticSurrogate, SurrogateQuality, quality_of
@@ -55,7 +56,7 @@ def train_static(
     wrong, uncertainty, remarks = np.zeros(len(y), dtype=bool), None, []
     if settings.method == "expansion":
         expansion = expand_data(x, y, min(settings.most_centres, max(len(x), 1)), seed=settings.seed)
-        validity, plane = Validity.around(x, x.std(0), settings.seed), plane_through(TrainingPoints.of(x, y))
+        validity, plane = Validity.around(x, x.std(0), settings.seed), baselines.plane(x, y)
         repeated = int(TrainingPoints.of(x, y).repeats.sum())
     else:
         blocks = recording_blocks(training, settings.seed)

@@ -50,12 +50,12 @@ class FilesOnDisk:
 
     def conflicts(self, names: Iterable[str], texts: Mapping[str, str]) -> list[Conflict]:
         """Return which of these files another program has changed to something else than the texts."""
-        found = []
+        conflicts = []
         for name in dict.fromkeys(names):
             disk = self._text(name)
             if disk is not None and disk not in (self.known.get(name), texts.get(name)):
-                found.append(Conflict(name, disk, texts.get(name, "")))
-        return found
+                conflicts.append(Conflict(name, disk, texts.get(name, "")))
+        return conflicts
 
     def _text(self, name: str) -> str | None:
         """Return the text of a file, with its line ends; None if it does not exist."""

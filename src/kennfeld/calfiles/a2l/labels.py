@@ -26,6 +26,7 @@ from kennfeld.calfiles.a2l.objects import (
 from kennfeld.calfiles.a2l.record_layout import AbsentError, LayoutRequest, PartOffsets, place_parts
 from kennfeld.calfiles.a2l.storage import SIZES, ObjectPart, StorageFormat, decode_raw, first_byte_order
 from kennfeld.calfiles.a2l.syntax import A2lError
+from kennfeld.calfiles.content import in_rising_order
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.verbal_values import kind_of_words
 from kennfeld.formatting import holds_control_characters
@@ -60,11 +61,10 @@ def sort_points(points: Float) -> tuple[Float, bool]:
     """Return breakpoints in rising order, and True if they fell; `A2lError` if they do neither."""
     if not np.all(np.isfinite(points)):
         raise A2lError("has breakpoints without a physical value")
+    rising, falls = in_rising_order(points)
+    if np.all(rising[1:] > rising[:-1]):
+        return rising, falls
     steps = np.diff(points)
-    if np.all(steps > 0):
-        return points, False
-    if np.all(steps < 0):
-        return points[::-1], True
     at = int(np.flatnonzero((steps <= 0) if steps[0] > 0 else (steps >= 0))[0]) if steps[0] else 0
     raise A2lError(
         f"has breakpoints that are not monotonic: number {at + 1} is {points[at]:g}, "
