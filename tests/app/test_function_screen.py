@@ -211,4 +211,6 @@ def test_a_data_driven_model_is_trained(torque: Path) -> None:
         page.wait_for_selector("[data-cell]")
         page.click("[data-screen=function]")
         page.wait_for_selector("[data-surrogate=engine] .tag.g", timeout=120_000)
-        assert page.locator("[data-surrogate=engine] table tbody tr:has-text('plane')").count() > 0
+        rows = page.locator("[data-surrogate=engine] table tbody tr").all_inner_texts()
+        modes = [row.split("\t")[1] for row in rows]
+        assert modes == ["static", "static", "plane", "plane", "leave one out", "plane left out"]

@@ -69,7 +69,8 @@ def reset_lag(*_: object) -> Trajectory:
         if time < _memory.time:
             _memory.y = 0.0
         elif time > _memory.time:
-            _memory.y += (time - _memory.time) / constant * (k * _memory.u - _memory.y)
+            rate = 1 / constant if constant else float("inf")  # as in C
+            _memory.y += (time - _memory.time) * rate * (k * _memory.u - _memory.y)
             _memory.y = 1.0 if _memory.y > limit else _memory.y
         _memory.time, _memory.u = time, u
         y[0] = _memory.y

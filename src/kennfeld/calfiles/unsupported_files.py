@@ -12,7 +12,6 @@ _MARKS = (
     (b"MDF ", "an MDF measurement"),
     (b"UnFinMF ", "an unfinished MDF measurement"),
     (b"PK\x03\x04", "a ZIP archive, such as .xlsx, .slx or .fmu"),
-    (b"\x7fELF", "an ELF program"),
 )
 _EXPORT_REMEDY = "Export it from that tool as DCM (.dcm) or CDFX (.cdfx)."
 _IMAGE_REMEDY = "Convert it to Intel HEX (.hex) or S-records (.s19), and pass the A2L file that describes it."
