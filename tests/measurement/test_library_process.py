@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.file_kind import MeasurementFile, locate
 from kennfeld.measurement.library_process import LibraryProcess, memory_bound
+from kennfeld.measurement.source import MeasurementFile, locate
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")
 

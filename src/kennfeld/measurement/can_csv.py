@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.files.recordings import can_csv_separator
 from kennfeld.formatting import count_noun
 from kennfeld.measurement.bus_frames import Frames, from_rows
 from kennfeld.measurement.csv_dialect import split_line
-from kennfeld.measurement.file_kind import MeasurementFile, can_csv_separator
+from kennfeld.measurement.source import MeasurementFile
 
 _TIMES = ("timestampepoch", "time stamp", "timestamp", "timestamps", "time")
 _BUSES = ("buschannel", "bus", "channel")
@@ -43,7 +44,7 @@ def read_frames(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     damaged: list[int] = []
     with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8-sig", errors="replace") as text:
         head = next(text, "").rstrip("\r\n")
-        separator = can_csv_separator(head.encode()) or ","
+        separator = can_csv_separator(head) or ","
         names = [name.strip().casefold() for name in split_line(head, separator)]
         for number, line in enumerate(text, 2):
             if not line.strip():

@@ -20,7 +20,7 @@ from threading import Lock
 from typing import IO, TYPE_CHECKING, Any
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory, limit_time, memory_bound
 from kennfeld.windows_job import WindowsJob
 

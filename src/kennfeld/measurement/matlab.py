@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.errors import Findings, InputError
+from kennfeld.files.containers import HDF5
 from kennfeld.formatting import join_names, size_text
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
+from kennfeld.measurement.source import MeasurementFile, locate
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 
@@ -61,7 +62,7 @@ def holds_samples(path: str | Path) -> bool:
 
 
 def _find_signals(source: MeasurementFile) -> MatlabSignals:
-    file = "HDF5 file" if source.kind is FileKind.HDF5 else "MATLAB file"
+    file = "HDF5 file" if source.format is HDF5 else "MATLAB file"
     try:
         return find_signals(_variables(source))
     except MatFileError as error:
@@ -75,7 +76,7 @@ def _find_signals(source: MeasurementFile) -> MatlabSignals:
 
 def _variables(source: MeasurementFile) -> dict[str, Node]:
     start = source.start(9)
-    if source.kind is FileKind.HDF5 or start == b"MATLAB 7.":
+    if source.format is HDF5 or start == b"MATLAB 7.":
         return mat_v73.load(source.path)
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
     return mat_v5.load(content) if start.startswith(b"MATLAB") else mat_v4.load(content)

@@ -8,7 +8,7 @@ from functools import singledispatch
 from typing import Any
 
 from kennfeld.calfiles import endings
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
+from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.project.document import format_toml
 from kennfeld.project.forms import (
     ChoiceForm,

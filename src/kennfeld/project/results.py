@@ -15,10 +15,10 @@ from kennfeld.arrays import Bool, Float, Int
 from kennfeld.atomic_files import replace_atomically, write_whole
 from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.dataset import Dataset
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.free_axes import free_axes
 from kennfeld.output_paths import below
 from kennfeld.parameter_set import ParameterSet
