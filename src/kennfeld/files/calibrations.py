@@ -23,7 +23,7 @@ _DCM_LINE = re.compile(
 )
 _IMAGE_RECORD = re.compile(r"\s*(?::[0-9A-Fa-f]{10}|S[0-9][0-9A-Fa-f]{6})")
 _PAR_TITLE = re.compile(r"\s*CANape PAR V\d")
-_ESDL_PACKAGE = re.compile(r"(?:\s|//[^\n]*|/\*.*?\*/)*package\s+[\w.]+\s*;", re.DOTALL)
+_ESDL_PACKAGE = re.compile(r"(?:\s++|//[^\n]*+|/\*.*?\*/)*+package\s+[\w.]+\s*;", re.DOTALL)
 _AMD_ROOTS = ("ComponentData", "ComponentMain", "ComponentImplementation", "Specifications", "Project")
 _ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:\[|(?!=)[^;\n]*(?:;|\.\.\.))")
 _HARMLESS = re.compile(r"(?:clear|clc|close|function|format|clearvars)\b[^:]*")

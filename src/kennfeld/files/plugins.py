@@ -1,12 +1,15 @@
 """Formats that other packages add by the entry point `kennfeld.formats`."""
 
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 from kennfeld.errors import Finding, Location, warn
-from kennfeld.files.file_format import FileFormat
+from kennfeld.files.file_format import FileFormat, Recogniser
+from kennfeld.files.head import FileHead
 
 GROUP = "kennfeld.formats"
+_REMEDY = "Update or uninstall it."
 
 
 @cache
@@ -25,11 +28,28 @@ def formats_of_plugins() -> tuple[FileFormat, ...]:
 def _loaded(entry: EntryPoint) -> FileFormat:
     loaded = entry.load()
     if not isinstance(loaded, FileFormat):
-        raise TypeError(f"{entry.value} is a {type(loaded).__name__}, not a FileFormat")
-    return loaded
+        raise TypeError(f"{entry.value} is of the type {type(loaded).__name__}, not FileFormat")
+    return loaded if loaded.recognises is None else replace(loaded, recognises=_guarded(loaded))
+
+
+def _guarded(known: FileFormat) -> Recogniser:
+    """Return the recogniser of a format; if it fails, that is said once and the file is of another format."""
+    is_broken = False
+
+    def recognises(head: FileHead) -> bool:
+        nonlocal is_broken
+        try:
+            return not is_broken and known.recognises is not None and bool(known.recognises(head))
+        except Exception as error:  # of any kind: it is foreign code
+            is_broken = True
+            message = f"the format {known.name} cannot recognise files ({type(error).__name__}: {error})"
+            warn([Finding(Location(), message, _REMEDY, severity="warning")])
+            return False
+
+    return recognises
 
 
 def _broken(entry: EntryPoint, error: Exception) -> Finding:
     package = "" if entry.dist is None else f" of the package {entry.dist.name}"
     message = f"the format {entry.name}{package} cannot be loaded ({type(error).__name__}: {error})"
-    return Finding(Location(), message, "Update or uninstall it.", severity="warning")
+    return Finding(Location(), message, _REMEDY, severity="warning")

@@ -2,8 +2,8 @@
 
 import re
 
-_NUMBER = r"[+-]?(?:\d[\d.]*|\.\d+)(?:[eE][+-]?\d+)?"
-_ROW = re.compile(rf"\s*\"?{_NUMBER}\"?\s*(?:[,;\t|]\s*\"?(?:{_NUMBER})?\"?\s*)+")
+_SEPARATOR = re.compile(r"[,;\t|]")
+_NUMBER = re.compile(r"[+-]?(?:\d[\d.]*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 def is_row(line: str) -> bool:
@@ -12,4 +12,6 @@ def is_row(line: str) -> bool:
     >>> is_row("0.1;1000;;80"), is_row("3 y[-] = 2 * x"), is_row("x = 3")
     (True, False, False)
     """
-    return _ROW.fullmatch(line) is not None
+    first, *others = (cell.strip(' "') for cell in _SEPARATOR.split(line))
+    numbers = all(not cell or _NUMBER.fullmatch(cell) for cell in others)
+    return bool(others) and _NUMBER.fullmatch(first) is not None and numbers

@@ -3,7 +3,7 @@
 import re
 
 _PROLOG = 20_000  # characters before the root
-_BEFORE = re.compile(r"<\?.*?\?>|<!--.*?-->|<!DOCTYPE\b(?:[^\[>]|\[.*?\])*>", re.DOTALL | re.IGNORECASE)
+_BEFORE = re.compile(r"<\?.*?\?>|<!--.*?-->|<!DOCTYPE\b(?:[^\[>]++|\[.*?\])*+>", re.DOTALL | re.IGNORECASE)
 _ROOT = re.compile(r"\s*<(?:[\w.-]+:)?([A-Za-z_][\w.-]{0,60})(?=[\s/>])")
 
 
