@@ -51,7 +51,7 @@ def test_steps_do_not_hold_the_search_up():
     assert end.cost == 1.0
 
 
-@pytest.mark.parametrize(("size", "evaluations"), [(2, 1_000), pytest.param(3, 20_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("size", "evaluations"), [(2, 2_000), pytest.param(3, 20_000, marks=pytest.mark.slow)])
 def test_restarts_find_the_lowest_of_many_valleys(size, evaluations):
     """Some seeds end in another valley at first; which ones depends on the version of the library."""
 
