@@ -5,6 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.trust.persistence import LaggedProducts, inflation, lagged_products, persistence
+from tests.draws import mostly_slow
 
 
 def recordings(memory, samples, count, seed=0):
@@ -135,7 +136,7 @@ def fitted_curve(samples, breakpoints, seed, *, steady):
     return result.trust, np.mean(away < 2 * result.trust.deviation["C"])
 
 
-@pytest.mark.parametrize("steady", [True, False])
+@pytest.mark.parametrize("steady", mostly_slow([True, False], 1))
 def test_a_fit_of_several_values_takes_no_persistence_away(steady):
     trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(8)]
     assert np.mean([trust.persistence["m"] for trust in trusts]) == pytest.approx(19.0, rel=0.15)
@@ -146,7 +147,7 @@ def test_a_fit_of_several_values_takes_no_persistence_away(steady):
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "breakpoints"), [(3000, 8), (5000, 20)])
 def test_two_deviations_contain_values_fitted_to_errors_that_last(samples, breakpoints):
-    inside = [fitted_curve(samples, breakpoints, seed, steady=True)[1] for seed in range(60)]
+    inside = [fitted_curve(samples, breakpoints, seed, steady=True)[1] for seed in range(40)]
     assert 0.93 < np.mean(inside) < 0.975
 
 
