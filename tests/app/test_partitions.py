@@ -100,7 +100,7 @@ def test_a_run_uses_the_processes_of_the_project(tmp_path: Path) -> None:
 
 
 def test_a_run_is_stopped_at_its_best_values(tmp_path: Path) -> None:
-    session = Session(write_project(tmp_path, optimizer="\n[optimizer]\nmax_iterations = 5000\ntolerance = 1e-300\n"))
+    session = Session(write_project(tmp_path, optimizer="\n[optimizer]\nstarts = 100\n"))
     session.run()
     wait(session, lambda: len(session.job.trace) > 0 or session.job.state != "running")
     session.stop()
@@ -128,7 +128,7 @@ def test_a_scheduler_that_does_not_answer_fails_the_run_alone(tmp_path: Path, mo
 @needs_dask
 def test_processes_of_a_run_end_with_the_session(tmp_path: Path) -> None:
     processes = pytest.importorskip("psutil", reason="psutil is not installed")
-    session = Session(write_project(tmp_path, PARTITIONS + "workers = 2\n", "\n[optimizer]\ntolerance = 1e-300\n"))
+    session = Session(write_project(tmp_path, PARTITIONS + "workers = 2\n", "\n[optimizer]\nstarts = 100\n"))
     session.run()
     wait(session, lambda: bool(session.job.trace) or session.job.state != "running")
     assert session._running is not None
