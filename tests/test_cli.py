@@ -429,6 +429,7 @@ class TestCtrlC:
         cli.run(["calibrate", str(growth)])
         assert [signal.getsignal(getattr(signal, name)) for name in ENDING] == before
 
+    @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
     def test_reaches_a_running_process(self, growth):
         running = subprocess.Popen(
@@ -509,6 +510,7 @@ class TestRequestsToEnd:
         _, err = running.communicate(timeout=60)
         assert (running.returncode, err) == (130, "")
 
+    @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
     def test_a_terminal_that_closes_loses_no_result(self, growth):
         terminal, other_end = os.openpty()

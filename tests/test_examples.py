@@ -384,7 +384,15 @@ LONG_DOCUMENTS = [ROOT / "docs" / name for name in sorted(LONG)]
 LONGEST_DOCUMENTS = [ROOT / "docs" / name for name in sorted(LONGEST)]
 
 
-@pytest.mark.parametrize("document", [path for path in WITH_COMMANDS if path not in LONG_DOCUMENTS], ids=document_name)
+@pytest.mark.parametrize(
+    "document",
+    [
+        pytest.param(path, marks=pytest.mark.slow if path.name == "surrogates.md" else ())
+        for path in WITH_COMMANDS
+        if path not in LONG_DOCUMENTS
+    ],
+    ids=document_name,
+)
 def test_commands_shown_work(document, workplace, monkeypatch, demos):
     run_all(document, workplace(document), monkeypatch, demos)
 
