@@ -336,6 +336,7 @@ class TestBadInput:
 
 class TestCalibrate:
     def test_ends_with_a_table_and_the_place_of_the_results(self, folder, project, capsys):
+        change(project, 'continuation = "auto"', 'continuation = "off"')
         assert cli.run(["calibrate", str(project)]) == 0
         out, err = capsys.readouterr()
         assert "RMSE before" in out.splitlines()[0]
@@ -383,6 +384,7 @@ class TestHowManyValues:
         assert cli.run(["check", str(project)]) == 0
         counted = int(capsys.readouterr().out.splitlines()[1].split()[0])
         change(project, "[optimizer]", "[optimizer]\nmax_iterations = 1")
+        change(project, 'continuation = "auto"', "")
         cli.run(["calibrate", str(project)])
         found = json.loads((folder / "results" / "result.json").read_text(encoding="utf-8"))
         assert found["values"]["free"] == counted < found["values"]["free"] + found["values"]["fixed"]
@@ -427,6 +429,7 @@ class TestCtrlC:
         cli.run(["calibrate", str(growth)])
         assert [signal.getsignal(getattr(signal, name)) for name in ENDING] == before
 
+    @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
     def test_reaches_a_running_process(self, growth):
         running = subprocess.Popen(
@@ -507,6 +510,7 @@ class TestRequestsToEnd:
         _, err = running.communicate(timeout=60)
         assert (running.returncode, err) == (130, "")
 
+    @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
     def test_a_terminal_that_closes_loses_no_result(self, growth):
         terminal, other_end = os.openpty()
@@ -614,7 +618,7 @@ class TestResume:
         pytest.fail("it never came")
 
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
-    @pytest.mark.parametrize("starts", [1, pytest.param(12, marks=pytest.mark.slow)])
+    @pytest.mark.parametrize("starts", [1, pytest.param(6, marks=pytest.mark.slow)])
     def test_goes_on_after_a_process_was_killed(self, folder, project, capsys, starts):
         steps = "[[step]]\ngrid_reduction = 2\n[[step]]\n"
         change(project, "[optimizer]", f"{steps}[optimizer]\nsave_every = 3\nstarts = {starts}")
@@ -631,7 +635,7 @@ class TestResume:
         assert not (folder / "results" / "result.json").exists()
         assert len(workers) == (0 if starts == 1 else 2) or sys.platform != "linux"
         self.wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
-        fewer = f"starts = {min(starts, 3)}\nmax_iterations = 1000\ncontinuation = 'off'"
+        fewer = f"starts = {min(starts, 3)}\nmax_iterations = 1000\ntolerance = 1e-3\ncontinuation = 'off'"
         change(project, f"starts = {starts}", fewer)
         change(project, 'continuation = "auto"', "")
         assert cli.run(["calibrate", str(project), "--resume"]) == 0
