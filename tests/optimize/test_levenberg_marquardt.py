@@ -340,6 +340,11 @@ def test_a_descent_from_values_that_fit_exactly_converges(small):
         assert near.status == "converged"
 
 
+def test_a_lower_cost_close_by_is_no_minimum_though_the_costs_rise_farther_away():
+    objective = Residuals(lambda p: p - 1, lambda p: -np.eye(1))  # the derivative has the wrong sign
+    assert descend(objective, [1.2]).status == "failed"
+
+
 def test_the_curvature_along_a_step_needs_no_derivatives():
     problem, calls = rosenbrock(), []
     slopes = problem.jacobian
