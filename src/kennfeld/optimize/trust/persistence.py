@@ -77,7 +77,7 @@ class LaggedProducts:
             mean: subtracted from the errors.
             lags: the greatest lag.
         """
-        products = cls(*np.zeros((3, lags + 1)), mean)
+        products = cls(np.zeros(lags + 1), np.zeros(lags + 1), np.zeros(lags + 1), mean)
         known = np.isfinite(errors)
         centred, spectra = np.where(known, errors - mean, 0.0), _CrossSpectra()
         for a, b in pairwise([*(int(start) for start in starts), errors.size]):
