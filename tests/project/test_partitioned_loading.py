@@ -169,13 +169,14 @@ target = { channel = "m" }
 """
 
 
-def write_lasting(folder):
-    """Two recordings of 400 samples whose errors last, and a curve over a slow input that takes part of them."""
+def write_lasting(folder, memories=(0.95, 0.95), offset=0.0):
+    """Recordings of 400 samples whose errors last, and a curve over a slow input that takes part of them."""
     random = np.random.default_rng(0)
-    for number in range(2):
+    for number, memory in enumerate(memories):
         errors = np.zeros(400)
         for k in range(1, 400):
-            errors[k] = 0.95 * errors[k - 1] + random.normal()
+            errors[k] = memory * errors[k - 1] + random.normal()
+        errors += offset * number
         x = np.linspace(0, 1, 400)
         rows = [f"{0.1 * k:.3f},{x[k]:.6f},{x[k] + errors[k]:.6f}" for k in range(400)]
         (folder / f"run_{number}.csv").write_text("\n".join(["time,x,m", *rows]) + "\n", encoding="utf-8")
@@ -191,6 +192,14 @@ def test_what_a_fit_takes_from_lasting_errors_is_corrected_in_partitions_as_well
     assert group.correlation.window == 1  # it was corrected, and counts as white since then
     assert parted.persistence == pytest.approx(plain.persistence, rel=0.1)
     np.testing.assert_allclose(parted.deviation["C"], plain.deviation["C"], rtol=0.05)
+
+
+@pytest.mark.parametrize(("memories", "offset"), [((0.95, 0, 0), 0.0), ((0, 0, 0), 0.5)])
+def test_errors_that_last_in_one_file_or_differ_between_files_persist_in_partitions_as_well(tmp_path, memories, offset):
+    path = write_lasting(tmp_path, memories, offset)
+    plain, parted = (project.calibrate().trust for project in (Project.read(path), in_partitions(path, 400)))
+    assert plain.persistence["y"] > 10
+    assert parted.persistence == pytest.approx(plain.persistence, rel=0.1)
 
 
 def test_the_place_of_a_derivative_that_is_not_finite_is_named_in_partitions_as_well(tmp_path):

@@ -161,3 +161,20 @@ def test_a_limit_that_is_not_reached_changes_no_persistence():
     limited = kf.calibrate("m = C(u)", data, start, target="y", limits=[kf.Limit("m", upper=top * (1 + 1e-7))]).trust
     assert limited.holdings
     assert limited.persistence["m"] == pytest.approx(free.persistence["m"], rel=1e-3)
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_products_of_parts_about_their_own_means_are_those_of_the_whole(gaps):
+    errors = np.cumsum(np.random.default_rng(0).normal(size=60)) + 40
+    if gaps:
+        errors[[3, 17, 18, 41]] = np.nan
+    starts, mean = [0, 20, 50], float(np.nanmean(errors))
+    whole = LaggedProducts.of(errors, starts, mean, 29)
+    parts = [LaggedProducts.of(errors[a:b], [0], 38.0 + a / 10, b - a - 1) for a, b in ((0, 20), (20, 50), (50, 60))]
+    for later in parts[1:]:
+        parts[0].merge(later)
+    merged = parts[0].centred
+    assert merged.mean == pytest.approx(mean)
+    np.testing.assert_allclose(merged.pairs, whole.pairs)
+    np.testing.assert_allclose(merged.sums, whole.sums, atol=1e-9)
+    np.testing.assert_allclose(merged.ends, whole.ends, atol=1e-9)
