@@ -116,7 +116,7 @@ def _load_external_data(model: Any, path: Path) -> None:
 
 
 def _external_bytes(path: Path, tensor: str, entries: Mapping[str, str]) -> bytes:
-    name, location = entries.get("location", ""), Location.of_file(path, path=tensor)
+    name, location = entries.get("location", ""), Location.of_file(path).within(tensor)
     folder = path.parent.resolve()
     try:
         file = (folder / name).resolve()
