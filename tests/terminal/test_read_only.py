@@ -60,7 +60,7 @@ def run_as_nobody(folder, arguments):
                     os.setgid(NOBODY)
                     os.setuid(NOBODY)
                 os.chdir(folder)
-                sys.stdout = sys.stderr = open(printed.fileno(), "w", closefd=False)  # noqa: SIM115
+                sys.stdout = sys.stderr = open(printed.fileno(), "w", encoding="utf-8", closefd=False)  # noqa: SIM115
                 status = cli.run(arguments)
                 sys.stdout.flush()
             finally:

@@ -5,6 +5,7 @@ opens it. Python reports each one before it is opened (PEP 578).
 """
 
 import os
+import pathlib
 import stat
 import sys
 from contextlib import suppress
@@ -30,7 +31,7 @@ def _check(event: str, arguments: tuple[Any, ...]) -> None:
 def is_special(path: str) -> bool:
     """Return True for what is neither a file nor a folder, except for an empty device and the user's own streams."""
     with suppress(OSError, ValueError):
-        mode = os.stat(path).st_mode
+        mode = pathlib.Path(path).stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             return path != os.devnull and not path.startswith(_STREAMS)
     return False
