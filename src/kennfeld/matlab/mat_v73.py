@@ -2,15 +2,23 @@
 
 MATLAB reverses the dimensions of arrays. A struct is a group, an array of structs a group of datasets of references, a
 cell array one dataset of references; the attribute MATLAB_class names the class.
+
+The library may crash on damaged files, so that `load_guarded` is the one to call; the others are for its process.
 """
 
 import math
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from kennfeld.errors import Location
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.library_process import LibraryFailure, LibraryProcess
 from kennfeld.matlab import mat_nodes as n
+
+LIBRARY = LibraryProcess("HDF5")
 
 _MAX_DEPTH = 50
 _MAX_DIMENSIONS = 32
@@ -22,6 +30,35 @@ _NUMBERS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("",
 def load(path: Path | BinaryIO, max_bytes: int = n.MAX_BYTES) -> dict[str, n.Node]:
     """Read the variables; raises `MatFileError` if the file is damaged or claims more than it can hold."""
     return _load_file(path, _Loader(max_bytes, n.MAX_NODES), False).whole().variables
+
+
+@dataclass(frozen=True)
+class _Content:
+    """The bytes of a file, which the caller names in its own findings."""
+
+    content: bytes
+
+    @property
+    def size(self) -> int:
+        return len(self.content)
+
+    @property
+    def location(self) -> Location:
+        return Location()
+
+
+def load_guarded(content: bytes, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:
+    """Read the same as `load_all` in a process that may crash; then the whole file is lost."""
+    try:
+        loaded: n.MatFileContent = LIBRARY.attempt(_load_content, _Content(content), max_bytes, max_nodes)
+    except LibraryFailure as failure:
+        loaded = n.MatFileContent()
+        loaded.lose(str(failure))
+    return loaded
+
+
+def _load_content(source: _Content, max_bytes: int, max_nodes: int) -> n.MatFileContent:
+    return load_all(BytesIO(source.content), max_bytes, max_nodes)
 
 
 def load_all(path: Path | BinaryIO, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:

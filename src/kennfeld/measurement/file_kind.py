@@ -206,9 +206,9 @@ def locate(path: str | Path, sheet: str | None = None) -> MeasurementFile:
         remedy = "Check the path: the folder does not exist."
         if file.parent.is_dir():
             remedy = nearest_file(file) or "Check the path."
-        raise InputError.of(Location(str(file)), "there is no such file", remedy)
+        raise InputError.of(Location.of_file(file), "there is no such file", remedy)
     if file.is_dir():
-        raise InputError.of(Location(str(file)), "this is a folder", "Name a file in it.")
+        raise InputError.of(Location.of_file(file), "this is a folder", "Name a file in it.")
     kind, packed = detect_kind(file)
     return MeasurementFile(file, kind, packed, sheet or None)
 

@@ -18,7 +18,6 @@ from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.file_kind import MeasurementFile
-from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.pandas_frames import DateOrigin, frame_channels, is_stored_frame
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
@@ -40,7 +39,6 @@ from kennfeld.measurement.variable_attributes import (
 )
 from kennfeld.process_limits import memory_bound
 
-_LIBRARY = LibraryProcess("HDF5")
 _MAX_OBJECTS = 100_000
 _MAX_DEPTH = 20
 _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
@@ -48,14 +46,14 @@ _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each raster that has a requested channel."""
-    tables: list[Table] = _LIBRARY.call(read_by_library, source, selection)
+    tables: list[Table] = mat_v73.LIBRARY.call(read_by_library, source, selection)
     return tables
 
 
 def read_by_library(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return the tables; the process should be one that may crash or hang."""
     if _is_matlab(source):
-        return matlab.read_tables(source, selection)
+        return matlab.tables_by_library(source, selection)
     return _with_file(
         source,
         lambda content: tables_of(source, content.groups, selection, unnamed_matrices(content.matrices)),
@@ -64,15 +62,23 @@ def read_by_library(source: MeasurementFile, selection: Selection) -> list[Table
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each raster."""
-    descriptions: list[TableDescription] = _LIBRARY.call(describe_by_library, source)
+    descriptions: list[TableDescription] = mat_v73.LIBRARY.call(describe_by_library, source)
     return descriptions
 
 
 def describe_by_library(source: MeasurementFile) -> list[TableDescription]:
     """Return the descriptions as `read_by_library` does."""
     if _is_matlab(source):
-        return matlab.describe_tables(source)
+        return matlab.descriptions_by_library(source)
     return [describe_table(table) for table in read_by_library(source, Selection())]
+
+
+def is_of_matlab(source: MeasurementFile) -> bool:
+    """Return True if MATLAB wrote a file; False also if it is damaged."""
+    try:
+        return bool(mat_v73.LIBRARY.call(_is_matlab, source))
+    except InputError:
+        return False
 
 
 def _is_matlab(source: MeasurementFile) -> bool:

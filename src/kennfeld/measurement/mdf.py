@@ -20,12 +20,12 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun, join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.library_process import LibraryProcess
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.library_conversions import conversion_of
-from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.mdf_bus import event_of, is_of_event, read_frames
 from kennfeld.measurement.mdf_conversions import ConversionKind, MdfConversion, UnsupportedConversionError

@@ -68,4 +68,4 @@ def find_kinks(compiled: CompiledProblem, marks: Bool) -> list[Finding]:
         "to both sides, and the deviation is that of one of them"
     )
     remedy = "Set a bound there, or write the function without the kink."
-    return [Finding(Location(problem.model.source), message, remedy, severity="warning")]
+    return [Finding(Location.of_file(problem.model.source), message, remedy, severity="warning")]

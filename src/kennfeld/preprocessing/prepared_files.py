@@ -37,6 +37,7 @@ from kennfeld.preprocessing.units import Units
 CHECKED = 0.02  # share of the size limit that is written between two checks of the folder
 _written: dict[Path, int] = {}  # bytes since the last check, by folder
 ENDING = ".columns"
+_MARKED = 60_000_000_000  # ns between two marks of an entry that is used
 _ATTRIBUTES = ("use", "weight", "weight_channel", "max_gap", "warmup")
 
 
@@ -253,9 +254,11 @@ def _release_memory() -> None:
 
 
 def touch(path: Path) -> None:
-    """Mark an entry as used now, without a change of its content."""
+    """Mark an entry as used now, to the minute: each mark changes the file, whose checksum is computed again then."""
     with suppress(OSError):
-        os.utime(path, ns=(time.time_ns(), path.stat().st_mtime_ns))
+        stat, now = path.stat(), time.time_ns()
+        if abs(now - stat.st_atime_ns) > _MARKED:
+            os.utime(path, ns=(now, stat.st_mtime_ns))
 
 
 def _columns(prepared: PreparedFile) -> Iterator[NDArray[Any]]:

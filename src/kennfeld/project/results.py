@@ -213,7 +213,9 @@ def read_shifts(folder: Path) -> dict[str, dict[str, float]]:
         }
     except (OSError, ValueError, TypeError, AttributeError) as error:
         message = f"its shifts cannot be read ({error})"
-        raise InputError.of(Location(str(path)), message, "Calibrate again, or move the calibration file.") from error
+        raise InputError.of(
+            Location.of_file(path), message, "Calibrate again, or move the calibration file."
+        ) from error
 
 
 def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:

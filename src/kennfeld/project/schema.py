@@ -530,6 +530,7 @@ def read_project(path: Path, unsaved: Mapping[str, str] | None = None) -> Projec
     """
     unsaved = unsaved or {}
     root = open_sections(path, unsaved.get(path.name))
+    path = path.absolute()  # the present folder may be another one when the files of the project are read
     if is_training(root.values):
         message = "this is a training file, not a project"
         raise InputError.of(root.location, message, "Run `kennfeld surrogate train`.")

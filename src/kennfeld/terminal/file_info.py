@@ -13,7 +13,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.foreign_content import identify_foreign
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.file_kind import FileKind, detect_kind
+from kennfeld.measurement.file_kind import FileKind, detect_kind, locate
 from kennfeld.models.function_files import kind_of, split_reference
 from kennfeld.models.simulink.reader.recognition import recognises_simulink
 from kennfeld.project.toml_file import is_training, read_toml
@@ -152,23 +152,17 @@ def _is_calibration(file: _InputFile) -> bool:
         from kennfeld.calfiles.excel.layout import is_calibration_workbook
 
         return is_calibration_workbook(_whole(file.path))
-    if file.kind is FileKind.HDF5 and not _is_of_matlab(file.path):
-        return False
+    if file.kind is FileKind.HDF5:
+        from kennfeld.measurement import hdf5
+
+        if not hdf5.is_of_matlab(locate(file.path)):
+            return False
     if file.kind in (FileKind.MATLAB, FileKind.HDF5, FileKind.OTHER) and file.path.stat().st_size < _MAX_MAT_SIZE:
         from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat
 
         source = _whole(file.path)
         return recognises_mat(source) and is_calibration_mat(source)
     return file.kind in _CALIBRATION_KINDS or _is_calibration_text(file)
-
-
-def _is_of_matlab(path: Path) -> bool:
-    from kennfeld.matlab import mat_v73
-
-    try:
-        return mat_v73.is_matlab(path)
-    except Exception:  # of many kinds: the library trusts what it reads; the reader of measurements reports it
-        return False
 
 
 def _whole(path: Path) -> CalibrationSource:
