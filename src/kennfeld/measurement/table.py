@@ -7,6 +7,7 @@ so they become NaN), and of the markers that a driver or the logger set while re
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
+from datetime import datetime
 from typing import TypeVar
 
 import numpy as np
@@ -61,6 +62,7 @@ class Column:
     texts: tuple[tuple[int, object], ...] = ()
     text_count: int = 0
     dated: bool = False
+    origin: datetime | None = None  # the instant that dates count from, if it is known; as `Dataset.start_time`
     held: bool = False  # a value is valid until the next sample, so that nothing is interpolated
     description: str = ""
     words: tuple[int, str] = (0, "")  # how many words such as OFF among numbers are missing values, and the first
@@ -98,6 +100,7 @@ class Table:
     clock_index: int | None = None  # of the time column if the format itself defines it
     staggered: bool = False  # times of groups that differ by a constant are different times
     restarts: bool = False  # time that falls begins a new piece, as in a log that continues after a restart
+    start_time: datetime | None = None  # the instant of time 0, if the file states it apart from its time column
 
     @property
     def clock(self) -> Column | None:
@@ -195,9 +198,9 @@ class ColumnBuilder:
 
     def build(self) -> Column:
         """Return the column of all cells taken."""
-        doubt, words = "", (0, "")
+        doubt, words, origin = "", (0, ""), None
         if self._dated and self._stamps is not None:
-            values, doubt = self._stamps.build(), self._stamps.doubt
+            values, doubt, origin = self._stamps.build(), self._stamps.doubt, self._stamps.origin
         else:
             values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
             words = self._without_truths(values)
@@ -210,6 +213,7 @@ class ColumnBuilder:
             tuple(self._texts),
             self._text_count,
             self._dated,
+            origin,
             words=words,
             doubt=doubt,
         )

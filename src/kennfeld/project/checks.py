@@ -283,6 +283,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_idle(file, problem),
         *_names(file, problem),
         *_unread_class(file),
+        *_unwritten_simulation(file, problem),
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *_restarts(problem, locations)]
@@ -464,6 +465,14 @@ def _unread_class(file: ProjectFile) -> Iterator[_Warning]:
         if ending in file.calibration.output and not any(name.lower().endswith(ending) for name in read):
             message = f"{ending[1:]} requires such a file as the function or among the initial files"
             yield file.location("calibration", "output"), message, "Write another format."
+
+
+def _unwritten_simulation(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Yield formats of the simulation that a calibration in partitions does not write."""
+    if file.calibration.results and problem.partitions is not None:
+        message = "the simulation of data in partitions is not among the results"
+        remedy = "`kennfeld simulate -o simulation.mf4` writes it."
+        yield file.location("calibration", "results"), message, remedy
 
 
 def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:

@@ -91,6 +91,11 @@ class Project:
         return tuple(self.file.surrogates)
 
     @property
+    def simulation_formats(self) -> tuple[str, ...]:
+        """File extensions in which a calibration writes its simulation beside Parquet."""
+        return self.file.calibration.results
+
+    @property
     def is_partitioned(self) -> bool:
         """True if data are evaluated in partitions; their simulation is not a part of the results."""
         if self.load is not None:

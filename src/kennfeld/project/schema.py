@@ -36,6 +36,7 @@ from kennfeld.project.value_forms import (
     Lock,
     LockForm,
     OutputForm,
+    SimulationsForm,
     StepCriteriaForm,
     TargetEntry,
     TargetForm,
@@ -172,6 +173,12 @@ class CalibrationEntry:
         "block path with spaces in DCM, is omitted from that file, and `kennfeld check` reports it beforehand",
         (),
         form=OutputForm(),
+    )
+    results: tuple[str, ...] = key(
+        'formats of the simulation that are written beside `simulation.parquet`: `"mf4"`, `"mat"`, `"csv"`; see '
+        "[simulation for other tools](results.md#simulation-for-other-tools)",
+        (),
+        form=SimulationsForm(),
     )
     free: tuple[str, ...] = key("which parameters to fit, by pattern", ("*",), holds="parameter")
 

@@ -39,9 +39,6 @@ result.parameters.save(folder / {parameters!r})
 '''
 
 
-SIMULATIONS = (".parquet", ".csv")
-
-
 def formats(session: Session, given: Given) -> Answer:
     """Return the extensions that values can be written as, those of the project first."""
     own = () if session.project is None else session.project.formats
@@ -154,7 +151,7 @@ def _export(session: Session, project: Project | None, given: Given, script: tup
 
 def _write_simulation(session: Session, project: Project, ending: str) -> Path:
     """Write every node over every dataset at the present values, as `kennfeld simulate` does."""
-    from kennfeld.project.results import write_simulation
+    from kennfeld.project.simulation_files import SIMULATIONS, write_simulation
 
     if ending not in SIMULATIONS:
         raise ArgumentError(f"unknown format {ending!r} of a simulation")
