@@ -24,9 +24,11 @@ class HeaderTime(NamedTuple):
 
     @classmethod
     def of(cls, start: datetime) -> "HeaderTime":
-        """Return the fields of a start time; one without a time zone is marked as local time."""
+        """Return the fields of a start time: local time without a time zone; none before 1970, which has no number."""
         offset = start.utcoffset()
         nanoseconds = (start.replace(tzinfo=start.tzinfo or UTC) - _EPOCH) // timedelta(microseconds=1) * 1000
+        if nanoseconds < 0:
+            return cls(0)
         if offset is None:
             return cls(nanoseconds, flags=_LOCAL)
         return cls(nanoseconds, offset // timedelta(minutes=1), flags=_WITH_OFFSETS)
