@@ -28,7 +28,7 @@ class Line:
     """What results need of a project: formats, and a simulation of two datasets, one of them in time."""
 
     formats = (".dcm",)
-    simulation_formats = ()
+    further_results = ()
     surrogates = ()
     is_partitioned = False
 
@@ -288,7 +288,7 @@ def test_an_interrupt_while_writing_leaves_the_old_files(result, tmp_path, monke
 
     class Interrupted(Line):
         formats = (".dcm",)
-        simulation_formats = ()
+        further_results = ()
         surrogates = ()
 
     def stops(*_):

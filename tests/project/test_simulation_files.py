@@ -226,7 +226,7 @@ def test_a_calibration_writes_them_among_its_results(folder, recorded):
 def test_an_unknown_format_is_named_with_the_nearest(folder):
     text = PROJECT.replace('["mf4", "mat"]', '["mf5"]')
     (folder / "kennfeld.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"results: unknown simulation format 'mf5'\. Did you mean mf4"):
+    with pytest.raises(InputError, match=r"results: unknown result format 'mf5'\. Did you mean mf4"):
         Project.read(folder / "kennfeld.toml")
 
 

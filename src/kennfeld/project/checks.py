@@ -48,6 +48,7 @@ from kennfeld.preprocessing.units import compare_units, is_unit_missing
 from kennfeld.project.model import coordinates_of, read_function
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.seen_data import seen_test_data
+from kennfeld.project.simulation_files import SIMULATIONS
 from kennfeld.project.value_forms import DIRECTIONS
 
 MAX_HELD_SAMPLES = 100_000_000  # each takes 8 bytes per channel
@@ -469,7 +470,8 @@ def _unread_class(file: ProjectFile) -> Iterator[_Warning]:
 
 def _unwritten_simulation(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
     """Yield formats of the simulation that a calibration in partitions does not write."""
-    if file.calibration.results and problem.partitions is not None:
+    simulations = [ending for ending in file.calibration.results if ending in SIMULATIONS]
+    if simulations and problem.partitions is not None:
         message = "the simulation of data in partitions is not among the results"
         remedy = "`kennfeld simulate -o simulation.mf4` writes it."
         yield file.location("calibration", "results"), message, remedy

@@ -50,7 +50,7 @@ from kennfeld.project.model import (
 from kennfeld.project.parameter_tables import Tables, build_tables
 from kennfeld.project.partitioned_loading import PartitionedLoading
 from kennfeld.project.schema import ProjectFile
-from kennfeld.project.simulation_files import require_simulation_format
+from kennfeld.project.simulation_files import SIMULATIONS, require_simulation_format
 from kennfeld.project.steps import build_steps, uncovered_values
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ class ProblemBuilder:
 
     def _check_results(self) -> None:
         """Report formats of the simulation whose package is missing, before a search rather than after it."""
-        for ending in self.file.calibration.results:
+        for ending in (each for each in self.file.calibration.results if each in SIMULATIONS):
             try:
                 require_simulation_format(Path(f"simulation{ending}"))
             except InputError as error:

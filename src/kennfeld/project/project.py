@@ -91,8 +91,8 @@ class Project:
         return tuple(self.file.surrogates)
 
     @property
-    def simulation_formats(self) -> tuple[str, ...]:
-        """File extensions in which a calibration writes its simulation beside Parquet."""
+    def further_results(self) -> tuple[str, ...]:
+        """File extensions of the further results of a calibration."""
         return self.file.calibration.results
 
     @property

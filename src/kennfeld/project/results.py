@@ -12,9 +12,11 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
-from kennfeld.calfiles import unwritable
+from kennfeld.calfiles import compare, unwritable
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
+from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
+from kennfeld.calfiles.label_list import write_label_list
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.free_axes import free_axes
@@ -41,6 +43,7 @@ MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third powe
 
 FOLDER = "results"  # beside the project file
 RESULT = "result.json"
+CHANGES = f"changed{LABEL_LIST}"
 VALIDATION = "cross_validation"  # its key of a cross-validation
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
@@ -110,8 +113,8 @@ class ResultSource(Protocol):
         """File extensions of the calibration formats to write, such as `.dcm`."""
 
     @property
-    def simulation_formats(self) -> Sequence[str]:
-        """File extensions in which the simulation is written beside Parquet, such as `.mf4`."""
+    def further_results(self) -> Sequence[str]:
+        """File extensions of further results: of simulations such as `.mf4`, or `.lab` of the changed labels."""
 
     @property
     def surrogates(self) -> Collection[str]:
@@ -166,10 +169,14 @@ def write(
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         if simulation is not None:
-            for ending in dict.fromkeys((".parquet", *project.simulation_formats)):
-                remarks = _write_simulation(simulation, scratch / f"simulation{ending}")
+            for ending in dict.fromkeys((".parquet", *project.further_results)):
+                remarks = () if ending == LABEL_LIST else _write_simulation(simulation, scratch / f"simulation{ending}")
                 if findings is not None:
                     findings.add(*remarks)
+        if LABEL_LIST in project.further_results:
+            remarks = _write_changes(result, project.surrogates, scratch / CHANGES)
+            if findings is not None:
+                findings.add(*remarks)
         names = sorted(path.name for path in scratch.iterdir() if path.name != LOCK)
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
@@ -232,6 +239,14 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
             raise
         warnings = [replace(f, remedy="parameters.json has it.", severity="warning") for f in skipped.values()]
         return [*warnings, *write_parameters(parameters.without(skipped), path)]
+
+
+def _write_changes(result: "Result", surrogates: Collection[str], path: Path) -> Sequence[Finding]:
+    """Write the names of the parameters and group axes that a calibration has changed as a label list."""
+    before, after = (parameters.without(surrogates) for parameters in (result.start, result.parameters))
+    text, findings = write_label_list(compare(before, after).labels, path.name)
+    path.write_text(text, encoding="utf-8", newline="")
+    return findings
 
 
 def _write_simulation(simulation: Simulation, path: Path) -> Sequence[Finding]:

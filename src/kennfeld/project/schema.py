@@ -36,7 +36,7 @@ from kennfeld.project.value_forms import (
     Lock,
     LockForm,
     OutputForm,
-    SimulationsForm,
+    ResultsForm,
     StepCriteriaForm,
     TargetEntry,
     TargetForm,
@@ -175,12 +175,18 @@ class CalibrationEntry:
         form=OutputForm(),
     )
     results: tuple[str, ...] = key(
-        'formats of the simulation that are written beside `simulation.parquet`: `"mf4"`, `"mat"`, `"csv"`; see '
-        "[simulation for other tools](results.md#simulation-for-other-tools)",
+        'further results: `"mf4"`, `"mat"` and `"csv"` write the [simulation for other '
+        'tools](results.md#simulation-for-other-tools), and `"lab"` writes `changed.lab`, a list of the parameters '
+        "that have changed",
         (),
-        form=SimulationsForm(),
+        form=ResultsForm(),
     )
-    free: tuple[str, ...] = key("which parameters to fit, by pattern", ("*",), holds="parameter")
+    free: tuple[str, ...] = key(
+        'which parameters to fit, by pattern; `"@airpath.lab"` is a [label list](formats.md#label-lists) of INCA or '
+        "CANape",
+        ("*",),
+        holds="parameter",
+    )
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -296,7 +302,7 @@ class StepEntry:
     location: Location
     name: str = key("name of the step in the trace", "", default_text="`step 1`, ...")
     free: tuple[str, ...] | None = key(
-        "patterns of the parameters that this step fits; the others are fixed",
+        "patterns of the parameters that this step fits, or label lists as in `[calibration]`; the others are fixed",
         None,
         holds="parameter",
         default_text="by `[calibration]`",

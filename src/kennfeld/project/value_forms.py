@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles import endings
+from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
 from kennfeld.file_keys import key
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
@@ -321,14 +322,14 @@ class OutputForm(FormatsForm):
         return endings()
 
 
-class SimulationsForm(FormatsForm):
-    """Formats of a simulation."""
+class ResultsForm(FormatsForm):
+    """Formats of further results: simulations, and the list of changed labels."""
 
-    kind = "simulation"
+    kind = "result"
 
     def endings(self) -> Sequence[str]:
-        """Return the extensions of simulations."""
-        return SIMULATIONS
+        """Return the extensions of further results."""
+        return (*SIMULATIONS, LABEL_LIST)
 
 
 class StepCriteriaForm(Form):
