@@ -1,7 +1,7 @@
 """Compares two parameter sets: values, axes, units, and labels that only one of them has."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import field, replace
 from math import isfinite
 from typing import Any
 
@@ -73,7 +73,7 @@ class Difference:
     index: tuple[int, ...] = ()  # of the largest difference
     place: str = ""  # the same in the words of the axes
     function: str = ""
-    label: str = ""  # the name without the variant
+    label: str = field(default="", compare=False)  # the name without the variant
 
     @property
     def as_json(self) -> dict[str, Any]:

@@ -49,7 +49,7 @@ class WritableRecording:
 
     @property
     def description(self) -> str:
-        """What it is, as one line of text."""
+        """The comment for other tools: dataset, file and start time."""
         begin = f"recorded from {self.start_time.isoformat(' ')}" if self.start_time is not None else ""
         points = "" if self.is_timed else "points without time"
         return ", ".join(filter(None, [f"{self.use} dataset {self.dataset}", self.file, begin, points]))
