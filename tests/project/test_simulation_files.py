@@ -257,6 +257,21 @@ def test_nothing_is_written_through_a_link_of_the_project(folder, recorded, tmp_
     assert not elsewhere.exists()
 
 
+def test_partitions_write_the_same_file(folder, recorded):
+    whole = Project.read(folder / "kennfeld.toml").simulation().save(folder / "whole.mf4")
+    (folder / "kennfeld.toml").write_text(f"{PROJECT}\n[cluster]\npartition = 16\n", encoding="utf-8")
+    project = Project.read(folder / "kennfeld.toml")
+    parts = project.simulation().save(folder / "parts.mf4")
+    assert any("data in partitions is not among the results" in str(finding) for finding in project.check())
+    with MDF(whole) as one, MDF(parts) as other:
+        assert one.start_time == other.start_time
+        for number, group in enumerate(one.groups):
+            assert group.channel_group.comment == other.groups[number].channel_group.comment
+            for index, channel in enumerate(group.channels):
+                signals = [file.get(group=number, index=index, ignore_invalidation_bits=True) for file in (one, other)]
+                assert signals[0].samples.tobytes() == signals[1].samples.tobytes(), channel.name
+
+
 class Parts:
     """A simulation that consists of given parts."""
 
