@@ -109,3 +109,52 @@ def test_the_cache_keeps_it(tmp_path):
     for _ in range(2):
         cache = Cache(tmp_path / "cache")
         assert cache.read(tmp_path / "a.mf4", None, None).start_time == STARTS[1]
+
+
+def test_dates_in_a_workbook_state_it(tmp_path):
+    import xlsxwriter
+
+    with xlsxwriter.Workbook(tmp_path / "a.xlsx", {"default_date_format": "yyyy-mm-dd hh:mm:ss.000"}) as book:
+        sheet = book.add_worksheet()
+        sheet.write_row(0, 0, ["time", "y"])
+        for row in range(3):
+            sheet.write_datetime(row + 1, 0, NOON.replace(microsecond=0) + timedelta(seconds=row))
+            sheet.write_number(row + 1, 1, row)
+    assert read(tmp_path / "a.xlsx").start_time == NOON.replace(microsecond=0)
+
+
+@pytest.mark.parametrize(
+    ("date", "start"),
+    [
+        ("Sun Mar 1 12:00:00.250 pm 2026", NOON),
+        ("Sun Mar  1 12:00:00.250 2026", NOON),
+        ("Son Mrz 1 12:00:00 2026", None),
+    ],
+)
+def test_asc_states_it_in_its_first_line(tmp_path, date, start):
+    lines = [
+        f"date {date}",
+        "base hex  timestamps absolute",
+        "   0.100000 1  64              Rx   d 8 00 00 00 00 00 00 00 00",
+    ]
+    (tmp_path / "a.asc").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "a.dbc").write_text('BO_ 100 M: 8 X\n SG_ S : 0|8@1+ (1,0) [0|0] "" X\n', encoding="utf-8")
+    assert read(tmp_path / "a.asc", dbc=tmp_path / "a.dbc").start_time == start
+
+
+def test_blf_states_it_in_its_header(tmp_path):
+    can = pytest.importorskip("can")
+    (tmp_path / "a.dbc").write_text('BO_ 100 M: 8 X\n SG_ S : 0|8@1+ (1,0) [0|0] "" X\n', encoding="utf-8")
+    with can.BLFWriter(str(tmp_path / "a.blf")) as writer:
+        for number in range(3):
+            writer(
+                can.Message(
+                    timestamp=NOON.replace(tzinfo=UTC).timestamp() + number,
+                    arbitration_id=100,
+                    data=bytes(8),
+                    is_extended_id=False,
+                )
+            )
+    begin = read(tmp_path / "a.blf", dbc=tmp_path / "a.dbc").start_time
+    assert begin is not None
+    assert abs(begin - NOON) < timedelta(days=1)  # python-can writes UTC or local time, by its version

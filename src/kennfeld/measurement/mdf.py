@@ -122,7 +122,10 @@ def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Tabl
     groups = dict.fromkeys(entry.group for entry in own)
     tables = [_table(source, file, [e for e in own if e.group == g], names[g]) for g in groups]
     decoded = [entry for entry in chosen if isinstance(entry, BusChannel)]
-    return tables if log is None or not decoded else [*tables, *log.tables(decoded)]
+    if log is None or not decoded:
+        return tables
+    begin = _start_time(file)
+    return [*tables, *(replace(table, start_time=begin) for table in log.tables(decoded))]
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:

@@ -7,7 +7,7 @@ so they become NaN), and of the markers that a driver or the logger set while re
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
-from datetime import datetime
+from datetime import date, datetime
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from kennfeld.dataset import replace_infinite
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.cells import Decimal, is_dated, is_truth, parse_numbers, quote_cell
+from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_truth, parse_numbers, quote_cell
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.stamps import StampCollector, is_stamp
 from kennfeld.measurement.unit_text import may_be_time
@@ -138,6 +138,7 @@ class ColumnBuilder:
         self._text_count = 0
         self._samples = 0
         self._dated = False
+        self._origin: datetime | None = None  # of dates that are cells of a spreadsheet
         self._stamps: StampCollector | None = None  # dates and times as text
         self._has_numbers = False
         self._truths: list[Int] = []  # samples that hold the state of a switch
@@ -163,6 +164,8 @@ class ColumnBuilder:
         # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
         is_text_file = bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
         self._dated = self._dated or (not is_text_file and any(map(is_dated, cells)))
+        if self._dated and self._origin is None and any(isinstance(cell, date) for cell in cells):
+            self._origin = EPOCH
 
     def _note_truths(self, cells: Sequence[object], values: Float) -> None:
         """Note the states of switches, which are missing values if the other cells are numbers."""
@@ -198,7 +201,7 @@ class ColumnBuilder:
 
     def build(self) -> Column:
         """Return the column of all cells taken."""
-        doubt, words, origin = "", (0, ""), None
+        doubt, words, origin = "", (0, ""), self._origin
         if self._dated and self._stamps is not None:
             values, doubt, origin = self._stamps.build(), self._stamps.doubt, self._stamps.origin
         else:
