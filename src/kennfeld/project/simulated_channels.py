@@ -36,6 +36,8 @@ def complete(problem: Problem, shown: BoundDataset, nodes: Dataset, targets: Seq
 
 def _place(problem: Problem, node: str) -> str:
     """Return the description of a node, or of the deviation of a surrogate."""
+    if node not in problem.model.graph.names:
+        return "predictive deviation"
     location = problem.model.locations.get(node)
     return "node" if location is None else f"node of the function, {location}"
 
