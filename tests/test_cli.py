@@ -672,7 +672,7 @@ class TestSimulate:
 
     def test_refuses_other_formats(self, project, capsys):
         assert cli.run(["simulate", str(project), "-o", "simulation.xlsx"]) == 2
-        assert ".parquet or .csv" in capsys.readouterr().err
+        assert ".parquet, .csv, .mf4 or .mat, got .xlsx" in capsys.readouterr().err
 
 
 class TestReport:

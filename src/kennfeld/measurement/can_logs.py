@@ -8,6 +8,7 @@ import logging
 import re
 from array import array
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,14 @@ from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
 from kennfeld.measurement.channel_names import choose
 from kennfeld.measurement.file_kind import ASC_HEADER, FileKind, MeasurementFile
+from kennfeld.measurement.log_start_time import asc_start_time, blf_start_time
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription
 from kennfeld.optional_packages import optional_package
 
 _READERS = {FileKind.ASC: "ASCReader", FileKind.TRC: "TRCReader", FileKind.CANDUMP: "CanutilsLogReader"}
 _FROM_ZERO = (FileKind.ASC,)  # kinds whose channels the library counts from 0
+_START_TIMES = {FileKind.ASC: asc_start_time, FileKind.BLF: blf_start_time}
 _RESUMABLE = (FileKind.ASC, FileKind.CANDUMP)  # kinds of which the library can read on after a damaged line
 _MOST_DAMAGED = 1000  # lines
 _RELATIVE_TIME = "each time stamp counts from the event before, and events that are not frames are skipped with theirs"
@@ -41,7 +44,9 @@ _RELATIVE = b"relative"
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each message that holds a requested signal."""
     log = _read_log(source)
-    return log.tables(choose(source, log.named_channels(), selection, log.explain))
+    begin = _START_TIMES[source.kind](source.start()) if source.kind in _START_TIMES else None
+    tables = log.tables(choose(source, log.named_channels(), selection, log.explain))
+    return [replace(table, start_time=begin) for table in tables]
 
 
 def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:

@@ -107,7 +107,7 @@ def read(
     with _readable(path, sheet, to_databases(dbc)) as source:
         recording = _read(source, channels, raster, units or {}, strict=True)
     name = f"{path}#{sheet}" if sheet else str(path)
-    return replace(recording, files=FileSpans.joined([name], [recording.samples]))
+    return replace(recording, files=FileSpans.joined([name], [recording.samples], [recording.start_time]))
 
 
 def read_leniently(

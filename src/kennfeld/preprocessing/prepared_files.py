@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, field, replace
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -290,6 +291,7 @@ def _attributes(data: Dataset) -> dict[str, Any]:
         "findings": [asdict(finding) for finding in data.findings],
         "settling": None if data.settling is None else asdict(data.settling),
         "clock": None if data.clock is None else asdict(data.clock),
+        "start_time": None if data.start_time is None else data.start_time.isoformat(),
     }
 
 
@@ -322,6 +324,7 @@ def _dataset(notes: dict[str, Any], columns: list[NDArray[Any]]) -> Dataset:
         findings=_findings(notes["findings"]),
         settling=None if notes["settling"] is None else Settling(**notes["settling"]),
         clock=None if notes["clock"] is None else Clock(**notes["clock"]),
+        start_time=None if notes["start_time"] is None else datetime.fromisoformat(notes["start_time"]),
         **{name: notes[name] for name in _ATTRIBUTES},
     )
 
