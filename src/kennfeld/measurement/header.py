@@ -192,7 +192,9 @@ def _has_time(row: Row) -> bool:
 def _are_names(row: Row, below: Row) -> bool:
     """Return whether all cells may be names of channels: each is another one, or the row below lacks the time."""
     names = [cell.strip() for cell in _texts(row)]
-    return (_are_distinct(names) or not _has_time(below)) and all(name[0].isalpha() or name[0] in "_$%" for name in names)
+    return (_are_distinct(names) or not _has_time(below)) and all(
+        name[0].isalpha() or name[0] in "_$%" for name in names
+    )
 
 
 def _count_units(row: Row) -> int:

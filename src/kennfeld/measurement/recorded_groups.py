@@ -39,6 +39,7 @@ class RecordedChannel:
         dated: the values are dates, in s from an origin that all channels of the file share.
         content: what a channel holds that is no numbers, as messages say it: "a text".
         clock: the file says that it is the time of its group, whatever its name.
+        rest: reads what the values lack of integers in the file, Float[samples] or None.
     """
 
     name: str
@@ -49,6 +50,7 @@ class RecordedChannel:
     dated: bool = False
     content: str = ""
     clock: bool = False
+    rest: Callable[[], Float | None] | None = None
 
 
 class ValuesFileError(ValueError):
@@ -269,4 +271,6 @@ def _column(channel: RecordedChannel, name: str, samples: int) -> Column:
     if channel.content:
         return Column.without_numbers(name, samples, channel.content)
     unit = "s" if channel.dated else channel.unit
-    return Column(name, unit, name, channel.load(), dated=channel.dated, description=channel.description)
+    rest = None if channel.rest is None else channel.rest()
+    values = channel.load()
+    return Column(name, unit, name, values, dated=channel.dated, description=channel.description, rest=rest)
