@@ -122,7 +122,14 @@ def test_a_first_row_without_a_time_is_left_out_with_a_remark(log):
 
 @pytest.mark.parametrize(
     "units",
-    ["s\tsec\tRPM\tRPM", "s\tfoo\tbar\tbar", "s\tfoo\tbar\tqux", "s\tsec\tr/min/x\traw count", "s\t\tRPM\t", "\tx\ty\tz"],
+    [
+        "s\tsec\tRPM\tRPM",
+        "s\tfoo\tbar\tbar",
+        "s\tfoo\tbar\tqux",
+        "s\tsec\tr/min/x\traw count",
+        "s\t\tRPM\t",
+        "\tx\ty\tz",
+    ],
 )
 @pytest.mark.parametrize("separator", ["\t", ";"])
 def test_a_row_of_units_below_repeated_names_is_recognised(log, csv, units, separator):

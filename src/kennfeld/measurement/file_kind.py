@@ -14,6 +14,7 @@ from kennfeld.file_errors import nearest_file
 from kennfeld.foreign_content import identify_foreign, identify_package
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
+from kennfeld.measurement.can_csv_columns import recognises_can_csv
 
 _T = TypeVar("_T")
 _HEAD = 4096  # bytes
@@ -95,8 +96,6 @@ _WORDS = (
     (b"{", FileKind.JSON),
 )
 _WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
-
-_CAN_LENGTHS = {b"dlc", b"datalength", b"len"}  # columns of logs of CAN frames
 
 _UNPACK = "Unpack it first; gzip, bzip2, xz and ZIP can be read."
 _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
@@ -276,24 +275,11 @@ def _kind_by_start(start: bytes) -> FileKind:
     log = next((kind for pattern, kind in _BUS_LOGS if pattern.search(start.removeprefix(b"\xef\xbb\xbf"))), None)
     if log is not None:
         return log
-    if can_csv_separator(start.removeprefix(b"\xef\xbb\xbf").splitlines()[0] if start.strip() else b""):
+    if recognises_can_csv(start):
         return FileKind.CAN_CSV
     if _is_vbo(words):
         return FileKind.VBO
     return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
-
-
-def can_csv_separator(head: bytes) -> str:
-    """Return the separator of a log of CAN frames in CSV with this first line; empty if it is another file.
-
-    >>> can_csv_separator(b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"), can_csv_separator(b"time,ID")
-    (',', '')
-    """
-    for separator in (b",", b";", b"\t"):
-        names = {name.strip(b' "').lower() for name in head.split(separator)}
-        if names & {b"id", b"arbitration_id"} and names & {b"databytes", b"data", b"d1"} and names & _CAN_LENGTHS:
-            return separator.decode()
-    return ""
 
 
 def _narrow(start: bytes) -> bytes:

@@ -58,8 +58,8 @@ def elapsed_since(clock: Column, value: float, rest: float = 0.0) -> Float:
     """Return the time stamps of a clock in s since the stamp `value` + `rest`, in the unit of the clock.
 
     >>> stamps = 1767225600 + 0.0001 * np.arange(3)
-    >>> np.diff(stamps).round(7), elapsed_since(Column("time", "s", "time", stamps), stamps[0])
-    (array([1.001e-04, 1.001e-04]), array([0.    , 0.0001, 0.0002]))
+    >>> elapsed_since(Column("time", "s", "time", stamps), stamps[0])
+    array([0.    , 0.0001, 0.0002])
     """
     factor, divisor = in_seconds(time_unit(clock.name, clock.unit) or clock.unit) or (1.0, 1.0)
     if clock.rest is not None:
