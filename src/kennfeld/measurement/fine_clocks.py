@@ -67,7 +67,8 @@ def elapsed_since(clock: Column, value: float, rest: float = 0.0) -> Float:
     power = _decimal_power(clock.values)
     if power is None:
         return (clock.values - value) * factor / divisor
-    return (np.rint(clock.values * power) - np.rint(value * power)) * factor / (divisor * power)
+    ticks: Float = np.rint(clock.values * power) - np.rint(value * power)
+    return ticks * factor / (divisor * power)
 
 
 def _decimal_power(values: Float) -> float | None:
