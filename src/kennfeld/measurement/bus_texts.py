@@ -22,7 +22,7 @@ _WORD_BOUNDARY = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z])")
 def says_no_value(text: str) -> bool:
     """Return whether the name of a raw value says that there is none.
 
-    >>> says_no_value("Signal_NotAvailable"), says_no_value("SNA"), says_no_value("No_Error"), says_no_value("Standstill")
+    >>> says_no_value("Signal_NotAvailable"), says_no_value("SNA"), says_no_value("No_Error"), says_no_value("Idle")
     (True, True, False, False)
     """
     return _NO_VALUE.fullmatch(" ".join(filter(None, _WORD_BOUNDARY.split(text)))) is not None
