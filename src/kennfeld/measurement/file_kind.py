@@ -44,6 +44,8 @@ class FileKind(Enum):
     CAN_CSV = "CAN CSV"
     VBO = "VBOX"
     HALTECH = "Haltech"
+    MOTEC = "MoTeC"
+    FAMOS = "FAMOS"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5"
     MODEL = "Simulink model"
@@ -71,6 +73,8 @@ _MAGIC = (
     (b"UnFinMF", FileKind.MDF),
     (b"MLVLG", FileKind.MLG),
     (b"LOGG", FileKind.BLF),
+    (b"|CF,1,", FileKind.FAMOS),
+    (b"|CF,2,", FileKind.FAMOS),
     (b"MATLAB 5.0 MAT-file", FileKind.MATLAB),
     (b"MATLAB 7.", FileKind.MATLAB),
     (b"\x89HDF\r\n", FileKind.HDF5),
@@ -131,7 +135,6 @@ _FOREIGN = (
     ),
     (rb"\ACANape PAR\s", "a parameter file of CANape", "Name the recording instead, as MDF or CSV."),
     (rb"\ATDSh(?s:.)\0", "an index of a TDMS file, which holds no samples", "Name the .tdms file beside it."),
-    (rb"\A\|CF,[12],", "an imc FAMOS file", "Export it as MDF (.mf4) or CSV."),
     (rb"\ACDF\x05", "a netCDF file of 64-bit data (CDF-5)", "Convert it: nccopy -k netCDF-4 old.nc new.nc."),
     (rb"\A\x0e\x03\x13\x01", "an HDF4 file", "Convert it to HDF5: h4toh5 old.hdf new.h5."),
     (rb"\AFEA1[^\t\r\n -~]", "a Feather file of version 1", "Write it again, as version 2 or as Parquet."),
@@ -257,6 +260,11 @@ def detect_kind(file: Path) -> tuple[FileKind, bool]:
 def _kind_by_start(start: bytes) -> FileKind:
     if start.startswith((b"\xff\xfe", b"\xfe\xff")) and _is_diadem(_narrow(start)):
         return FileKind.DIADEM
+    if start.startswith(b"@\0\0\0"):
+        from kennfeld.measurement.motec import recognises_motec  # which needs this module
+
+        if recognises_motec(start):
+            return FileKind.MOTEC
     for magic, kind in _MAGIC:
         if start.startswith(magic):
             return kind

@@ -42,6 +42,8 @@ _READERS = {
     FileKind.LVM: "lvm",
     FileKind.VBO: "vbo",
     FileKind.HALTECH: "haltech",
+    FileKind.MOTEC: "motec",
+    FileKind.FAMOS: "famos",
     FileKind.ASC: "can_logs",
     FileKind.BLF: "can_logs",
     FileKind.TRC: "can_logs",
@@ -58,7 +60,7 @@ _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stam
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {
     FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS, FileKind.TDMS, FileKind.NETCDF,
-    FileKind.DIADEM, FileKind.TDM, *_BUS_LOGS,
+    FileKind.DIADEM, FileKind.TDM, FileKind.MOTEC, FileKind.FAMOS, *_BUS_LOGS,
 }  # fmt: skip
 _SPOKEN = ("A", "E", "I", "O", "MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML")  # begin with a vowel
 
