@@ -135,6 +135,11 @@ _FOREIGN = (
     ),
     (rb"\ACANape PAR\s", "a parameter file of CANape", "Name the recording instead, as MDF or CSV."),
     (rb"\ATDSh(?s:.)\0", "an index of a TDMS file, which holds no samples", "Name the .tdms file beside it."),
+    (
+        rb"\A<h(?s:[A-Z]{3}.{6})>",
+        "a log of AiM (.xrk)",
+        "Export it as CSV from RaceStudio, or convert it to Parquet by the Python package libxrk.",
+    ),
     (rb"\ACDF\x05", "a netCDF file of 64-bit data (CDF-5)", "Convert it: nccopy -k netCDF-4 old.nc new.nc."),
     (rb"\A\x0e\x03\x13\x01", "an HDF4 file", "Convert it to HDF5: h4toh5 old.hdf new.h5."),
     (rb"\AFEA1[^\t\r\n -~]", "a Feather file of version 1", "Write it again, as version 2 or as Parquet."),
