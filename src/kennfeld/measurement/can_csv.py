@@ -43,7 +43,7 @@ class _Row(NamedTuple):
     content: bytes
 
 
-class _Numbers(NamedTuple):
+class _NumberBases(NamedTuple):
     """The bases of the numbers of a log."""
 
     identifier: int
@@ -98,20 +98,20 @@ def _is_in_microseconds(source: MeasurementFile) -> bool:
     return b"time stamp" in source.start(1024).splitlines()[0].lower()
 
 
-def _find_bases(names: Sequence[str], table: Sequence[Sequence[str]]) -> _Numbers:
+def _find_bases(names: Sequence[str], table: Sequence[Sequence[str]]) -> _NumberBases:
     """Return the bases of identifiers and bytes, by the program that wrote them and by their digits."""
     if "eventtype" in names:  # the trace of asammdf
-        return _Numbers(10, 16)
+        return _NumberBases(10, 16)
     data = [k for k, name in enumerate(names) if name in _DATA]
     if any(row[k].startswith("[") for row in table[:100] for k in data if k < len(row)):
-        return _Numbers(10, 10)
+        return _NumberBases(10, 10)
     if "d0" not in names:
-        return _Numbers(16, 16)
+        return _NumberBases(16, 16)
     bytes_at = [k for k, name in enumerate(names) if re.fullmatch(r"d\d+", name)]
     cells = [row[k] for row in table for k in bytes_at if k < len(row)]
     if any(map(_HEXADECIMAL.fullmatch, cells)) or not any(len(cell) == 3 for cell in cells):
-        return _Numbers(16, 16)
-    return _Numbers(10, 10)
+        return _NumberBases(16, 16)
+    return _NumberBases(10, 10)
 
 
 class _Clock:
@@ -136,7 +136,7 @@ class _Clock:
         return value
 
 
-def _row(row: dict[str, str], numbers: _Numbers, clock: _Clock) -> _Row | None:
+def _row(row: dict[str, str], numbers: _NumberBases, clock: _Clock) -> _Row | None:
     """Return the frame in a row; None if it has no data."""
     if any(row.get(name, "0").casefold() not in ("0", "false", "") for name in _REMOTE):
         return None

@@ -1,4 +1,4 @@
-"""What doubles lack of numbers with more than 15 digits, such as time stamps since 1970 with all nanoseconds."""
+"""Rests of numbers with more than 15 digits, which doubles lack: time stamps since 1970 with all nanoseconds."""
 
 from collections.abc import Sequence
 from decimal import Decimal as ExactDecimal

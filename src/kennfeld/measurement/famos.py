@@ -302,10 +302,11 @@ class _FamosFile:
         if component.mask and raw.dtype.kind in "iu":
             raw = raw & np.array(component.mask).astype(raw.dtype)
         with np.errstate(invalid="ignore"):
-            values = raw.astype(np.float64)
+            values: Float = np.asarray(raw, dtype=np.float64).copy()
         values[np.isnan(values)] = np.nan
-        physical: Float = values * component.factor + component.offset
-        return physical
+        values *= component.factor
+        values += component.offset
+        return values
 
     def _bit(self, component: _Component, bit: int) -> Float:
         raw = self._raws(component)
