@@ -316,8 +316,9 @@ class _FamosFile:
 
 
 def _even_times(shift: float, origin: float, step: float, samples: int, scale: tuple[float, float]) -> Float:
-    times: Float = shift + (origin + step * np.arange(samples)) * scale[0] / scale[1]
-    return times
+    times: Float = np.arange(samples, dtype=np.float64)
+    times = (origin + step * times) * scale[0] / scale[1]
+    return times + shift
 
 
 def _trigger(curve: _Curve) -> float | None:
