@@ -220,8 +220,10 @@ class _Loader:
             return n.MatCells(
                 [self._reference(dataset, target, depth) for target in self._targets(dataset)], dataset.shape[::-1]
             )
+        if dataset.shape is not None and dataset.dtype.names == ("real", "imag"):
+            return self._complex(dataset)
         if dataset.shape is None or dataset.dtype.kind not in "buif":
-            return n.MatUnreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
+            return n.MatUnreadable(kind or "data")
         if kind not in (*_NUMBERS, "char", ""):
             return n.MatUnreadable(kind)
         self._check(dataset)
@@ -230,6 +232,13 @@ class _Loader:
             letters = "".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist()))
             return n.split_text_rows(letters, values.shape[0] if values.ndim > 1 else 1)
         return n.MatNumbers(values, kind not in ("double", "single", ""), kind)
+
+    def _complex(self, dataset: Any) -> n.Node:
+        if dataset.dtype["real"].kind != "f" or dataset.dtype["imag"].kind != "f":
+            return n.MatUnreadable("complex numbers")
+        self._check(dataset)
+        values = np.asarray(dataset[()]).T
+        return n.MatUnreadable("complex numbers", parts=(values["real"], values["imag"]))
 
     def _empty(self, dataset: Any, kind: str) -> n.Node:
         """Convert an empty array, which stores its size instead of numbers."""

@@ -14,6 +14,7 @@ from kennfeld.file_errors import nearest_file
 from kennfeld.foreign_content import identify_foreign, identify_package
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_databases import DatabaseFile
+from kennfeld.measurement.can_csv_columns import recognises_can_csv
 
 _T = TypeVar("_T")
 _HEAD = 4096  # bytes
@@ -43,6 +44,8 @@ class FileKind(Enum):
     CAN_CSV = "CAN CSV"
     VBO = "VBOX"
     HALTECH = "Haltech"
+    MOTEC = "MoTeC"
+    FAMOS = "FAMOS"
     MATLAB = "MATLAB data"
     HDF5 = "HDF5"
     MODEL = "Simulink model"
@@ -70,6 +73,8 @@ _MAGIC = (
     (b"UnFinMF", FileKind.MDF),
     (b"MLVLG", FileKind.MLG),
     (b"LOGG", FileKind.BLF),
+    (b"|CF,1,", FileKind.FAMOS),
+    (b"|CF,2,", FileKind.FAMOS),
     (b"MATLAB 5.0 MAT-file", FileKind.MATLAB),
     (b"MATLAB 7.", FileKind.MATLAB),
     (b"\x89HDF\r\n", FileKind.HDF5),
@@ -95,8 +100,6 @@ _WORDS = (
     (b"{", FileKind.JSON),
 )
 _WITHOUT_SIGNATURE = {FileKind.CSV, FileKind.XML, FileKind.OTHER}
-
-_CAN_LENGTHS = {b"dlc", b"datalength", b"len"}  # columns of logs of CAN frames
 
 _UNPACK = "Unpack it first; gzip, bzip2, xz and ZIP can be read."
 _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
@@ -132,7 +135,11 @@ _FOREIGN = (
     ),
     (rb"\ACANape PAR\s", "a parameter file of CANape", "Name the recording instead, as MDF or CSV."),
     (rb"\ATDSh(?s:.)\0", "an index of a TDMS file, which holds no samples", "Name the .tdms file beside it."),
-    (rb"\A\|CF,[12],", "an imc FAMOS file", "Export it as MDF (.mf4) or CSV."),
+    (
+        rb"\A<h(?s:[A-Z]{3}.{6})>",
+        "a log of AiM (.xrk)",
+        "Export it as CSV from RaceStudio, or convert it to Parquet by the Python package libxrk.",
+    ),
     (rb"\ACDF\x05", "a netCDF file of 64-bit data (CDF-5)", "Convert it: nccopy -k netCDF-4 old.nc new.nc."),
     (rb"\A\x0e\x03\x13\x01", "an HDF4 file", "Convert it to HDF5: h4toh5 old.hdf new.h5."),
     (rb"\AFEA1[^\t\r\n -~]", "a Feather file of version 1", "Write it again, as version 2 or as Parquet."),
@@ -258,6 +265,11 @@ def detect_kind(file: Path) -> tuple[FileKind, bool]:
 def _kind_by_start(start: bytes) -> FileKind:
     if start.startswith((b"\xff\xfe", b"\xfe\xff")) and _is_diadem(_narrow(start)):
         return FileKind.DIADEM
+    if start.startswith(b"@\0\0\0"):
+        from kennfeld.measurement.motec import recognises_motec  # which needs this module
+
+        if recognises_motec(start):
+            return FileKind.MOTEC
     for magic, kind in _MAGIC:
         if start.startswith(magic):
             return kind
@@ -276,24 +288,11 @@ def _kind_by_start(start: bytes) -> FileKind:
     log = next((kind for pattern, kind in _BUS_LOGS if pattern.search(start.removeprefix(b"\xef\xbb\xbf"))), None)
     if log is not None:
         return log
-    if can_csv_separator(start.removeprefix(b"\xef\xbb\xbf").splitlines()[0] if start.strip() else b""):
+    if recognises_can_csv(start):
         return FileKind.CAN_CSV
     if _is_vbo(words):
         return FileKind.VBO
     return FileKind.MSL if _is_tunerstudio_log(words) else FileKind.CSV
-
-
-def can_csv_separator(head: bytes) -> str:
-    """Return the separator of a log of CAN frames in CSV with this first line; empty if it is another file.
-
-    >>> can_csv_separator(b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"), can_csv_separator(b"time,ID")
-    (',', '')
-    """
-    for separator in (b",", b";", b"\t"):
-        names = {name.strip(b' "').lower() for name in head.split(separator)}
-        if names & {b"id", b"arbitration_id"} and names & {b"databytes", b"data", b"d1"} and names & _CAN_LENGTHS:
-            return separator.decode()
-    return ""
 
 
 def _narrow(start: bytes) -> bytes:

@@ -17,6 +17,7 @@ from kennfeld.formatting import join_names
 from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
 from kennfeld.measurement.damage import damaged
+from kennfeld.measurement.exact_numbers import rest_of_integers
 from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.pandas_frames import DateOrigin, frame_channels, is_stored_frame
 from kennfeld.measurement.recorded_groups import (
@@ -41,6 +42,7 @@ from kennfeld.process_limits import memory_bound
 
 _MAX_OBJECTS = 100_000
 _MAX_DEPTH = 20
+_SCALING = frozenset({"scale_factor", "add_offset", "_Unsigned"})
 _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
 
 
@@ -206,7 +208,9 @@ class _Content:
         unit = unit_of(attributes) or unit
         clock = not content and is_time_coordinate(attributes)
         description = description_of(attributes)
-        vectors[length].append(RecordedChannel(short, path, unit, load, description, content=content, clock=clock))
+        exact = partial(_rest, item) if kind.kind in "iu" and kind is item.dtype and may_be_time(short, unit) else None
+        channel = RecordedChannel(short, path, unit, load, description, content=content, clock=clock, rest=exact)
+        vectors[length].append(channel)
 
 
 def _members(group: Any) -> Iterator[tuple[str, Any]]:
@@ -231,6 +235,11 @@ def _time_among(channels: Sequence[RecordedChannel]) -> RecordedChannel | None:
 
 def _vector(item: Any, attributes: Mapping[str, Any]) -> Float:
     return unpack_numbers(np.ravel(item[()]), attributes)
+
+
+def _rest(item: Any) -> Float | None:
+    values = np.ravel(item[()])
+    return rest_of_integers(values) if len(item.attrs.keys() & _SCALING) == 0 else None
 
 
 def _field(item: Any, name: str) -> Float:

@@ -12,6 +12,7 @@ from kennfeld.errors import Findings, InputError
 from kennfeld.formatting import join_names, size_text
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
+from kennfeld.matlab.mcos import resolve_objects
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
@@ -20,10 +21,7 @@ from kennfeld.measurement.table_conversion import TableDescription, describe_tab
 
 _TIME = "time"
 _MAX_LISTED = 8  # variables in a message
-_PLAIN = (
-    "In MATLAB, save its values as plain vectors or in a struct, beside a vector `time`; "
-    "table2struct(T, ToScalar=true) makes one of a table."
-)
+_PLAIN = "In MATLAB, save its values as plain vectors, in a struct beside a vector `time`, or as a timetable."
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
@@ -101,9 +99,11 @@ def _find_signals(source: MeasurementFile) -> MatlabSignals:
 
 def _variables(source: MeasurementFile) -> dict[str, Node]:
     if _needs_library(source):
-        return mat_v73.load(source.path)
+        return resolve_objects(mat_v73.load_all(source.path)).whole().variables
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
-    return mat_v5.load(content) if source.start(6) == b"MATLAB" else mat_v4.load(content)
+    if source.start(6) == b"MATLAB":
+        return resolve_objects(mat_v5.load_all(content)).whole().variables
+    return mat_v4.load(content)
 
 
 def _require_signals(source: MeasurementFile) -> MatlabSignals:

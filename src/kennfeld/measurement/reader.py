@@ -16,6 +16,7 @@ from kennfeld.measurement.bus_databases import AnyDatabase, DatabaseFile, to_dat
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.epochs import with_epochs
 from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
+from kennfeld.measurement.fine_clocks import with_fine_clocks
 from kennfeld.measurement.fraction_columns import with_fractions
 from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, describe_table
@@ -41,6 +42,8 @@ _READERS = {
     FileKind.LVM: "lvm",
     FileKind.VBO: "vbo",
     FileKind.HALTECH: "haltech",
+    FileKind.MOTEC: "motec",
+    FileKind.FAMOS: "famos",
     FileKind.ASC: "can_logs",
     FileKind.BLF: "can_logs",
     FileKind.TRC: "can_logs",
@@ -57,7 +60,7 @@ _LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stam
 # kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
 _RASTERS = {
     FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS, FileKind.TDMS, FileKind.NETCDF,
-    FileKind.DIADEM, FileKind.TDM, *_BUS_LOGS,
+    FileKind.DIADEM, FileKind.TDM, FileKind.MOTEC, FileKind.FAMOS, *_BUS_LOGS,
 }  # fmt: skip
 _SPOKEN = ("A", "E", "I", "O", "MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML")  # begin with a vowel
 
@@ -136,8 +139,9 @@ def _read(
         _check_stated(source, tables, selection)
     if source.kind not in _RASTERS:
         tables = split_timelines(_single_table(source, tables), selection)
-        if len(tables) == 1:
-            return assemble(tables[0], source.stem, selection, raster)
+    tables = with_fine_clocks(tables, selection)
+    if source.kind not in _RASTERS and len(tables) == 1:
+        return assemble(tables[0], source.stem, selection, raster)
     return join_groups(source.location, tables, source.stem, selection, raster)
 
 
@@ -169,7 +173,7 @@ def _describe(source: MeasurementFile) -> Description:
     errors = [error for table in tables for error in table.errors]
     if errors:
         raise InputError(errors)
-    parts = [part for table in tables for part in split_timelines(table, Selection())]
+    parts = [p for table in tables for p in with_fine_clocks(split_timelines(table, Selection()), Selection())]
     return Description(source.name, source.kind.value, tuple(describe_table(part) for part in parts))
 
 

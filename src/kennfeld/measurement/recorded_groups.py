@@ -40,6 +40,7 @@ class RecordedChannel:
         dated: the values are dates, in s from an origin that all channels of the file share.
         content: what a channel holds that is no numbers, as messages say it: "a text".
         clock: the file says that it is the time of its group, whatever its name.
+        rest: reads what the values lack of integers in the file, Float[samples] or None.
     """
 
     name: str
@@ -50,6 +51,7 @@ class RecordedChannel:
     dated: bool = False
     content: str = ""
     clock: bool = False
+    rest: Callable[[], Float | None] | None = None
 
 
 class ValuesFileError(ValueError):
@@ -276,4 +278,6 @@ def _column(channel: RecordedChannel, name: str, samples: int, start_time: datet
         return Column.without_numbers(name, samples, channel.content)
     unit = "s" if channel.dated else channel.unit
     origin = start_time if channel.dated else None
-    return Column(name, unit, name, channel.load(), dated=channel.dated, origin=origin, description=channel.description)
+    rest = None if channel.rest is None else channel.rest()
+    values, description = channel.load(), channel.description
+    return Column(name, unit, name, values, dated=channel.dated, origin=origin, description=description, rest=rest)

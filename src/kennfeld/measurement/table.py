@@ -18,6 +18,7 @@ from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_truth, parse_numbers, quote_cell
+from kennfeld.measurement.exact_numbers import rest_of_cells
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.stamps import StampCollector, is_stamp
 from kennfeld.measurement.unit_text import may_be_time
@@ -67,6 +68,7 @@ class Column:
     description: str = ""
     words: tuple[int, str] = (0, "")  # how many words such as OFF among numbers are missing values, and the first
     doubt: str = ""  # what its text leaves open, such as the order of day and month
+    rest: Float | None = None  # Float[samples]: what `values` lack of the numbers of a clock in the file
 
     @classmethod
     def without_numbers(cls, name: str, samples: int, content: str) -> "Column":
@@ -78,7 +80,8 @@ class Column:
         sample = np.cumsum(rows) - 1
         texts = tuple((int(sample[k]), cell) for k, cell in self.texts if rows[k])
         count = self.text_count - (len(self.texts) - len(texts))
-        return replace(self, values=self.values[rows], texts=texts, text_count=count)
+        rest = None if self.rest is None else self.rest[rows]
+        return replace(self, values=self.values[rows], texts=texts, text_count=count, rest=rest)
 
     @property
     def is_text(self) -> bool:
@@ -141,6 +144,7 @@ class ColumnBuilder:
         self._origin: datetime | None = None  # of dates that are cells of a spreadsheet
         self._stamps: StampCollector | None = None  # dates and times as text
         self._has_numbers = False
+        self._rests: list[Float | None] | None = [] if may_be_time(name, unit) else None
         self._truths: list[Int] = []  # samples that hold the state of a switch
         self._truth = ""  # the first one
 
@@ -157,6 +161,8 @@ class ColumnBuilder:
         elif not self._has_numbers:
             self._has_numbers = bool(texts) or not bool(np.isnan(values).all())
         self._note_truths(cells, values)
+        if self._rests is not None:
+            self._rests.append(rest_of_cells(cells, values, decimal))
         self._blocks.append(values)
         self._texts += [(self._samples + i, cells[i]) for i in texts[: _MAX_QUOTED - len(self._texts)]]
         self._text_count += len(texts)
@@ -219,6 +225,15 @@ class ColumnBuilder:
             origin,
             words=words,
             doubt=doubt,
+            rest=None if self._dated else self._rest(),
+        )
+
+    def _rest(self) -> Float | None:
+        rests = self._rests or ()
+        if all(rest is None for rest in rests):
+            return None
+        return np.concatenate(
+            [np.zeros(block.size) if rest is None else rest for block, rest in zip(self._blocks, rests, strict=True)]
         )
 
 

@@ -110,7 +110,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
 BUS_LOGS = (".asc", ".blf", ".trc", ".log")
 RECORDINGS = (
     *(".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".feather", ".mat", ".h5", ".nc", ".tdms", ".tdm"),
-    *(".mlg", ".msl", ".vbo", *BUS_LOGS),
+    *(".mlg", ".msl", ".vbo", ".ld", ".raw", *BUS_LOGS),
 )
 SCREENS = {
     "dataset": "data",

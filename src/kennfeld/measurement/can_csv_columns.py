@@ -1,0 +1,40 @@
+"""Recognition of logs of CAN frames in CSV by the names of their columns."""
+
+_IDENTIFIERS = {"id", "arbitrationid"}
+_LENGTHS = {"dlc", "datalength", "len"}
+_DATA = {"databytes", "data", "d0", "d1"}
+_PREFIX = "candataframe."
+
+
+def can_csv_separator(head: bytes) -> str:
+    """Return the separator of a log of CAN frames in CSV with this first line; empty if it is another file.
+
+    >>> can_csv_separator(b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"), can_csv_separator(b"time,ID")
+    (',', '')
+    """
+    line = head.decode("utf-8", "replace")
+    for separator in (",", ";", "\t"):
+        names = set(column_names(line.split(separator)))
+        if names & _IDENTIFIERS and names & _DATA and names & _LENGTHS:
+            return separator
+    return ""
+
+
+def recognises_can_csv(head: bytes) -> bool:
+    """Return whether a file that begins so is a log of CAN frames in CSV."""
+    lines = head.removeprefix(b"\xef\xbb\xbf").splitlines()
+    return bool(lines) and bool(can_csv_separator(lines[0]))
+
+
+def column_names(cells: list[str]) -> list[str]:
+    """Return names of columns in lower case, without blanks and marks.
+
+    Those of asammdf are without the name of the bus event, if no column but the time is of anything else.
+
+    >>> column_names(["Time Stamp", "Data_Bytes"]), column_names(["timestamps", "CAN_DataFrame.CAN_DataFrame.ID"])
+    (['timestamp', 'databytes'], ['timestamps', 'id'])
+    """
+    names = [cell.strip(' "\r\n').casefold().replace(" ", "").replace("_", "") for cell in cells]
+    if len(names) > 1 and all(_PREFIX in name for name in names[1:]):
+        return [name.rpartition(".")[2] for name in names]
+    return names
