@@ -192,6 +192,7 @@ def _read(path: Path) -> bool:
         *([lambda: _import_tasks(path)] if path.suffix == ".app" else []),
         *([lambda: _read_functions(path)] if path.suffix in (".c", ".py") else []),
         *([lambda: _evaluate_network(path)] if path.suffix == ".onnx" else []),
+        *([lambda: _import_fmu(path)] if path.suffix == ".fmu" else []),
         *([lambda: _check_project(path)] if path.suffix == ".toml" else []),
         lambda: calfiles.read(path),
         lambda: measurement.read(path, raster=0.1, dbc=databases),
@@ -222,6 +223,16 @@ def _evaluate_network(path: Path) -> None:
 
     model = onnx(path)
     evaluate(model.graph, {name: [0.5] for name in model.graph.inputs} or {"none": [0.0]}, model.values)
+
+
+def _import_fmu(path: Path) -> None:
+    """Import an FMU with each interface, which runs none of its code."""
+    from kennfeld.errors import InputError
+    from kennfeld.models.fmu.importing import INTERFACES, fmu
+
+    for interface in INTERFACES:
+        with suppress(InputError):
+            fmu(path, interface=interface)
 
 
 def _read_functions(path: Path) -> None:

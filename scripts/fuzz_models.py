@@ -2,8 +2,10 @@
 
 import random
 import re
+import zipfile
 from collections.abc import Iterator
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,6 +53,22 @@ def stored_networks(seed: int) -> Iterator[Sample]:
     stored = sorted((Path(onnx.__file__).parent / "backend/test/data").glob("pytorch-*/*/model.onnx"))
     for path in random.Random(seed).sample(stored, min(len(stored), STORED_NETWORKS)):
         yield Sample("network .onnx", "stored.onnx", {"stored.onnx": path.read_bytes()})
+
+
+def fmus(seed: int) -> Iterator[Sample]:
+    """Descriptions of FMUs, beside a library that no test loads."""
+    from tests.models.fmu.lag_fmu import DESCRIPTIONS
+    from tests.models.fmu.signals_fmu import description
+    from tests.models.fmu.test_library_format import elf
+
+    for version in (2, 3):
+        for text in (DESCRIPTIONS[version](), description(version, "")):
+            packed = BytesIO()
+            with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+                archive.writestr(zipfile.ZipInfo("modelDescription.xml"), text)
+                for folder in ("linux64", "x86_64-linux"):
+                    archive.writestr(zipfile.ZipInfo(f"binaries/{folder}/lag.so"), elf())
+            yield Sample("function .fmu", "plant.fmu", {"plant.fmu": packed.getvalue()})
 
 
 def _blocks(draw: random.Random, dictionary: str = "") -> "Model":

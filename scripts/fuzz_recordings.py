@@ -39,6 +39,10 @@ def recordings(seed: int) -> Iterator[Sample]:
         ".lvm": _lvm,
         ".mat": _mat,
         ".mat73": _mat73,
+        ".objects.mat": _mat_objects,
+        ".objects.mat73": _mat_objects,
+        ".ld": _motec,
+        ".raw": _famos,
         ".xls": _xls,
         ".csv.gz": _gzipped(_csv),
         ".parquet.gz": _gzipped(_parquet),
@@ -325,3 +329,46 @@ def _mat73(path: Path, numbers: np.random.Generator) -> None:
 
     columns = _columns(numbers)
     save73(path, {**columns, "group": {"time": columns["time"][:7], "data": columns["Load"][:7]}, "note": "a text"})
+
+
+def _mat_objects(path: Path, numbers: np.random.Generator) -> None:
+    from tests.measurement import matlab_objects as objects
+
+    columns = {"Speed": numbers.normal(size=(3, 1)), "State": objects.categorical(["off", "on"], [1, 2, 0])}
+    dates = objects.datetime([1e12, 1e12 + 1, 1e12 + 2], [0.0, 1e-5, 2e-5])
+    variables = {
+        "run": objects.timetable(dates, columns, ("rpm", "")),
+        "even": objects.timetable(objects.even_times(objects.duration([0.0]), rate=10.0), columns),
+        "points": objects.table(columns | {"Note": objects.string("a", "bc", "")}, ("rpm", "", "")),
+    }
+    save = objects.save_objects73 if path.suffix == ".mat73" else objects.save5
+    save(path, variables)
+
+
+def _motec(path: Path, numbers: np.random.Generator) -> None:
+    from tests.measurement.race_files import LogChannel, motec_file
+
+    speed = LogChannel("Engine RPM", "rpm", numbers.integers(0, 9000, 40).astype("<i2"), decimals=1)
+    others = [
+        LogChannel("Throttle", "%", numbers.normal(size=20).astype("<f4"), rate=5),
+        LogChannel("Gear", "", numbers.integers(0, 6, 40).astype("<i4")),
+    ]
+    path.write_bytes(motec_file([speed, *others]))
+
+
+def _famos(path: Path, numbers: np.random.Generator) -> None:
+    from tests.measurement.race_files import Component, famos_curve, famos_file
+
+    values = Component(numbers.integers(0, 9000, 40).astype("<i2"), "rpm", 0.5, 1.0)
+    events = (
+        Component(numbers.normal(size=9).astype("<f4"), "bar"),
+        Component(np.arange(9, dtype="<u8"), "s", 1e-3, kind=13),
+    )
+    curves = [
+        famos_curve("Speed", values, step=0.01, comment="of the engine", trigger=(28, 11, 2026, 10, 15, 30.0)),
+        famos_curve("Pressure", *events, number=2),
+        famos_curve(
+            "", Component(numbers.integers(0, 4, 40).astype("<u2"), kind=11), number=3, names=[("On", 1), ("Off", 2)]
+        ),
+    ]
+    path.write_bytes(famos_file(*curves))

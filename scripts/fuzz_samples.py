@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from fuzz_models import classes, components, functions, models, stored_networks
+from fuzz_models import classes, components, fmus, functions, models, stored_networks
 from fuzz_recordings import bus_logs, diadem, recordings
 from fuzz_sample import Sample
 
@@ -220,6 +220,7 @@ _MAKERS: tuple[Callable[[int], Iterator[Sample]], ...] = (
     bus_logs,
     models,
     functions,
+    fmus,
     stored_networks,
     classes,
     components,

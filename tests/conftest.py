@@ -3,10 +3,12 @@
 New ones are explored on request: `pytest --hypothesis-profile=explore`.
 """
 
+import gc
 import os
 import signal
 import sys
 import tempfile
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -55,6 +57,20 @@ def pytest_configure(config: pytest.Config) -> None:
 
         if config.getoption("hypothesis_profile", None) != "explore" and hasattr(providers, "_get_local_constants"):
             providers._get_local_constants = lambda: providers._local_constants
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_collection() -> Iterator[object]:
+    """Pause garbage collection while tests are collected, and leave out of later ones what stays until the end.
+
+    Collecting makes a million objects, and to search them again and again takes a fifth of its time.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)

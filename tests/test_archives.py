@@ -35,10 +35,9 @@ def test_a_large_member_that_is_not_packed_is_fine(tmp_path):
     assert fault(packed(tmp_path / "a.zip", BOMB, zipfile.ZIP_STORED)) == ""
 
 
-@pytest.mark.parametrize("limit", [1_000_000, pytest.param(LARGE, marks=pytest.mark.slow)])
-def test_a_member_that_hides_its_size_is_told(tmp_path, monkeypatch, limit):
-    monkeypatch.setattr("kennfeld.archives.LARGE", limit)
-    path = packed(tmp_path / "a.zip", [bytes(limit // 100)] * 2000)
+def test_a_member_that_hides_its_size_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("kennfeld.archives.LARGE", 1_000_000)
+    path = packed(tmp_path / "a.zip", [bytes(10_000)] * 2000)
     with zipfile.ZipFile(path) as archive:
         member = archive.infolist()[0]
         member.file_size = member.compress_size

@@ -1,5 +1,7 @@
 """Files of columns: what is written is read again, and everything else is not read at all."""
 
+import os
+
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -53,7 +55,19 @@ def test_one_flipped_bit_anywhere_is_noticed(tmp_path, place):
     path = tmp_path / "file.columns"
     write_columns(path, [np.arange(5.0), np.arange(9)], {"name": "drive"})
     assert read_columns(path) is not None
-    content = bytearray(path.read_bytes())
+    content, times = bytearray(path.read_bytes()), path.stat()
     content[place] ^= 1
     path.write_bytes(content)
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert read_columns(path) is None
+
+
+@pytest.mark.parametrize("kept", [0, 40])
+def test_a_file_that_lost_its_end_to_a_power_failure_is_noticed(tmp_path, kept):
+    path = tmp_path / "file.columns"
+    write_columns(path, [np.arange(5.0), np.arange(9)], {"name": "drive"})
+    content = path.read_bytes()
+    path.write_bytes(content[:kept] + bytes(len(content) - kept))  # its size is right
+    assert read_columns(path) is None
+    path.write_bytes(content[:kept])
     assert read_columns(path) is None

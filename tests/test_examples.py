@@ -9,9 +9,9 @@ script of a tutorial runs only there, because it may read what the lines before 
 folder of the torque demo, README and `simulink-example.md` in that of the example they show, tutorials in one of an
 example or in an empty one.
 
-What takes long runs to its end only with the mark `slow`. Without it, fits of long documents end early and write no
-report, recordings of their scripts are short, and the engine of the idle demo is a small one. The longest documents
-fit nothing then: the command line has to accept what they show, and their projects have to be right.
+In long documents, fits end early and write no report, recordings of scripts are short, and the engine of the idle demo
+is a small one. The longest documents run so only with the mark `slow`. Without it, they fit nothing: the command line
+has to accept what they show, and their projects have to be right.
 """
 
 import ast
@@ -66,10 +66,10 @@ LONG = {  # documents whose fits take several seconds
     *("how-to/weights.md", "tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md"),
     *("tutorials/torque.md", "tutorials/two-days.md"),
 }
-LONGEST = {  # documents with several fits of different projects
+LONGEST = {  # documents with several fits
     *("commands.md", "get-started.md", "results.md", "how-to/delay.md", "how-to/smoothness.md"),
     *("tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md", "tutorials/torque.md"),
-    "how-to/ci.md",
+    *("how-to/ci.md", "how-to/monotonic-maps.md", "how-to/trust.md", "how-to/weights.md"),
 }
 
 
@@ -384,13 +384,23 @@ LONG_DOCUMENTS = [ROOT / "docs" / name for name in sorted(LONG)]
 LONGEST_DOCUMENTS = [ROOT / "docs" / name for name in sorted(LONGEST)]
 
 
-@pytest.mark.parametrize("document", [path for path in WITH_COMMANDS if path not in LONG_DOCUMENTS], ids=document_name)
+@pytest.mark.parametrize(
+    "document",
+    [
+        pytest.param(path, marks=pytest.mark.slow if path.name == "surrogates.md" else ())
+        for path in WITH_COMMANDS
+        if path not in LONG_DOCUMENTS
+    ],
+    ids=document_name,
+)
 def test_commands_shown_work(document, workplace, monkeypatch, demos):
     run_all(document, workplace(document), monkeypatch, demos)
 
 
 @pytest.mark.parametrize(
-    "document", [path for path in LONG_DOCUMENTS if path not in LONGEST_DOCUMENTS], ids=document_name
+    "document",
+    [pytest.param(path, marks=pytest.mark.slow if path in LONGEST_DOCUMENTS else ()) for path in LONG_DOCUMENTS],
+    ids=document_name,
 )
 def test_commands_of_long_documents_work_in_short_runs(document, workplace, monkeypatch, short_demos):
     shorten_runs(monkeypatch)
@@ -401,12 +411,6 @@ def test_commands_of_long_documents_work_in_short_runs(document, workplace, monk
 def test_commands_of_the_longest_documents_are_accepted(document, workplace, monkeypatch, written_demos):
     shorten_runs(monkeypatch)
     run_all(document, workplace(document), monkeypatch, written_demos, accept)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("document", LONG_DOCUMENTS, ids=document_name)
-def test_commands_of_long_documents_work(document, workplace, monkeypatch, demos):
-    run_all(document, workplace(document), monkeypatch, demos)
 
 
 @pytest.mark.parametrize(

@@ -155,6 +155,8 @@ _NAME_THERE = {"read_parameters": "read"}
 def __getattr__(name: str) -> "Any":
     if name == "report":  # a package, for `report.document`
         return import_module("kennfeld.report")
+    if name.startswith("_"):  # tools ask for dozens of these: no search for similar names
+        raise AttributeError(f"module 'kennfeld' has no attribute {name!r}")
     if name not in _MODULE_OF:
         from kennfeld.formatting import nearest
 

@@ -15,6 +15,7 @@ from kennfeld.terminal.command_line import DONE, INTERRUPTED, WRONG_INPUT
 from kennfeld.terminal.output import findings_json, print_findings, print_values
 from kennfeld.terminal.shell_completion import COMPLETE, register_powershell
 from kennfeld.terminal.signals import end_like_ctrl_c
+from kennfeld.terminal.special_files import refuse_special_files
 from kennfeld.terminal.watched_commands import APP, call_limit
 from kennfeld.threads import let_blas_threads_sleep
 from kennfeld.watch_folder import WATCHER
@@ -64,6 +65,7 @@ def main() -> None:
     """Run the command `kennfeld` and end the process."""
     gc.set_threshold(200_000, 50, 50)  # a short process leaves little to collect; looking for it takes a tenth of it
     let_blas_threads_sleep()
+    refuse_special_files()
     status = _run_safely(sys.argv[1:])
     gc.freeze()  # the end of the process then does not search all objects once more
     sys.exit(status)

@@ -9,6 +9,7 @@ import json
 import mmap
 import os
 import struct
+import time
 import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -25,7 +26,8 @@ _KINDS = ("<f8", "<i8", "<u4", "|b1")
 _LENGTH = struct.Struct("<Q")
 _END = struct.Struct(f"<I{len(_SIGNATURE)}s")
 _BLOCK = 1 << 20  # bytes
-_checked: dict[Path, tuple[int, int, int]] = {}  # files whose checksum is right
+_SETTLED = 2_000_000_000  # ns; a file that was changed later than that before a look at it may change unnoticed
+_checked: dict[Path, tuple[int, int, int, int]] = {}  # files whose checksum is right
 
 
 class ColumnFile(NamedTuple):
@@ -80,7 +82,7 @@ def read_columns(path: Path) -> ColumnFile | None:
 def _is_whole(path: Path, file: BinaryIO) -> bool:
     """Return whether a file ends with its checksum and the signature; it is computed once, unless the file changes."""
     stat = os.fstat(file.fileno())
-    identity = stat.st_ino, stat.st_size, stat.st_mtime_ns
+    identity = stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
     if _checked.get(path) == identity:
         return True
     size = stat.st_size - _END.size
@@ -89,7 +91,8 @@ def _is_whole(path: Path, file: BinaryIO) -> bool:
     file.seek(0)
     if signature != _SIGNATURE or checksum != _checksum(file, size):
         return False
-    _checked[path] = identity
+    if time.time_ns() - stat.st_ctime_ns > _SETTLED:
+        _checked[path] = identity
     return True
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
+from datetime import datetime
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -119,6 +120,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         warmup: time from the start of each piece that is simulated but not scored, in s.
         clock: the column that time was read from, for a dataset from a file.
         files: the files that the samples come from; None if that is unknown.
+        start_time: the instant of time stamp 0 as the recording states it, None if it does not, or if several
+            recordings differ. Without a time zone it is a local time of an unknown zone.
 
     Raises:
         ArgumentError: lengths differ, or time does not increase.
@@ -142,6 +145,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
     warmup: float = 0.0
     clock: Clock | None = None
     files: FileSpans | None = None
+    start_time: datetime | None = None
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}
@@ -375,7 +379,13 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
         scored=scored,
         findings=findings,
         files=join_files([part.files for part in parts], [part.samples for part in parts]),
+        start_time=common_start_time([part.start_time for part in parts]),
     )
+
+
+def common_start_time(times: Sequence[datetime | None]) -> datetime | None:
+    """Return the start time of recordings that are joined; None if they differ."""
+    return times[0] if len(set(times)) == 1 else None
 
 
 def join_files(files: Sequence[FileSpans | None], samples: Sequence[int]) -> FileSpans | None:
@@ -385,9 +395,11 @@ def join_files(files: Sequence[FileSpans | None], samples: Sequence[int]) -> Fil
     """
     names: list[str] = []
     lengths: list[int] = []
+    times: list[datetime | None] = []
     for own, count in zip(files, samples, strict=True):
         if own is None:
             return None
         names += own.names
         lengths += own.sizes(count).tolist()
-    return FileSpans.joined(names, lengths)
+        times += own.start_times
+    return FileSpans.joined(names, lengths, times)

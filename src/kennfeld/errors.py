@@ -13,6 +13,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -74,6 +75,14 @@ class Location:
     line: int = 0
     path: str = ""
     column: int = 0
+
+    @classmethod
+    def of_file(cls, path: Path | str) -> "Location":
+        """Return the location of a file, named from the present folder if it is reached from there."""
+        if Path(path).is_absolute():
+            with suppress(OSError, ValueError):
+                path = Path(path).relative_to(Path.cwd())
+        return cls(str(path))
 
     def within(self, path: str) -> "Location":
         """Return the location of a part: `path` is appended to the own path."""

@@ -35,5 +35,5 @@ def convert_errors(
         yield
     except OSError as error:
         if missing and isinstance(error, FileNotFoundError):
-            raise InputError.of(Location(str(path)), missing, nearest_file(Path(path)) or advice) from None
-        raise InputError.of(Location(str(path)), f"{message}: {error.strerror or error}", remedy) from None
+            raise InputError.of(Location.of_file(path), missing, nearest_file(Path(path)) or advice) from None
+        raise InputError.of(Location.of_file(path), f"{message}: {error.strerror or error}", remedy) from None

@@ -1,6 +1,7 @@
 """The files that the samples of a dataset come from."""
 
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 from pathlib import PurePath
 from typing import Any, Self
 
@@ -19,6 +20,7 @@ class FileSpans:
         names: paths or addresses.
         starts: first sample of each file, rising, Int[files]; negative if the dataset begins within a file.
         lengths: samples of each file, Int[files]; the last one may end behind the dataset.
+        start_times: the instant of time stamp 0 of each file, as `Dataset.start_time`; by default all are unknown.
 
     >>> files = FileSpans.joined(["a.csv", "b.csv"], [3, 2])
     >>> part = files.cut(1, 4)
@@ -29,12 +31,17 @@ class FileSpans:
     names: tuple[str, ...]
     starts: Int
     lengths: Int
+    start_times: tuple[datetime | None, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.start_times:
+            object.__setattr__(self, "start_times", (None,) * len(self.names))
 
     @classmethod
-    def joined(cls, names: Sequence[str], lengths: Sequence[int]) -> Self:
+    def joined(cls, names: Sequence[str], lengths: Sequence[int], start_times: Sequence[datetime | None] = ()) -> Self:
         """Return whole files, of which each begins where the one before it ends."""
         edges = np.cumsum([0, *lengths], dtype=np.int64)
-        return cls(tuple(names), edges[:-1], np.diff(edges))
+        return cls(tuple(names), edges[:-1], np.diff(edges), tuple(start_times))
 
     def covers(self, samples: int) -> bool:
         """Return whether each of a number of samples comes from one of the files."""
@@ -48,14 +55,15 @@ class FileSpans:
         """Return the files of the samples from `first` to before `last`."""
         inside = (self.starts < last) & (self.starts + self.lengths > first)
         names = tuple(name for name, taken in zip(self.names, inside, strict=True) if taken)
-        return type(self)(names, self.starts[inside] - first, self.lengths[inside])
+        times = tuple(time for time, taken in zip(self.start_times, inside, strict=True) if taken)
+        return type(self)(names, self.starts[inside] - first, self.lengths[inside], times)
 
     def picked(self, samples: Int) -> Self | None:
         """Return the files of some samples, by number, as if they had no others; None unless the numbers rise."""
         if np.any(np.diff(samples) <= 0):
             return None
         edges = np.searchsorted(samples, np.append(self.starts, self.starts[-1:] + self.lengths[-1:]))
-        return type(self)(self.names, edges[:-1], np.diff(edges))
+        return type(self)(self.names, edges[:-1], np.diff(edges), self.start_times)
 
     def parts(self, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
         """Yield each file with its part of the values of a dataset, [samples]."""

@@ -49,7 +49,10 @@ class ForkedProcess:
 
     def wait(self) -> int:
         if self.returncode is None:
-            self.returncode = os.waitstatus_to_exitcode(self._source.ask({"wait": self.pid}))
+            try:
+                self.returncode = os.waitstatus_to_exitcode(self._source.ask({"wait": self.pid}))
+            except OSError:  # the source was closed at the end of all tests, and has ended this process
+                self.returncode = -signal.SIGKILL
         return self.returncode
 
     def _send(self, number: signal.Signals) -> None:
@@ -77,7 +80,8 @@ class ForkingProcess:
         with self._lock:
             socket.send_fds(self._socket, [json.dumps(request).encode()], descriptors)
             answer = self._socket.recv(LIMIT)
-        assert answer, "the process that forks has ended"
+        if not answer:
+            raise ConnectionError("the process that forks has ended")
         return int(answer)
 
     def close(self) -> None:

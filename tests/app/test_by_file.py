@@ -72,7 +72,8 @@ def test_before_a_run_there_is_nothing_to_list(tmp_path: Path) -> None:
     assert (head["run"], len(head["rows"]), head["several"]) == (None, 1, False)
 
 
-@pytest.mark.parametrize("files", mostly_slow([1, 3], 1))
+@pytest.mark.slow
+@pytest.mark.parametrize("files", [1, 3])
 def test_the_table_is_folded_if_there_is_only_one_file(tmp_path: Path, files: int) -> None:
     project = write_project(tmp_path, files)
     with project_page(project) as page:

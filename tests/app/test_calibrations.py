@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 import kennfeld as kf
 from kennfeld.app.answer import Answer
@@ -258,5 +259,8 @@ def test_a_simulation_is_written_at_the_present_values(session: Session) -> None
     assert ask(session, "export", formats=[], simulation=".csv").head["files"] == ["simulation.csv"]
     header = (session.path.parent / "simulation.csv").read_text().splitlines()[0]
     assert "TorquePredict" in header
+    assert ask(session, "export", formats=[], simulation=".mat").head["files"] == ["simulation.mat"]
+    bench = loadmat(session.path.parent / "simulation.mat", simplify_cells=True)["bench"]
+    np.testing.assert_allclose(bench["TorquePredict_error"], bench["TorquePredict"] - bench["Torque"])
     with pytest.raises(ArgumentError):
         ask(session, "export", formats=[], simulation=".exe")

@@ -56,6 +56,7 @@ def test_a_dropped_file_is_merged_and_converted(torque: Path, bench: Path, tmp_p
     assert both["MapOptTorque"].values == pytest.approx(own["MapOptTorque"].values * 2)
 
 
+@pytest.mark.slow
 def test_a_file_that_is_dropped_on_the_start_page_makes_a_project(tmp_path: Path) -> None:
     rows = "\n".join(f"{x},{2 * x}" for x in range(50))
     (tmp_path / "bench.csv").write_text(f"Speed,Torque\nrpm,Nm\n{rows}\n")

@@ -103,6 +103,7 @@ def test_a_network_is_chosen_and_its_layers_are_listed(tmp_path: Path) -> None:
         assert page.locator(".consent").count() == 0
 
 
+@pytest.mark.slow
 def test_a_file_is_added_and_its_function_is_called_by_completion(tmp_path: Path) -> None:
     project = write_functions(tmp_path / "project")
     (tmp_path / "shape.py").write_text("def shape(x, width=2.0):\n    return x / width\n")

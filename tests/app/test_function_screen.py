@@ -18,6 +18,7 @@ def row(page: Any, table: str) -> list[str]:
     return list(page.locator(f"[data-split=corrections] tr:has-text('{table}') td").all_inner_texts())
 
 
+@pytest.mark.slow
 def test_the_error_at_the_worst_point_is_split(torque: Path) -> None:
     with project_page(torque, "function") as page:
         page.wait_for_selector("[data-split=error]")
@@ -98,6 +99,7 @@ def test_a_broken_model_is_one_message_and_the_page_lives_on(torque: Path) -> No
         page.wait_for_selector("[data-split=error]")
 
 
+@pytest.mark.slow
 def test_a_dropped_model_becomes_the_function(torque: Path) -> None:
     with project_page(torque, "function") as page:
         page.set_input_files(".choice input[type=file]", EXAMPLE / "exhaust.mdl")
@@ -176,6 +178,7 @@ def test_a_class_shows_its_values_at_the_cursor_and_its_errors_at_the_line(tmp_p
         assert page.is_disabled("button:text-is('Edit as formula text')")
 
 
+@pytest.mark.slow
 def test_tasks_are_chosen_by_boxes(tmp_path: Path) -> None:
     folder = write_project(tmp_path, BATTERY)
     path = folder / "Battery/Battery.app"

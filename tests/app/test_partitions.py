@@ -19,24 +19,25 @@ from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.report import document
-from tests.project.partitioned_projects import STEADY, in_partitions, write_steady
+from tests.project.partitioned_projects import FEW, in_partitions, write_steady
 from tests.report.report_projects import Page
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
 SHORT = '\n[optimizer]\ncontinuation = "off"\nmax_iterations = 6\n'
-SAMPLES = 5 * 800 + 90 * (1 + 2 + 3 + 4)  # of five files
-PARTITIONS = "\n[cluster]\npartition = 600\n"
+SAMPLES = 5 * 100 + 90 * (1 + 2 + 3 + 4)  # of five files
+PARTITIONS = "\n[cluster]\npartition = 300\n"
 needs_dask = pytest.mark.skipif(find_spec("distributed") is None, reason="dask.distributed is not installed")
 
 
 def write_project(folder: Path, cluster: str = PARTITIONS, optimizer: str = SHORT) -> Path:
-    return write_steady(folder, text=STEADY + optimizer + cluster)
+    return write_steady(folder, files=4, samples=100, text=FEW + optimizer + cluster)
 
 
 @pytest.fixture(autouse=True)
 def small_excerpt(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(partitioned_loading, "EXCERPT", 500)
+    monkeypatch.setattr(partitioned_loading, "EXCERPT", 100)
+    monkeypatch.setattr(partitioned_loading, "LEAST_EXCERPT", 20)
 
 
 def wait(session: Session, until: Callable[[], bool]) -> None:
@@ -89,9 +90,9 @@ def test_a_run_evaluates_all_partitions_as_the_command_does(tmp_path: Path) -> N
 @pytest.mark.slow  # processes of a run are started below too; their bits are those of `project/test_clusters.py`
 @needs_dask
 def test_a_run_uses_the_processes_of_the_project(tmp_path: Path) -> None:
-    path = write_project(tmp_path)
-    command = Project.read(path).calibrate()
-    session = Session(write_project(tmp_path, cluster=PARTITIONS + "workers = 2\n"))
+    optimizer = SHORT.replace("= 6", "= 2")
+    command = Project.read(write_project(tmp_path, optimizer=optimizer)).calibrate()
+    session = Session(write_project(tmp_path, PARTITIONS + "workers = 2\n", optimizer))
     result = calibrated(session)
     assert all(np.array_equal(*pair) for pair in zip(tables(result), tables(command), strict=True))
     assert result.quality == command.quality
@@ -99,7 +100,7 @@ def test_a_run_uses_the_processes_of_the_project(tmp_path: Path) -> None:
 
 
 def test_a_run_is_stopped_at_its_best_values(tmp_path: Path) -> None:
-    session = Session(write_project(tmp_path, optimizer="\n[optimizer]\nmax_iterations = 5000\ntolerance = 1e-300\n"))
+    session = Session(write_project(tmp_path, optimizer="\n[optimizer]\nstarts = 100\n"))
     session.run()
     wait(session, lambda: len(session.job.trace) > 0 or session.job.state != "running")
     session.stop()
@@ -127,7 +128,7 @@ def test_a_scheduler_that_does_not_answer_fails_the_run_alone(tmp_path: Path, mo
 @needs_dask
 def test_processes_of_a_run_end_with_the_session(tmp_path: Path) -> None:
     processes = pytest.importorskip("psutil", reason="psutil is not installed")
-    session = Session(write_project(tmp_path, PARTITIONS + "workers = 2\n", "\n[optimizer]\ntolerance = 1e-300\n"))
+    session = Session(write_project(tmp_path, PARTITIONS + "workers = 2\n", "\n[optimizer]\nstarts = 100\n"))
     session.run()
     wait(session, lambda: bool(session.job.trace) or session.job.state != "running")
     assert session._running is not None
@@ -146,7 +147,7 @@ def test_reports_and_results_are_those_of_all_samples(tmp_path: Path) -> None:
     session = Session(write_project(tmp_path))
     result = calibrated(session)
     page = export_of(session, report=True, whole=True)
-    expected = Page(document(in_partitions(session.path, 600), result))
+    expected = Page(document(in_partitions(session.path, 300), result))
     for kind in ("strip", "scatter", "histograms", "cells"):
         assert page.figures(kind) == expected.figures(kind)
     folder = session.path.parent / "results"
@@ -163,7 +164,7 @@ def test_a_report_on_edited_values_has_their_errors_on_all_samples(tmp_path: Pat
     page = export_of(session, report=True)
     problem = Project.read(session.path).problem()
     (row, _) = Scorer(problem).scores(problem.parameters, session.parameters).quality
-    assert row.samples == result.quality[0].samples > 3000
+    assert row.samples == result.quality[0].samples > 700
     assert row.rmse_after > 2 * result.quality[0].rmse_after
     errors = f"{row.samples} – {decimal(row.rmse_before)} {decimal(row.rmse_after)}"
     assert f"bench training {errors}" in page.words_in_a_row
@@ -182,10 +183,10 @@ def test_edits_do_not_read_recordings_again(tmp_path: Path, monkeypatch: pytest.
     session.do(SetKeys("smoothness", session.path.name, [(("parameters", "M", "smoothness"), 0.1)]))
     assert calls == []
     lines = (tmp_path / "bench_0.csv").read_text().splitlines()
-    (tmp_path / "bench_0.csv").write_text("\n".join(lines[:300]))
+    (tmp_path / "bench_0.csv").write_text("\n".join(lines[:60]))
     session.refresh()
     assert len(calls) == 1
-    assert overview.overview(session)["excerpt"][1] == SAMPLES - (len(lines) - 300)
+    assert overview.overview(session)["excerpt"][1] == SAMPLES - (len(lines) - 60)
 
 
 def test_partitions_can_be_switched_off_and_on(tmp_path: Path) -> None:

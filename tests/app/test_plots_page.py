@@ -119,6 +119,7 @@ def test_keys_zoom_and_move_the_cursor_sample_by_sample(exhaust: Path) -> None:
             page.wait_for_function(shown, arg=float(speed[sample]))
 
 
+@pytest.mark.slow
 def test_a_range_shows_its_length_and_the_statistics_of_each_signal(exhaust: Path) -> None:
     with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
@@ -135,6 +136,7 @@ def test_a_range_shows_its_length_and_the_statistics_of_each_signal(exhaust: Pat
         assert least < mean < rms < greatest
 
 
+@pytest.mark.slow
 def test_a_rectangle_in_a_scatter_becomes_a_condition_a_weight_and_a_view(exhaust: Path) -> None:
     with project_page(exhaust) as page:
         page.click("[data-screen=plots]")
@@ -192,6 +194,7 @@ def test_a_clicked_sample_shows_its_error_and_corrections(torque: Path) -> None:
         page.wait_for_selector(".sample dt:has-text('dragTorque')")
 
 
+@pytest.mark.slow
 def test_a_grid_point_lights_up_its_samples_in_the_plots(exhaust: Path) -> None:
     view = Session(exhaust).require_view()
     with project_page(exhaust) as page:

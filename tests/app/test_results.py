@@ -1,6 +1,7 @@
 """The results: what is accepted, and what a pin would do to the uncertainty."""
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,20 @@ from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.questions.trust import pinned_deviation
 from kennfeld.app.session.session import Session
 from kennfeld.project.demo import write
+from tests.app.app_processes import FORKS, fork_workers, forking_process
 from tests.app.function_samples import write_product
 
 
 def ask(session: Session, question: str, **given: Any) -> Answer:
     return (QUESTIONS.get(question) or COMMANDS[question])(session, given)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forked_worker() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        if FORKS:
+            fork_workers(patch, forking_process())
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -59,6 +59,7 @@ def test_a_project_that_the_page_had_opened_is_opened_again(torque: Path, tmp_pa
             page.wait_for_selector("[data-cell='0,2']:has-text('77')")
 
 
+@pytest.mark.slow
 def test_a_page_that_cannot_prove_itself_says_what_to_do(torque: Path, tmp_path: Path) -> None:
     with started(torque, tmp_path) as (address, process), browser_page(address) as page:
         kill(process, page)

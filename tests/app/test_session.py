@@ -13,6 +13,8 @@ from kennfeld.app.session.state import SetValues
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.project import Project
 
+forked = pytest.mark.usefixtures("forked_workers")
+
 
 def wait_for_end(session: Session) -> None:
     deadline = time.monotonic() + 120
@@ -64,6 +66,7 @@ def test_a_run_gives_what_the_command_line_gives(exhaust: Path) -> None:
     np.testing.assert_allclose(np.ravel(shown["values"]), final, rtol=1e-6)  # not those of an earlier step
 
 
+@forked
 def test_a_second_run_is_refused_while_one_is_on(exhaust: Path) -> None:
     session = Session(exhaust)
     session.run()
@@ -72,6 +75,7 @@ def test_a_second_run_is_refused_while_one_is_on(exhaust: Path) -> None:
     session.close()
 
 
+@forked
 def test_a_run_can_be_stopped_and_keeps_its_best_values(torque: Path) -> None:
     session = Session(torque)
     session.run()
@@ -86,6 +90,7 @@ def test_a_run_can_be_stopped_and_keeps_its_best_values(torque: Path) -> None:
     assert session.require_view().now.scores[0].rmse < session.require_view().start.scores[0].rmse
 
 
+@forked
 def test_a_worker_that_dies_is_reported_and_the_session_goes_on(torque: Path) -> None:
     session = Session(torque)
     session.run()
@@ -108,6 +113,7 @@ def test_a_project_that_cannot_be_read_says_why(torque: Path) -> None:
         session.run()
 
 
+@forked
 def test_a_recording_that_is_replaced_is_noticed_and_read_before_a_run(exhaust: Path) -> None:
     session = Session(exhaust)
     assert not session.changed_on_disk

@@ -51,8 +51,8 @@ async keys => {
 """
 
 
-def keys_with_help(every: bool) -> dict[str, str]:
-    """Return the help of every key, or of the last one of each section."""
+def keys_with_help() -> dict[str, str]:
+    """Return the help of every key."""
     helps = {}
     for section in describe_sections():
         keys = section["form"].get("keys", ())
@@ -60,15 +60,13 @@ def keys_with_help(every: bool) -> dict[str, str]:
             continue  # the project has none, see below
         if section["name"] == "parameters":
             keys = [key for key in keys if key["name"] not in ("z", "w")]  # the open table is a map
-        chosen = keys if every else keys[-1:]
-        helps |= {f"{section['name']}.{key['name']}": key["help"] for key in chosen}
+        helps |= {f"{section['name']}.{key['name']}": key["help"] for key in keys}
     return helps
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["last", "all"])
-def test_the_palette_finds_the_field_of_every_key(torque: Path, every: bool) -> None:
-    before, expected = torque.read_bytes(), keys_with_help(every)
+def test_the_palette_finds_the_field_of_every_key(torque: Path) -> None:
+    before, expected = torque.read_bytes(), keys_with_help()
     with project_page(torque) as page:
         page.set_viewport_size({"width": 480, "height": 320})  # quickly drawn
         helps = page.evaluate(JUMPS, list(expected))
@@ -116,6 +114,7 @@ def test_a_comment_has_paragraphs(torque: Path) -> None:
     assert b'comment = "Bench 3.\\n\\nSecond paragraph."' in torque.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_message_stands_at_its_field(torque: Path) -> None:
     with project_page(torque) as page:
         jump(page, "dataset.where")

@@ -65,6 +65,17 @@ def test_what_rounding_costs_is_told():
     assert "1 number of 1 label rounded to storable values, by at most 0.04 bar (L, 0.04" in remarks[0]
 
 
+@pytest.mark.parametrize("given", [(0.04, 0.0), (0.0, 0.04), (0.04, 0.02)])
+def test_what_rounding_costs_is_told_where_the_old_number_stays(given):
+    text = module(BYTE, TENTH, label("VAL_BLK", "NUMBER 2", conversion="CM"))
+    image, remarks = write(text, bytes(2), values(*given))
+    assert image.raw == hex_file({ADDRESS: bytes(2)})
+    count = "1 number" if 0.0 in given else "2 numbers"
+    assert remarks == [
+        f"new.hex: {count} of 1 label rounded to storable values, by at most 0.04 bar (L, 1 of its largest value)"
+    ]
+
+
 def test_of_two_numbers_as_near_the_even_one_is_stored():
     text = module(BYTE, method("CM", "LINEAR", "COEFFS_LINEAR 2 0"), label("VAL_BLK", "NUMBER 2", conversion="CM"))
     assert write(text, bytes(2), values(1.0, 3.0))[0].read(ADDRESS, 2) == bytes([0, 2])

@@ -97,7 +97,7 @@ def test_a_grid_point_of_weight_zero_does_not_count():
     assert values.tolist() == [4.0, 3.0]
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 @given(axes(), st.floats(-0.5, 1.5), st.floats(0.01, 0.5), st.sampled_from(["clip", "linear"]))
 def test_smoothed_weights_sum_to_one_and_their_slopes_to_zero(points, place, width, extrapolation):
     span = points[-1] - points[0]

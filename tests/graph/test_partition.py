@@ -19,7 +19,7 @@ def fed(graph):
     return {node.payload for node in graph.nodes if node.op == "input" and node.payload.startswith("#")}
 
 
-@few_or_many(cases(), few=8, many=60)
+@few_or_many(cases(), few=8, many=40)
 def test_the_parts_give_what_the_whole_gives(case):
     low = lower_lookups(case.graph, case.parameters)
     outputs = tuple(case.graph.names)
@@ -41,7 +41,7 @@ def test_the_parts_give_what_the_whole_gives(case):
     assert_close(joined(plain), exact, change, steady(exact, change))
 
 
-@few_or_many(cases(), few=10, many=60)
+@few_or_many(cases(), few=10, many=40)
 def test_columns_are_exactly_what_the_reduced_graph_reads(case):
     low = lower_lookups(case.graph, case.parameters)
     parts = partition_graph(low.graph, ["y0"], case.fitted)

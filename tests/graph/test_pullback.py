@@ -88,7 +88,7 @@ def test_nothing_leaks_from_a_branch_not_taken():
     assert scalars(expression, x=0.0, k=3.0) == [0.0, 1.0]
 
 
-@few_or_many(cases(), few=8, many=60)
+@few_or_many(cases(), few=8, many=40)
 def test_a_pull_back_gives_what_rows_written_out_give(case):
     low = lower_lookups(case.graph, case.parameters)
     roots = list(low.graph.names.values())

@@ -59,13 +59,13 @@ def test_engines_compile_under_threads_at_once():
 
 
 def test_kernels_compile_and_run_under_threads_at_once():
-    models = [MODELS[name] for name in sorted(MODELS)] * 2
+    models = [MODELS[name] for name in ("coupled2", "external", "layers")] * 3
 
     def work(model):
         made = compiled(case(model(), 60, (0, 20)))
         return made.accumulator().normal(made.values).matrix.copy()
 
-    expected = [work(model) for model in models[: len(MODELS)]] * 2
+    expected = [work(model) for model in models[:3]] * 3
     with ThreadPoolExecutor(8) as pool:
         for got, alone in zip(pool.map(work, models), expected, strict=True):
             np.testing.assert_array_equal(got, alone)

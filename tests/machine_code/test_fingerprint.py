@@ -58,9 +58,10 @@ def arguments(model: str = "lag") -> tuple[Any, ...]:
 def test_equal_arguments_have_one_in_every_process() -> None:
     path = [str(Path(__file__).parent), *sys.path]
     code = f"import sys; sys.path[:] = {path!r}; from test_fingerprint import *\n"
-    code += "print(*(fingerprint(WRITE, arguments(name)) for name in sorted(MODELS)), sep='\\n')"
-    expected = [fingerprint(WRITE, arguments(name)) for name in sorted(MODELS)]
-    assert len(set(expected)) == len(MODELS)
+    models = ["external", "layers", "static"]
+    code += f"print(*(fingerprint(WRITE, arguments(name)) for name in {models}), sep='\\n')"
+    expected = [fingerprint(WRITE, arguments(name)) for name in models]
+    assert len(set(expected)) == len(models)
     other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     environment = os.environ | {"PYTHONHASHSEED": other}
     output = subprocess.check_output([sys.executable, "-c", code], env=environment, text=True)

@@ -1,6 +1,8 @@
 """Data files and model workspaces as values, the objects of parameters included."""
 
+import os
 import random
+import signal
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -9,8 +11,9 @@ import numpy as np
 import pytest
 import scipy
 
+from kennfeld.matlab import mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, MatStruct, MatUnreadable
-from kennfeld.matlab.mat_reader import load_variables, read_nodes, to_value
+from kennfeld.matlab.mat_reader import load_nodes, load_variables, read_nodes, to_value
 from kennfeld.matlab.mat_v5 import read_elements
 from kennfeld.matlab.mcos import read_workspace
 from kennfeld.matlab.script_runner import run_script
@@ -181,3 +184,14 @@ def test_data_that_matlab_wrote_are_values():
     found = load_variables((REAL / "BreathData.mat").read_bytes(), "BreathData.mat")
     assert found
     assert {class_name(value) for value in found.values()} <= {"double", "struct", "cell", "char", "single", "logical"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the fault is one of POSIX")
+def test_a_file_of_version_7_3_that_crashes_the_library_is_damaged(monkeypatch):
+    monkeypatch.setattr(mat_v73, "_load_content", _crash)
+    loaded = load_nodes(b"\x89HDF\r\n\x1a\n")
+    assert loaded.lost == "the library that reads it crashed (SIGSEGV)"
+
+
+def _crash(*_):
+    os.kill(os.getpid(), signal.SIGSEGV)

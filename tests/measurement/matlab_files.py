@@ -6,7 +6,16 @@ import h5py
 import numpy as np
 
 HEAD = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon Jan 1 2024 HDF5 schema 1.00 ."
-_CLASSES = {"f8": "double", "f4": "single", "b1": "logical", "i4": "int32", "u1": "uint8", "u2": "uint16"}
+_CLASSES = {
+    "f8": "double",
+    "f4": "single",
+    "b1": "logical",
+    "i4": "int32",
+    "u1": "uint8",
+    "u2": "uint16",
+    "u4": "uint32",
+    "u8": "uint64",
+}
 
 
 def save73(path, variables):
@@ -74,6 +83,12 @@ def _write_array(group, name, value):
             group[name].attrs["MATLAB_empty"] = np.uint8(1)
         return
     array = np.atleast_2d(value)
+    if array.dtype.kind == "c":
+        pairs = np.zeros(array.T.shape, [("real", "f8"), ("imag", "f8")])
+        pairs["real"], pairs["imag"] = array.T.real, array.T.imag
+        group[name] = pairs
+        _call(group[name], "double")
+        return
     group[name] = array.T.astype(np.uint8) if array.dtype == bool else array.T
     _call(group[name], _CLASSES[array.dtype.str[1:]])
 

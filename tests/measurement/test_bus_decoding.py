@@ -6,7 +6,7 @@ import pytest
 from kennfeld.errors import ArgumentError, InputError
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.bus_databases import to_databases
-from tests.measurement.bus_files import DBC, Frame, drive, eec1, engine, write_mf4
+from tests.measurement.bus_files import DBC, Frame, drive, eec1, engine, write_log, write_mf4
 
 
 @pytest.fixture
@@ -254,3 +254,38 @@ def test_the_real_log_of_a_logger_is_named(real):
 def test_databases_that_are_none_are_refused(value):
     with pytest.raises(ArgumentError, match="dbc="):
         to_databases([value])
+
+
+TEXTS = """VERSION ""
+
+BU_: ECU1
+
+BO_ 256 Engine: 8 ECU1
+ SG_ Temp : 0|8@1+ (0.5,-40) [0|0] "degC" ECU1
+ SG_ Speed : 8|8@1+ (1,0) [0|0] "km/h" ECU1
+ SG_ State : 16|2@1+ (1,0) [0|3] "" ECU1
+ SG_ Flag : 18|1@1+ (1,0) [0|1] "" ECU1
+ SG_ Gear : 24|8@1- (1,0) [0|0] "" ECU1
+
+VAL_ 256 Temp 255 "SNA" 254 "Signal_Error" 0 "Cold" ;
+VAL_ 256 Speed 255 "not available" 0 "Standstill" ;
+VAL_ 256 State 0 "Off" 1 "On" 2 "Error" 3 "SNA" ;
+VAL_ 256 Flag 0 "valid" 1 "invalid" ;
+VAL_ 256 Gear -1 "Reverse" -128 "invalid" ;
+"""
+
+
+def test_named_values_stay_numbers_and_those_that_say_no_value_are_missing(tmp_path):
+    (tmp_path / "engine.dbc").write_text(TEXTS)
+    raws = [(0, 0, 0, 255, 0), (100, 50, 1, 1, 1), (254, 100, 2, 2, 0), (255, 255, 3, 128, 1)]
+    payloads = [bytes([temp, speed, state | flag << 2, gear, 0, 0, 0, 0]) for temp, speed, state, gear, flag in raws]
+    frames = [Frame(0.1 * k, 256, payload) for k, payload in enumerate(payloads)]
+    data = read(write_log(tmp_path / "drive.asc", frames), dbc=tmp_path / "engine.dbc")
+    # as cantools decodes them without choices, but for the texts that say that there is no value
+    np.testing.assert_array_equal(data["Temp"].values, [-40, 10, np.nan, np.nan])
+    np.testing.assert_array_equal(data["Speed"].values, [0, 50, 100, np.nan])
+    np.testing.assert_array_equal(data["State"].values, [0, 1, 2, 3])
+    np.testing.assert_array_equal(data["Flag"].values, [0, 1, 0, 1])
+    np.testing.assert_array_equal(data["Gear"].values, [-1, 1, 2, np.nan])
+    said = "missing values: Temp (2 of 4: Signal_Error, SNA), Speed (1 of 4: not available), Gear (1 of 4: invalid)"
+    assert said in data.findings[-1].message

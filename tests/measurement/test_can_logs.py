@@ -176,6 +176,31 @@ CAN_CSV = {
         "timestamp,arbitration_id,extended,remote,error,dlc,data\n",
         "{k}.5,0x1f4,0,0,0,8,{base64}\n",
     ),
+    "kvaser": (
+        "Time,Channel,ID,Flags,DLC,D0,D1,D2,D3,D4,D5,D6,D7,Counter\n",
+        "{k}.5,1,1F4,0,8,{bytes},1\n",
+    ),
+    "kvaser in decimal numbers": (
+        "Time,Channel,ID,Flags,DLC,D0,D1,D2,D3,D4,D5,D6,D7,Counter\n",
+        "{k}.5,1,500,0,8,{numbers},1\n",
+    ),
+    "asammdf": (
+        "timestamps,"
+        + ",".join(
+            f"CAN_DataFrame.CAN_DataFrame.{name}"
+            for name in ("BusChannel", "ID", "IDE", "DLC", "DataLength", "DataBytes")
+        )
+        + "\n",
+        "{k}.5,1,500,0,8,8,[{blanks} 0 0]\n",
+    ),
+    "asammdf with dates": (
+        "timestamps;CAN_DataFrame.ID;CAN_DataFrame.DLC;CAN_DataFrame.DataLength;CAN_DataFrame.DataBytes\n",
+        "2026-01-01 23:59:5{k}.500000+00:00;500;8;8;[{blanks}]\n",
+    ),
+    "trace of asammdf": (
+        "Index,timestamps,Bus,ID,IDE,Direction,Name,Event Type,Details,ESI,EDL,BRS,DLC,Data Length,Data Bytes\n",
+        "{k},{k}.5,CAN 1,500,0,Rx,Engine,CAN Frame,,,Standard CAN,,8,8,{pairs}\n",
+    ),
 }
 
 
@@ -187,6 +212,7 @@ def test_logs_in_csv_are_decoded(tmp_path, database, maker):
     for k in range(3):
         data = engine(1000 + k, 80)
         forms = {"data": data.hex(), "bytes": ",".join(f"{byte:02X}" for byte in data)}
+        forms |= {"numbers": ",".join(map(str, data)), "blanks": " ".join(map(str, data)), "pairs": data.hex(" ")}
         text += row.format(k=k, base64=base64.b64encode(data).decode(), **forms)
     path.write_text(text)
     data = read(path, dbc=database)
@@ -194,5 +220,25 @@ def test_logs_in_csv_are_decoded(tmp_path, database, maker):
     np.testing.assert_allclose(np.diff(data.time), 1.0)
     with pytest.raises(InputError, match="this is a bus log: it holds 3 CAN frames of 1 identifier"):
         read(path)
-    path.write_text(text + text.splitlines()[1].replace("1F4", "XYZ").replace("1f4", "xyz") + "\n")
+    path.write_text(text + re.sub("1F4|1f4|,500,|;500;", ",XYZ,", text.splitlines()[1]) + "\n")
     assert "1 row cannot be read as a frame, the first in line 5" in read(path, dbc=database).findings[0].message
+
+
+@pytest.mark.filterwarnings("ignore:The inplace keyword")  # asammdf calls pandas so
+def test_csv_exports_of_asammdf_are_decoded(tmp_path, database):
+    from asammdf import MDF
+
+    frames = [Frame(float(k), 500, engine(1000 + k, 80).ljust(64, b"\0")) for k in range(3)]
+    write_mf4(tmp_path / "drive.mf4", frames)
+    with MDF(tmp_path / "drive.mf4") as file:
+        file.export("csv", tmp_path / "drive.csv", single_time_base=True)
+    assert "\n " in (tmp_path / "drive.csv").read_text()  # 64 bytes take several lines
+    data = read(tmp_path / "drive.csv", dbc=database)
+    assert data["Speed"].values.tolist() == [1000, 1001, 1002]
+
+
+def test_remote_and_error_frames_of_asammdf_hold_no_signals(tmp_path, database):
+    head, row = CAN_CSV["trace of asammdf"]
+    rows = "".join(row.format(k=k, pairs=engine(1000 + k, 80).hex(" ")) for k in range(3))
+    (tmp_path / "x.csv").write_text(head + rows + rows.replace("CAN Frame", "Error Frame"))
+    assert read(tmp_path / "x.csv", dbc=database).samples == 3

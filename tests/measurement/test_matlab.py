@@ -6,6 +6,7 @@ import scipy
 from hypothesis import strategies as st
 
 from kennfeld.errors import InputError
+from kennfeld.matlab import mat_v73
 from kennfeld.measurement import describe, read
 from kennfeld.measurement.matlab import holds_samples
 from tests.draws import few_or_many
@@ -270,3 +271,11 @@ def test_any_vectors_come_back_as_they_were(mat, channels):
 def test_real_files_of_simulink_users_are_read(real):
     assert list(read(real("simulink/TargetData_StepStart.mat"))) == ["Pressure", "Flow"]
     assert read(real("simulink/BreathData.mat")).samples == 1002
+
+
+def test_version_7_3_is_read_in_the_process_of_its_library(tmp_path, monkeypatch):
+    save73(tmp_path / "bench.mat", {"time": TIME, "Speed": SPEED})
+    monkeypatch.setattr(mat_v73, "load", None)  # of this process
+    assert read(tmp_path / "bench.mat")["Speed"].values.tolist() == SPEED.tolist()
+    assert describe(tmp_path / "bench.mat")
+    assert holds_samples(tmp_path / "bench.mat")

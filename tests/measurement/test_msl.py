@@ -118,3 +118,31 @@ def test_a_first_row_without_a_time_is_left_out_with_a_remark(log):
     data = read(log(HEAD + NAMES + UNITS + "\t880\t14.7\t9\n" + ROWS))
     assert data["RPM"].values.tolist() == [900, 910, 905]
     assert str(data.findings[0]).startswith("run.msl line 5: 1 line of 4 skipped: without a time stamp")
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        "s\tsec\tRPM\tRPM",
+        "s\tfoo\tbar\tbar",
+        "s\tfoo\tbar\tqux",
+        "s\tsec\tr/min/x\traw count",
+        "s\t\tRPM\t",
+        "\tx\ty\tz",
+    ],
+)
+@pytest.mark.parametrize("separator", ["\t", ";"])
+def test_a_row_of_units_below_repeated_names_is_recognised(log, csv, units, separator):
+    text = f"Time\tSecL\tRPM\tRPM\n{units}\n0.0\t0\t800\t900\n0.1\t1\t801\t901\n".replace("\t", separator)
+    data = read(log(HEAD + text) if separator == "\t" else csv(text))
+    assert list(data) == ["SecL", "RPM", "RPM (2)"]
+    assert data.time.tolist() == [0, 0.1]
+    assert data["RPM (2)"].values.tolist() == [900, 901]
+    if units.startswith("s"):
+        assert [channel.unit for channel in data.values()] == units.split("\t")[1:]
+    assert "RPM (2)" in str(data.findings[0])
+
+
+def test_names_that_stand_twice_do_not_hide_the_unit_of_time(log):
+    data = read(log(HEAD + NAMES + NAMES + ROWS))
+    assert data.time.tolist() == [0, 0.066, 0.133]

@@ -132,3 +132,58 @@ def test_rows_that_complete_each_other_are_one_sample_without_a_remark(csv):
 def test_a_clock_that_stands_still_is_refused(csv):
     with pytest.raises(InputError, match="time does not increase at 3 samples"):
         read(csv("time,a\n0,1\n0,2\n0,4\n1,4\n1,5\n"))
+
+
+RATES = [2_000, 10_000, 1_000_000]
+
+
+def exact_stamps(rate, digits, count=40):
+    """Return time stamps since 1970 with so many digits behind the point of seconds, as integers."""
+    return [(EPOCH * rate + k) * 10**digits // rate for k in range(count)]
+
+
+def as_decimal(number, digits):
+    return f"{number // 10**digits}.{number % 10**digits:0{digits}d}" if digits else str(number)
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("bulk", [False, True])
+@pytest.mark.parametrize(
+    ("digits", "shift"), [(6, 6), (9, 9), (6, 3), (9, 6), (6, 0), (9, 0)], ids=["s", "s.9", "ms", "ms.6", "us", "ns"]
+)
+def test_fast_stamps_since_1970_keep_their_steps(csv, monkeypatch, rate, bulk, digits, shift):
+    if bulk:
+        monkeypatch.setattr("kennfeld.measurement.text.BULK", 0)
+        monkeypatch.setattr("kennfeld.measurement.text._LEAST_BULK", 0)
+    data = read(csv(log("timestamp", [as_decimal(stamp, shift) for stamp in exact_stamps(rate, digits)])))
+    np.testing.assert_allclose(data.time, np.arange(40) / rate, rtol=1e-12)
+    assert "count from the first one" in data.findings[-1].message
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_fast_stamps_of_tables_keep_their_steps(tmp_path, rate):
+    import h5py
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    nanoseconds = np.array(exact_stamps(rate, 9))
+    for stamps in (nanoseconds, nanoseconds.astype(np.uint64), nanoseconds // 1000, nanoseconds // 1000 / 1e6):
+        parquet.write_table(pa.table({"timestamp": pa.array(stamps), "x": np.arange(40.0)}), tmp_path / "x.parquet")
+        with h5py.File(tmp_path / "x.h5", "w") as file:
+            file["timestamp"], file["x"] = stamps, np.arange(40.0)
+        for name in ("x.parquet", "x.h5"):
+            np.testing.assert_allclose(read(tmp_path / name).time, np.arange(40) / rate, rtol=1e-12)
+
+
+def test_fast_stamps_of_two_rasters_count_from_one_instant(csv):
+    stamps = exact_stamps(10_000, 7, 40)
+    rows = [f"{as_decimal(stamps[k], 7)};{k};{as_decimal(stamps[2 * k + 3], 7)};{2 * k + 3}" for k in range(18)]
+    data = read(csv("time_1;a;time_2;b\n" + "\n".join(rows) + "\n"), ["a", "b"], raster=1e-4)
+    np.testing.assert_allclose(data.time, 1e-4 * np.arange(3, 18), rtol=1e-9)
+    np.testing.assert_allclose([data["a"].values, data["b"].values], [np.arange(3, 18)] * 2, rtol=1e-9)
+
+
+def test_slow_stamps_since_1970_stay_as_they_are(csv):
+    data = read(csv(log("timestamp", [f"{EPOCH + 0.001 * k:.3f}" for k in range(9)])))
+    assert data.time[0] == EPOCH
+    assert not data.findings

@@ -51,7 +51,7 @@ def test_a_database_of_a_bus_is_to_be_named_with_a_log(csv):
     ("start", "said"),
     [
         (b"TDSh\x0e\0\0\0", "an index of a TDMS file, which holds no samples. Name the .tdms file beside it."),
-        (b"|CF,2,1,1;|CK,1,3,1,1;", "an imc FAMOS file. Export it as MDF (.mf4) or CSV."),
+        (b"<hCNF\0\x10\0\0\0\x01>", "a log of AiM (.xrk). Export it as CSV from RaceStudio"),
         (b"CDF\x05", "a netCDF file of 64-bit data (CDF-5). Convert it: nccopy"),
         (b"\x0e\x03\x13\x01", "an HDF4 file. Convert it to HDF5"),
         (b"FEA1\0\0\0\0", "a Feather file of version 1. Write it again"),

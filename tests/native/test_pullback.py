@@ -52,7 +52,7 @@ def test_a_pull_back_sums_what_rows_written_out_sum(model, share):
     assert_equal(results(pulled), results(written))
 
 
-@pytest.mark.parametrize("states", range(2, 12))
+@pytest.mark.parametrize("states", [2, 3, 4, 5])  # rows of one block and of two that overlap by 3, 2 and 1
 def test_any_number_of_rows_is_shared_among_the_lanes(states, share):
     written, pulled = both(case(coupled(states), 40, (0, 30)), share)
     assert_equal(results(pulled, sparse=False), results(written, sparse=False))

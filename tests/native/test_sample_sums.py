@@ -1,5 +1,7 @@
 """Sums of models without states: batches of samples, wide rows, and matrices in blocks."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -50,14 +52,21 @@ def scattered() -> "tuple[GraphBuilder, list[int]]":
     return b, terms
 
 
+@cache
 def wide(model):
+    """A compiled model of many tables, and its sums by the interpreter."""
     b, terms = model()
     total = terms[0]
     for term in terms[1:]:
         total = b.call("add", total, term)
     second = b.call("mul", total, b.input("u"))
     graph = b.finish({"y": total, "z": second})
-    return compiled(case(graph, 250, values=tables(), free=tuple(f"M{i}" for i in range(TABLES))))
+    return with_expected_sums(case(graph, 250, values=tables(), free=tuple(f"M{i}" for i in range(TABLES))))
+
+
+def with_expected_sums(model):
+    made = compiled(model)
+    return made, sums(model, made.run(made.interpreter()))
 
 
 MODELS = {"selected": selected, "added": added, "scattered": scattered}
@@ -68,8 +77,7 @@ def in_blocks(monkeypatch):
     monkeypatch.setattr(workspace, "LARGE", 0)
 
 
-def check_against_interpreter(made):
-    direct = sums(made.case, made.run(made.interpreter()))
+def check_against_interpreter(made, direct):
     summed = made.accumulator()
     for _ in range(3):  # the second and third meet the blocks of the first
         normal = summed.normal(made.values)
@@ -81,22 +89,22 @@ def check_against_interpreter(made):
 
 @pytest.mark.parametrize("model", sorted(MODELS))
 def test_wide_rows_are_those_of_the_interpreter(model):
-    check_against_interpreter(wide(MODELS[model]))
+    check_against_interpreter(*wide(MODELS[model]))
 
 
 @pytest.mark.parametrize("model", sorted(MODELS))
 def test_wide_rows_in_blocks_are_those_of_the_interpreter(model, in_blocks):
-    matrix = check_against_interpreter(wide(MODELS[model]))
+    matrix = check_against_interpreter(*wide(MODELS[model]))
     assert matrix.storage.full == (model != "selected")
 
 
 @pytest.mark.parametrize("loss", ["square", "huber"])
 def test_a_small_model_in_blocks_is_that_of_the_interpreter(loss, in_blocks):
-    check_against_interpreter(compiled(case(static(), 120, (0, 1, 50), loss=loss)))
+    check_against_interpreter(*with_expected_sums(case(static(), 120, (0, 1, 50), loss=loss)))
 
 
 def test_tables_that_are_never_selected_together_share_no_block(in_blocks):
-    matrix = check_against_interpreter(wide(selected))
+    matrix = check_against_interpreter(*wide(selected))
     own = np.kron(np.eye(TABLES), np.ones((12, 12)))
     assert not as_array(matrix)[own == 0].any()
     assert matrix.storage.count < 0.3 * matrix.storage.across**2

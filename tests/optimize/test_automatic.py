@@ -31,7 +31,7 @@ def fitted(data, smoothness="auto", start=None, **arguments):
     )
 
 
-@pytest.mark.parametrize("seeds", [2, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("noise", mostly_slow([0.02, 0.3], [0.3]))
 def test_the_choice_is_about_as_good_as_the_best_fixed_factor(noise, seeds):
     """In the mean over seeds; the best factor is known only afterwards."""
@@ -58,8 +58,8 @@ def measured(samples, seed):
 @pytest.mark.parametrize(
     ("samples", "seeds"),
     [
-        (30_000, 1),
-        *(pytest.param(10**k * 3, 8, marks=pytest.mark.slow) for k in (2, 3, 4, 5)),
+        (10_000, 1),
+        *(pytest.param(10**k * 3, 4, marks=pytest.mark.slow) for k in (2, 3, 4)),
     ],
 )
 def test_deviations_hold_and_the_error_vanishes_with_the_number_of_samples(samples, seeds):
@@ -81,7 +81,7 @@ def test_deviations_hold_and_the_error_vanishes_with_the_number_of_samples(sampl
 def test_the_start_does_not_matter_to_what_the_data_determine():
     """A pull towards it that grows with the data would bias the values by many of their deviations."""
     rng = np.random.default_rng(0)
-    x = rng.uniform(0, 6, 20_000)
+    x = rng.uniform(0, 6, 8_000)
     data = {"x": x, "wanted": 300 + 40 * np.sin(x) + 0.5 * rng.normal(size=x.size)}
     results = [fitted(data, start=kf.ParameterSet([curve(9)["C"].with_values(np.full(9, v))])) for v in (0, 1000)]
     low, high = (result.parameters["C"].values for result in results)
@@ -168,7 +168,7 @@ def tables():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     "pins",
     [pytest.param([], id="free"), pytest.param([kf.Pin("E", (0.3,), 1.0)], id="pinned")],
@@ -266,11 +266,10 @@ def test_stretches_are_held_back_where_errors_last_and_the_result_says_so():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seeds", [1, 8])
-def test_lasting_errors_are_not_followed(seeds):
+def test_lasting_errors_are_not_followed():
     """On data with such errors, the choice is about as good as the best fixed factor, and far smoother than most."""
     ratios = []
-    for seed in range(seeds):
+    for seed in range(4):
         data = list(drives(4, seed))
         best = min(fitted(data, factor).quality[-1].rmse_after for factor in FACTORS)
         result = fitted(data)

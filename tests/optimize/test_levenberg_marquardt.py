@@ -16,6 +16,7 @@ class Residuals:
         self.residuals, self.jacobian, self.uses_qr = residuals, jacobian, small
         self.supports_acceleration = small
         self.supports_secant = True
+        self.target_squares = 0.0
         self.tried = []
 
     def cost(self, values):
@@ -338,6 +339,19 @@ def test_a_descent_from_values_that_fit_exactly_converges(small):
         assert end.status == "converged"
         near = descend(objective, truth + 1e-15 * random.normal(size=4))
         assert near.status == "converged"
+
+
+def test_a_lower_cost_close_by_is_no_minimum_though_the_costs_rise_farther_away():
+    objective = Residuals(lambda p: p - 1, lambda p: -np.eye(1))  # the derivative has the wrong sign
+    assert descend(objective, [1.2]).status == "failed"
+
+
+@pytest.mark.parametrize(("target", "status"), [(1.0, "converged"), (1e-13, "failed")])
+def test_residuals_as_small_as_the_rounding_of_the_targets_are_an_end(target, status):
+    # the output hardly depends on the value, so that |J p| does not tell its rounding
+    objective = Residuals(lambda p: 1e-15 * (1 + np.abs(p)), lambda p: np.full((1, 1), 1e-15))
+    objective.target_squares = target**2
+    assert descend(objective, [1e-9]).status == status
 
 
 def test_the_curvature_along_a_step_needs_no_derivatives():

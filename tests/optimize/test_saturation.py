@@ -7,6 +7,7 @@ import kennfeld as kf
 from kennfeld.optimize import Problem
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
+from tests.draws import mostly_slow
 
 X = np.linspace(-5.0, 5.0, 101)
 P = np.append(np.linspace(0.5, 3.0, 51), [1.0, 1.0])
@@ -23,7 +24,7 @@ def test_a_logistic_function_is_fitted_from_a_steep_start(steep):
 SOFTPLUS = np.logaddexp(0, 3 * (X - 1))
 
 
-@pytest.mark.parametrize("steep", [300.0, 2e4])
+@pytest.mark.parametrize("steep", mostly_slow([300.0, 2e4], [2e4]))
 @pytest.mark.parametrize(
     ("formula", "y", "start", "truth"),
     [

@@ -65,3 +65,11 @@ def test_parameters_that_may_only_be_negative_stay_as_they_are():
 
 def test_parameters_that_are_not_fitted_stay_as_they_are():
     assert lower("y = PT1(u, Lag(u)) + a", lag(), kf.Scalar("a", 1.0), free=["a"]) == [-np.inf] * 3
+
+
+def test_a_time_constant_of_0_that_reproduces_the_data_has_converged():
+    for seed in (3, 4):
+        u = np.random.default_rng(seed).normal(size=300)
+        result = kf.calibrate("y = PT1(u, T)", {"time": 0.1 * np.arange(300), "u": u, "m": u}, {"T": 1.0}, "m")
+        assert result.converged
+        assert result.cost_after < 1e-20

@@ -170,7 +170,7 @@ def test_steps_of_a_sequence_that_fit_one_factor_each_do_not_stay_at_zero():
 
 
 def test_the_first_of_several_starts_moves_too():
-    options = kf.Options(starts=3, workers=1)
+    options = kf.Options(starts=2, workers=1)
     result = fitted("y = A(u) * B(v)", curve("A"), curve("B"), options=options)
     assert all(row.cost_after < 1e-6 for row in result.starts)
 

@@ -98,7 +98,7 @@ MODELS = {
 }
 
 
-def write_steady(folder: Path, files: int = 4, samples: int = 800, text: str = STEADY) -> Path:
+def write_steady(folder: Path, files: int = 2, samples: int = 400, text: str = STEADY) -> Path:
     """Write steady-state points in files of different lengths; the coordinate of `C` depends on a free parameter.
 
     With 700 samples, two descents end 0.3 % apart, the limit from which a third is tried: that depends on rounding.

@@ -23,7 +23,6 @@ from tests.project.partitioned_projects import (
     FEW,
     OFF,
     SHIFTED,
-    STEADY,
     TIMED,
     in_partitions,
     write_lasting,
@@ -43,10 +42,6 @@ def write_lasting_errors(folder):
 
 def write_automatic_drives(folder):
     return write_timed(folder, text=TIMED.replace("smoothness = 1e-4", AUTO))
-
-
-def write_automatic_points(folder):
-    return write_steady(folder, text=STEADY.replace("smoothness = 0.01", AUTO))
 
 
 def write_few_points(folder):
@@ -92,9 +87,6 @@ def blocks_in(result):
         (write_few_points, 100, 0, 1e-5),
         (write_few_drives, 200, 20, 1e-5),
         (write_few_lasting_errors, 2500, 20, 1e-5),  # files are whole
-        (write_automatic_points, 300, 0, 1e-5),
-        (write_automatic_drives, 450, 18, 1e-5),
-        (write_lasting_errors, 2500, 20, 1e-5),
         # pairs of errors are not counted across the cuts of files
         (write_lasting_errors, 700, 20, 0.01),
     ],
@@ -125,7 +117,7 @@ def test_a_step_chooses_its_factors_in_partitions(tmp_path):
 
 
 @pytest.mark.parametrize("write", mostly_slow([write_lasting_errors, write_automatic_drives], [write_automatic_drives]))
-@pytest.mark.parametrize("size", mostly_slow([150, 700, 10**6], 1))
+@pytest.mark.parametrize("size", mostly_slow([150, 10**6], 1))
 def test_blocks_are_those_of_all_data(tmp_path, write, size):
     """The block of a recording that is cut goes on in the next partition."""
     plain, parted = (CompiledProblem(project.problem()) for project in pair(write(tmp_path), size))
@@ -158,23 +150,10 @@ def test_independent_samples_are_counted_over_all_partitions(tmp_path, size, clo
     assert independent_samples(parted, parted.parameters) == pytest.approx(count, rel=closeness)
 
 
-# the model, the number of recordings, the length of the first, and the size of partitions
-SCANNED = [
-    ("memory", 2, 250, 150),
-    ("none", 2, 250, 300),
-    *((model, 4, 820, size) for model in ("memory", "none") for size in (300, 1000)),
-]
-
-
-def all_but_one_slow(unmarked):
-    """The cases of scans, all but the first of a model marked as slow."""
-    first = next(case for case in SCANNED if case[0] == unmarked)
-    return [case if case is first else pytest.param(*case, marks=pytest.mark.slow) for case in SCANNED]
-
-
-@pytest.mark.parametrize(("model", "files", "samples", "size"), all_but_one_slow("memory"))
-def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, files, samples, size):
-    path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)
+# the model, and the size of partitions: files of a function without memory are cut
+@pytest.mark.parametrize(("model", "size"), [("memory", 150), pytest.param("none", 300, marks=pytest.mark.slow)])
+def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, size):
+    path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=2, samples=250)
     plain, parted = (project.calibrate() for project in pair(path, size))
     assert parted.shifts == plain.shifts
     assert parted.shifts["drives"]["y"] == pytest.approx(-0.34, abs=0.01)
@@ -186,7 +165,14 @@ def test_a_shift_scanned_on_all_samples_is_that_of_all_data(tmp_path, model, fil
     assert parted.trust.noise["Y"] == pytest.approx(plain.trust.noise["Y"], rel=1e-3)
 
 
-@pytest.mark.parametrize(("model", "files", "samples", "size"), all_but_one_slow("none"))
+@pytest.mark.parametrize(
+    ("model", "files", "samples", "size"),
+    [
+        ("none", 2, 250, 300),
+        pytest.param("none", 4, 820, 300, marks=pytest.mark.slow),
+        pytest.param("memory", 2, 250, 150, marks=pytest.mark.slow),
+    ],
+)
 def test_a_shift_scanned_on_a_part_is_refined_on_all_samples(tmp_path, model, files, samples, size, monkeypatch):
     path = write_shifted(tmp_path, model, text=SHIFTED + OFF, files=files, samples=samples)
     plain = Project.read(path).calibrate()

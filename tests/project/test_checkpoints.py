@@ -241,7 +241,7 @@ def test_a_coarse_step_is_resumed_on_its_coarse_grid(make):
 
 @pytest.mark.parametrize("workers", mostly_slow([1, 2], 1))
 def test_of_several_starts_those_at_their_end_are_done(make, workers):
-    several = f"{SAVING}\nstarts = 4\nspread = 0.2"
+    several = f"{SAVING}\nstarts = 3\nspread = 0.2"
     whole = make(several).calibrate(workers=1)
 
     def watch(line):
@@ -317,10 +317,14 @@ def test_breakpoints_that_move_are_saved_and_gone_on_from(make, tmp_path, monkey
     ("before", "after"),
     [
         ("[calibration]\nfree = ['a', 'b']\n[parameters.b]\ninitial = 0.0", "[calibration]\nfree = ['*']"),
-        ("[parameters.b]\nbounds = [-1, 1]", "[parameters.b]\nbounds = [-3, 3]"),
+        pytest.param(
+            "[parameters.b]\nbounds = [-1, 1]", "[parameters.b]\nbounds = [-3, 3]", marks=pytest.mark.slow, id="bounds"
+        ),
         ("[[limit]]\nnode = 'm'\nmax = 1.0", ""),
         ("[parameters.C]\nsmoothness = 1e3", "[parameters.C]\nsmoothness = 1.0"),
-        ("[optimizer]\ntolerance = 0.1", "[optimizer]\ntolerance = 1e-8"),
+        pytest.param(
+            "[optimizer]\ntolerance = 0.1", "[optimizer]\ntolerance = 1e-8", marks=pytest.mark.slow, id="tolerance"
+        ),
     ],
 )
 def test_the_end_of_another_problem_is_no_end_of_this_one(make, before, after):

@@ -21,7 +21,6 @@ from kennfeld.optimize.solver.levenberg_marquardt import Stop
 from kennfeld.project import Project
 from kennfeld.project.results import write_simulation
 from kennfeld.report import document
-from tests.draws import mostly_slow
 from tests.project.cluster_processes import (
     FIXED,
     SHORT,
@@ -63,20 +62,17 @@ def on_two_workers_and_on_the_last(path, size, cluster):
     yield calibrate(in_partitions(path, size, scheduler=cluster.address))
 
 
-@pytest.mark.parametrize("write", mostly_slow([write_short_with_quantiles, write_short_drives], [write_short_drives]))
-def test_two_workers_give_the_bits_of_this_process(tmp_path, write, shared_cluster):
-    path = write(tmp_path)
+def test_two_workers_give_the_bits_of_this_process(tmp_path, shared_cluster):
+    path = write_short_drives(tmp_path)
     serial = calibrate(in_partitions(path, SIZE))
     assert_same_bits(calibrate(in_partitions(path, SIZE, scheduler=shared_cluster.address)), serial)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("write", [write_steady, write_timed])
-def test_any_number_of_workers_gives_the_same_bits(tmp_path, write, start_cluster):
-    path = write(tmp_path)
-    path.write_text(path.read_text() + SHORT.replace("3", "12"))
-    serial = calibrate(in_partitions(path, 400))
-    for result in on_two_workers_and_on_the_last(path, 400, start_cluster(2)):
+def test_any_number_of_workers_gives_the_same_bits(tmp_path, start_cluster):
+    path = write_short_with_quantiles(tmp_path)
+    serial = calibrate(in_partitions(path, SIZE))
+    for result in on_two_workers_and_on_the_last(path, SIZE, start_cluster(2)):
         assert_same_bits(result, serial)
 
 
@@ -85,35 +81,20 @@ def scan_a_part(monkeypatch, samples):
     monkeypatch.setattr("kennfeld.optimize.partitions.LEAST_STRETCH", samples // 3)
 
 
-AUTOMATIC = SHIFTED.replace("smoothness = 1e-4", 'smoothness = "auto"')
-
-
 @pytest.mark.slow
-def test_a_choice_of_shifts_is_the_same_bits(tmp_path, shared_cluster, monkeypatch):
+def test_choices_of_smoothness_and_shift_are_the_same_bits(tmp_path, shared_cluster, monkeypatch):
     scan_a_part(monkeypatch, 200)
     monkeypatch.setattr("kennfeld.optimize.tuning.shift_estimation.WINDOW", 6)
-    path = write_shifted(tmp_path, "none", text=SHIFTED + SHORT, files=2, samples=200)
+    text = SHIFTED.replace("smoothness = 1e-4", 'smoothness = "auto"') + SHORT
+    path = write_shifted(tmp_path, "none", text=text, files=2, samples=200)
     serial, remote = (
         calibrate(in_partitions(path, 250, scheduler=address)) for address in ("", shared_cluster.address)
     )
     assert remote.shifts == serial.shifts
+    assert remote.smoothness == serial.smoothness
     assert remote.message == serial.message
     assert "Shifts were scanned on " in serial.message
     assert_same_bits(remote, serial)
-
-
-@pytest.mark.slow
-def test_choices_of_smoothness_and_shift_are_the_same_bits(tmp_path, start_cluster, monkeypatch):
-    scan_a_part(monkeypatch, 900)
-    path = write_shifted(tmp_path, text=AUTOMATIC)
-    serial = calibrate(in_partitions(path, 1000))
-    for result in on_two_workers_and_on_the_last(path, 1000, start_cluster(2)):
-        assert result.shifts == serial.shifts
-        assert result.smoothness == serial.smoothness
-        assert result.message == serial.message
-        assert np.array_equal(values_of(result), values_of(serial))
-        assert result.quality == serial.quality
-    assert "Shifts were scanned on " in serial.message
 
 
 def write_automatic(folder):
@@ -156,15 +137,6 @@ def test_limits_of_outputs_give_the_same_bits(tmp_path, shared_cluster):
     remote = calibrate(in_partitions(path, 120, scheduler=shared_cluster.address, folder=str(tmp_path / "remote")))
     assert_same_bits(remote, serial)
     assert remote.trust.holdings == serial.trust.holdings
-
-
-@pytest.mark.slow
-def test_limits_of_outputs_give_the_same_bits_on_any_number_of_workers(tmp_path, start_cluster):
-    path = write_timed(tmp_path, text=TIMED + LIMIT + SHORT.replace("3", "12") + "tolerance = 1e-3\n")
-    serial = calibrate(in_partitions(path, 400))
-    for result in on_two_workers_and_on_the_last(path, 400, start_cluster(2)):
-        assert_same_bits(result, serial)
-        assert result.trust.holdings == serial.trust.holdings
 
 
 @pytest.mark.slow

@@ -180,9 +180,6 @@ def first_of_each_kind():
     return paths
 
 
-every_example = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: f"{path.parent.name}/{path.name}")
-
-
 @pytest.mark.parametrize(
     "path",
     mostly_slow(EXAMPLES, [path for path in EXAMPLES if path.parent.name in ("demo", "nox", "simulink")]),
@@ -193,9 +190,9 @@ def test_what_is_set_back_once_of_each_kind_leaves_an_example_as_it_was(path):
 
 
 @pytest.mark.slow
-@every_example
-def test_what_is_set_back_leaves_an_example_as_it_was(path):
-    check_every_path(path.read_text(encoding="utf-8"))
+@pytest.mark.parametrize("name", ["simulink/kennfeld.toml", "engine-transient/manifold.toml"])
+def test_what_is_set_back_everywhere_leaves_an_example_as_it_was(name):
+    check_every_path((FOLDERS[0] / name).read_text(encoding="utf-8"))
 
 
 @few_or_many(data=st.data(), form=st.sampled_from(sorted(FORMS)), few=7, many=40)
@@ -204,7 +201,7 @@ def test_several_changes_in_any_order_change_nothing_else(data, form):
 
 
 @pytest.mark.slow
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(data=st.data(), form=st.sampled_from(sorted(FORMS)))
 def test_several_changes_change_nothing_else_in_many_orders(data, form):
     check_changes(data, form)

@@ -25,6 +25,7 @@ class Line:
     formats = (".dcm",)
     surrogates = ()
     is_partitioned = False
+    further_results = ()
 
     def change_of_function(self, parameters, ending):
         return parameters

@@ -1,6 +1,7 @@
 """Projects whose formula text calls an ONNX network."""
 
 import json
+import shutil
 
 import numpy as np
 import pyarrow.parquet
@@ -13,7 +14,6 @@ from kennfeld.cli import run
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.project import Project
-from tests.draws import mostly_slow
 from tests.models.onnx_network.networks import perceptron, random_layers
 
 PROJECT = """
@@ -36,22 +36,22 @@ target = "target"
 """
 
 
-@pytest.fixture
-def project_of(tmp_path):
-    """Write a project with further lines of its model and its parameters."""
-    perceptron(tmp_path / "net.onnx", random_layers([2, 8, 1]))
-    (tmp_path / "f.kf").write_text("y = net(C(u), v)\n")
+def write_project_of(folder, parameters="", model=""):
+    """Write a project with further lines of its model and its parameters; return its file."""
+    perceptron(folder / "net.onnx", random_layers([2, 8, 1]))
+    (folder / "f.kf").write_text("y = net(C(u), v)\n")
     u, v = np.random.default_rng(0).uniform(-1, 1, (2, 200))
     noise = 0.02 * np.random.default_rng(1).standard_normal(200)
     rows = "\n".join(f"{a},{b},{np.sin(a) + b + e}" for a, b, e in zip(u, v, noise, strict=True))
-    (tmp_path / "data.csv").write_text(f"u,v,target\n{rows}\n")
+    (folder / "data.csv").write_text(f"u,v,target\n{rows}\n")
+    (folder / "kennfeld.toml").write_text(PROJECT.format(parameters=parameters, model=model))
+    return folder / "kennfeld.toml"
 
-    def write_project(parameters="", model=""):
-        path = tmp_path / "kennfeld.toml"
-        path.write_text(PROJECT.format(parameters=parameters, model=model))
-        return Project.read(path)
 
-    return write_project
+@pytest.fixture
+def project_of(tmp_path):
+    """Write and read a project with further lines of its model and its parameters."""
+    return lambda parameters="", model="": Project.read(write_project_of(tmp_path, parameters, model))
 
 
 def test_the_weights_of_a_network_stay_as_they_are(project_of):
@@ -102,37 +102,36 @@ def test_a_damaged_network_is_a_finding_of_the_project(project_of, tmp_path):
 
 
 FITTED = '[parameters."net.layer1"]\nfree = true\n[parameters."net.layer2"]\nfree = true'
+ROUGH = "\n[optimizer]\ntolerance = 1e-3\n"
 
 
-def run_kennfeld(capsys, *arguments):
-    """Run a command, which must succeed; return what it prints."""
-    status = run(list(map(str, arguments)))
-    printed = capsys.readouterr()
-    assert status == 0, printed.err
-    return printed.out
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """A folder with a project whose weights were fitted, and their files in all formats; no test changes it."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    path = write_project_of(folder, FITTED + '\n[calibration]\noutput = ["dcm", "cdfx", "csv"]\n' + ROUGH)
+    assert run(["check", str(path)]) == run(["calibrate", str(path)]) == 0
+    return folder
 
 
-@pytest.mark.parametrize("ending", mostly_slow(["dcm", "cdfx", "csv", "json"], ["dcm", "json"]))
-def test_fitted_weights_simulate_to_the_same_errors_from_each_file(project_of, tmp_path, capsys, ending):
-    project_of(FITTED)
-    path = tmp_path / "kennfeld.toml"
-    text = path.read_text() + "\n[optimizer]\ntolerance = 1e-3\n[calibration]\n"
-    path.write_text(f'{text}output = ["dcm", "cdfx", "csv"]\n')
-    assert "no problem found" in run_kennfeld(capsys, "check", path)
-    run_kennfeld(capsys, "calibrate", path)
-    result = json.loads((tmp_path / "results" / "result.json").read_text())
+@pytest.mark.parametrize("ending", ["dcm", "cdfx", "csv", "json"])
+def test_fitted_weights_simulate_to_the_same_errors_from_each_file(calibrated, tmp_path, ending):
+    folder = shutil.copytree(calibrated, tmp_path / "project")
+    result = json.loads((folder / "results" / "result.json").read_text())
     fitted = result["quality"][0]["rmse_after"]
     assert fitted < 0.5 * result["quality"][0]["rmse_before"]
-    assert (tmp_path / "results" / "report.html").stat().st_size
-    path.write_text(f'{text.replace("initial = 0.1", "")}initial = "results/parameters.{ending}"\n')
-    run_kennfeld(capsys, "simulate", path)
-    simulated = pyarrow.parquet.read_table(tmp_path / "simulation.parquet")
+    assert (folder / "results" / "report.html").stat().st_size
+    path = folder / "kennfeld.toml"
+    text = path.read_text().replace("initial = 0.1", "")
+    path.write_text(text.replace("output =", f'initial = "results/parameters.{ending}"\noutput ='))
+    assert run(["simulate", str(path)]) == 0
+    simulated = pyarrow.parquet.read_table(folder / "simulation.parquet")
     error = simulated["y"].to_numpy() - simulated["target"].to_numpy()
     assert np.sqrt(np.mean(error**2)) == pytest.approx(fitted, rel=1e-9)
 
 
 def test_poorly_determined_weights_are_summarised_in_one_sentence_without_advice_for_tables(project_of):
-    trust = project_of(FITTED).calibrate().trust
+    trust = project_of(FITTED + ROUGH).calibrate().trust
     of_weights = [d for d in trust.directions if "weights of net.layer" in d.sentence]
     only_weights = [d for d in of_weights if not d.parts.keys() - {"net.layer1", "net.layer2"}]
     assert len(only_weights) <= 1
@@ -150,7 +149,7 @@ def test_positions_of_a_value_block_are_locked_by_ranges(project_of):
 
 
 def test_a_network_that_starts_at_zero_is_warned_of_and_fitted_from_other_weights(project_of, tmp_path):
-    project = project_of(FITTED)
+    project = project_of(FITTED + ROUGH)
     perceptron(tmp_path / "net.onnx", [(np.zeros((2, 8)), np.zeros(8)), (np.zeros((8, 1)), np.zeros(1))])
     warnings = [str(finding) for finding in project.check() if finding.severity == "warning"]
     assert any("[parameters.net.layer1] initial: all weights are 0" in text for text in warnings)

@@ -44,14 +44,13 @@ def write_few_drives(folder):
     return write_timed(folder, files=2, samples=150)
 
 
-SIZES = mostly_slow([300, 1000, 10**6], 1)  # all files are cut, some are, none is
+SIZES = mostly_slow([300, 10**6], 1)  # files are cut, or are one partition
 
 # written files, and the size of partitions
 FITTED = [
     pytest.param((write_few, 150), id="few points"),
     pytest.param((write_few_drives, 150), id="few drives"),
-    pytest.param((write_steady, 600), id="points", marks=pytest.mark.slow),
-    pytest.param((write_timed, 600), id="drives", marks=pytest.mark.slow),
+    pytest.param((write_steady, 300), id="points", marks=pytest.mark.slow),
 ]
 
 
@@ -100,7 +99,7 @@ def test_partitions_are_evaluated_once_for_the_same_values(tmp_path, monkeypatch
 
 @pytest.mark.parametrize("write", WRITERS)
 def test_rows_are_those_of_all_data(tmp_path, write):
-    plain, parted = compiled_pair(tmp_path, write, 500)
+    plain, parted = compiled_pair(tmp_path, write, 300)
     residual, jacobian = plain.sums.rows(plain.start)
     others, further = parted.sums.rows(plain.start)
     assert close(np.sort(others), np.sort(residual))
@@ -111,7 +110,7 @@ def test_rows_are_those_of_all_data(tmp_path, write):
 
 @pytest.mark.parametrize("write", WRITERS)
 def test_derivatives_of_faint_values_are_judged_alike(tmp_path, write):
-    plain, parted = compiled_pair(tmp_path, write, 500)
+    plain, parted = compiled_pair(tmp_path, write, 300)
     one, other = LeastSquaresObjective(plain), LeastSquaresObjective(parted)
     assert close(other.mean_curvature(np.ones(one.start.size)), one.mean_curvature(np.ones(one.start.size)))
     assert np.array_equal(other.faint(other.start), one.faint(one.start))
@@ -170,13 +169,14 @@ target = { channel = "m" }
 """
 
 
-def write_lasting(folder):
-    """Two recordings of 400 samples whose errors last, and a curve over a slow input that takes part of them."""
+def write_lasting(folder, memories=(0.95, 0.95), offset=0.0):
+    """Recordings of 400 samples whose errors last, and a curve over a slow input that takes part of them."""
     random = np.random.default_rng(0)
-    for number in range(2):
+    for number, memory in enumerate(memories):
         errors = np.zeros(400)
         for k in range(1, 400):
-            errors[k] = 0.95 * errors[k - 1] + random.normal()
+            errors[k] = memory * errors[k - 1] + random.normal()
+        errors += offset * number
         x = np.linspace(0, 1, 400)
         rows = [f"{0.1 * k:.3f},{x[k]:.6f},{x[k] + errors[k]:.6f}" for k in range(400)]
         (folder / f"run_{number}.csv").write_text("\n".join(["time,x,m", *rows]) + "\n", encoding="utf-8")
@@ -192,6 +192,14 @@ def test_what_a_fit_takes_from_lasting_errors_is_corrected_in_partitions_as_well
     assert group.correlation.window == 1  # it was corrected, and counts as white since then
     assert parted.persistence == pytest.approx(plain.persistence, rel=0.1)
     np.testing.assert_allclose(parted.deviation["C"], plain.deviation["C"], rtol=0.05)
+
+
+@pytest.mark.parametrize(("memories", "offset"), [((0.95, 0, 0), 0.0), ((0, 0, 0), 0.5)])
+def test_errors_that_last_in_one_file_or_differ_between_files_persist_in_partitions_as_well(tmp_path, memories, offset):
+    path = write_lasting(tmp_path, memories, offset)
+    plain, parted = (project.calibrate().trust for project in (Project.read(path), in_partitions(path, 400)))
+    assert plain.persistence["y"] > 10
+    assert parted.persistence == pytest.approx(plain.persistence, rel=0.1)
 
 
 def test_the_place_of_a_derivative_that_is_not_finite_is_named_in_partitions_as_well(tmp_path):
@@ -260,23 +268,23 @@ def test_a_recording_of_the_same_size_and_time_is_another_one(tmp_path):
 
 
 def test_the_folder_is_ignored_by_git(tmp_path):
-    in_partitions(write_steady(tmp_path), 600).problem()
+    in_partitions(write_steady(tmp_path), 300).problem()
     assert (tmp_path / ".kennfeld" / "partitions" / ".gitignore").read_text() == "*\n"
 
 
 def test_a_changed_file_is_read_again(tmp_path):
     path = write_steady(tmp_path)
-    before = in_partitions(path, 600).problem().partitions.samples
+    before = in_partitions(path, 300).problem().partitions.samples
     lines = (tmp_path / "bench_0.csv").read_text().splitlines()
     (tmp_path / "bench_0.csv").write_text("\n".join(lines[:100]))
-    assert in_partitions(path, 600).problem().partitions.samples == before - (len(lines) - 100)
+    assert in_partitions(path, 300).problem().partitions.samples == before - (len(lines) - 100)
 
 
 def test_partitions_follow_files_and_lengths(tmp_path):
-    path = write_steady(tmp_path, samples=700)
-    partitions = in_partitions(path, 800).problem().partitions
-    assert [p.samples for p in partitions.training] == [700, 790, 800, 80, 800, 170]
-    assert [p.samples for p in partitions.test] == [800, 260]
+    path = write_steady(tmp_path, samples=320)
+    partitions = in_partitions(path, 400).problem().partitions
+    assert [p.samples for p in partitions.training] == [320, 400, 10]
+    assert [p.samples for p in partitions.test] == [400, 100]
 
 
 def test_a_model_with_memory_keeps_pieces_whole(tmp_path):
@@ -364,9 +372,9 @@ def test_several_starts_and_steps_run_in_partitions(tmp_path):
 
 
 def test_the_excerpt_has_the_extremes_of_every_channel(tmp_path, monkeypatch):
-    monkeypatch.setattr(partitioned_loading, "EXCERPT", 1000)
+    monkeypatch.setattr(partitioned_loading, "EXCERPT", 300)
     path = write_steady(tmp_path)
-    data = in_partitions(path, 600).problem().datasets[0]
+    data = in_partitions(path, 300).problem().datasets[0]
     whole = Project.read(path).problem().datasets[0]
     assert data.samples < whole.samples
     for name in whole:
@@ -381,7 +389,7 @@ def test_a_condition_that_no_sample_of_one_file_meets_is_no_error(tmp_path):
     lines = (tmp_path / "bench_1.csv").read_text().splitlines()
     slow = [line for line in lines[1:] if float(line.split(",")[0]) < 3000]
     (tmp_path / "bench_1.csv").write_text("\n".join([lines[0], *slow]))
-    plain, parted = Project.read(path), in_partitions(path, 600)
+    plain, parted = Project.read(path), in_partitions(path, 300)
     assert not [finding for finding in parted.check() if finding.severity == "error"]
     values = CompiledProblem(plain.problem()).start
     assert CompiledProblem(parted.problem()).sums.cost(values) == pytest.approx(
@@ -393,16 +401,16 @@ def test_a_condition_that_no_sample_meets_is_an_error(tmp_path):
     path = write_steady(
         tmp_path, text=STEADY.replace('files = ["bench_*.csv"]', 'files = ["bench_*.csv"]\nwhere = "n > 9000"')
     )
-    messages = [str(finding) for finding in in_partitions(path, 600).check()]
+    messages = [str(finding) for finding in in_partitions(path, 300).check()]
     assert any("n > 9000 is true at no sample" in message for message in messages)
 
 
 def test_a_missing_channel_names_the_files(tmp_path):
-    path = write_steady(tmp_path)
+    path = write_steady(tmp_path, files=3)
     for number in (1, 2):
         file = tmp_path / f"bench_{number}.csv"
         file.write_text(file.read_text().replace("n,rl,zw", "n,rl,other"))
-    messages = [str(finding) for finding in in_partitions(path, 600).check() if finding.severity == "error"]
+    messages = [str(finding) for finding in in_partitions(path, 300).check() if finding.severity == "error"]
     assert any(message.startswith("bench_1.csv and 1 more file: has no channel zw") for message in messages)
 
 
@@ -415,7 +423,7 @@ def test_units_of_all_files_are_those_of_the_first(tmp_path):
     lines = second.read_text().splitlines()[1:]
     rows = (f"{float(line.split(',')[0]) / 60:.10g},{line.split(',', 1)[1]}" for line in lines)
     second.write_text("\n".join(["n[rev/s],rl,zw,torque", *rows]))
-    plain, parted = Project.read(path), in_partitions(path, 600)
+    plain, parted = Project.read(path), in_partitions(path, 300)
     values = CompiledProblem(plain.problem()).start
     assert CompiledProblem(parted.problem()).sums.cost(values) == pytest.approx(
         CompiledProblem(plain.problem()).sums.cost(values), rel=1e-9
@@ -449,13 +457,13 @@ def test_the_folder_of_prepared_files_keeps_to_its_size(tmp_path):
 def test_the_weight_of_a_dataset_is_not_a_reason_to_read_again(tmp_path, monkeypatch):
     monkeypatch.setattr(file_state, "SETTLED", -1)  # as if the files were two seconds old
     path = write_steady(tmp_path)
-    first = in_partitions(path, 600)
+    first = in_partitions(path, 300)
     one = CompiledProblem(first.problem()).sums
     values = CompiledProblem(first.problem()).start
     cost = one.cost(values)
     entries = set((tmp_path / ".kennfeld" / "partitions").iterdir())
     datasets = tuple(replace(entry, weight=3.0) for entry in first.file.datasets)
-    heavier = replace(in_partitions(path, 600), file=replace(first.file, datasets=datasets))
+    heavier = replace(in_partitions(path, 300), file=replace(first.file, datasets=datasets))
     assert CompiledProblem(heavier.problem()).sums.cost(values) == pytest.approx(3 * cost, rel=1e-12)
     assert entries == set((tmp_path / ".kennfeld" / "partitions").iterdir())
 
@@ -471,16 +479,16 @@ def test_folds_hold_out_partitions(tmp_path):
 
 
 def test_folds_that_divide_files_are_an_error(tmp_path):
-    problem = in_partitions(write_steady(tmp_path), 600).problem()
+    problem = in_partitions(write_steady(tmp_path), 300).problem()
     with pytest.raises(InputError, match="data in partitions cannot be held out by random"):
         cross_validate(problem, kind="random")
-    with pytest.raises(InputError, match="cannot make 50 folds of 8 partitions"):
+    with pytest.raises(InputError, match="cannot make 50 folds of 4 partitions"):
         cross_validate(problem, folds=50)
 
 
 def test_a_simulation_of_partitions_in_memory_is_an_error(tmp_path):
     with pytest.raises(InputError, match="data in partitions are not simulated as a whole"):
-        in_partitions(write_steady(tmp_path), 600).simulate()
+        in_partitions(write_steady(tmp_path), 300).simulate()
 
 
 @pytest.mark.parametrize("write", WRITERS)

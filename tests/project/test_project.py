@@ -1,15 +1,19 @@
 """What a project does: problem, calibration, simulation."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from kennfeld.calfiles import read as read_parameters
 from kennfeld.dataset import Dataset
 from kennfeld.errors import InputError
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Curve, Map, Scalar
+from kennfeld.project import Project
 from kennfeld.project.demo import torque
 
 
@@ -144,3 +148,59 @@ def test_reading_a_project_file_imports_neither_solver_nor_compiler(shop):
     )
     done = subprocess.run([sys.executable, "-c", code, shop.path], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+GAIN = """[model]
+file = "gain.kf"
+[[dataset]]
+files = "*.csv"
+[parameters.Gain]
+initial = 1.0
+[[criterion]]
+node = "y"
+target = "T"
+[optimizer]
+save_every = 1
+"""
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """Two projects whose files have the same names; the gain is 2 in the first one and 5 in the other."""
+    for name, gain in (("here", 2), ("there", 5)):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "kennfeld.toml").write_text(GAIN, encoding="utf-8")
+        (folder / "gain.kf").write_text("y = Gain * u\n", encoding="utf-8")
+        (folder / "bench.csv").write_text(f"u,T\n1,{gain}\n2,{2 * gain}\n3,{3 * gain}\n", encoding="utf-8")
+        (folder / "start.dcm").write_text(f"KONSERVIERUNG_FORMAT 2.0\n* {name}\nFESTWERT Gain\n   WERT {gain}\nEND\n")
+    return tmp_path
+
+
+def test_a_project_keeps_its_folder_when_the_present_one_changes(folders, monkeypatch):
+    monkeypatch.chdir(folders / "here")
+    project = Project.read("kennfeld.toml")
+    monkeypatch.chdir(folders / "there")
+    assert project.check() == []
+    assert project.calibrate().parameters["Gain"].value == pytest.approx(2)
+    assert project.saves().folder == folders / "here" / "results" / "saves"
+    assert not (folders / "there" / "results").exists()
+
+
+def test_the_file_of_parameters_is_updated_whatever_the_present_folder_is(folders, monkeypatch):
+    monkeypatch.chdir(folders / "here")
+    start = read_parameters("start.dcm")
+    monkeypatch.chdir(folders / "there")
+    start.save("saved.dcm")
+    assert "* here" in (folders / "there" / "saved.dcm").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("at", ["here", ".", "there"])
+def test_messages_name_files_as_they_are_reached_from_the_present_folder(at, folders, monkeypatch):
+    (folders / "here" / "net.onnx").write_bytes(b"damaged")
+    (folders / "here" / "kennfeld.toml").write_text(GAIN.replace("gain.kf", "net.onnx"), encoding="utf-8")
+    monkeypatch.chdir(folders / at)
+    given = Path(os.path.relpath(folders / "here"))
+    pytest.importorskip("onnx", reason="the package onnx is not installed")
+    (finding,) = Project.read(given / "kennfeld.toml").check()
+    assert finding.location.file == str(given / "net.onnx")

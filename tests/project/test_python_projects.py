@@ -22,13 +22,13 @@ TEXT = TIMED + '\n[functions]\ngain = "gain.py:gain"\n'
 
 def write_calling(folder, model="Lagged = PT1(gain(K(u), 0.5), T)"):
     """Write recordings of a lag, and a model that calls a function which cannot be translated."""
-    path = write_timed(folder, text=TEXT)
+    path = write_timed(folder, files=2, samples=150, text=TEXT)
     (folder / "lag.kf").write_text(f"input u\n{model}\n")
     (folder / "gain.py").write_text(CODE)
     return path
 
 
-@pytest.mark.parametrize("size", mostly_slow([300, 10**6], 1))
+@pytest.mark.parametrize("size", mostly_slow([120, 10**6], 1))
 @pytest.mark.parametrize("model", ["Lagged = PT1(gain(K(u), 0.5), T)", "Lagged = gain(K(u), T)"])
 def test_functions_over_partitions_give_what_they_give_for_all_samples(tmp_path, size, model):
     path = write_calling(tmp_path, model)
@@ -45,7 +45,7 @@ def test_a_project_with_a_function_in_python_is_calibrated(tmp_path, capsys):
     assert "line 5 cannot be translated" in capsys.readouterr().err
     assert cli.run(["calibrate", "--trust", str(path)]) == 0
     whole = Project.read(path).calibrate()
-    parted = in_partitions(path, 500).calibrate()
+    parted = in_partitions(path, 150).calibrate()
     for name in ("K", "T"):
         assert parted.parameters[name].values == pytest.approx(whole.parameters[name].values, rel=1e-6)
 

@@ -28,6 +28,7 @@ class Line:
     """What results need of a project: formats, and a simulation of two datasets, one of them in time."""
 
     formats = (".dcm",)
+    further_results = ()
     surrogates = ()
     is_partitioned = False
 
@@ -197,7 +198,7 @@ def test_a_node_that_is_called_like_our_own_columns_gets_another_name(tmp_path):
 
 
 def test_an_unknown_ending_of_a_simulation_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"must have the extension \.parquet or \.csv, got \.xlsx"):
+    with pytest.raises(InputError, match=r"extension \.parquet, \.csv, \.mf4 or \.mat, got \.xlsx"):
         write_simulation(Line().simulation(), tmp_path / "s.xlsx")
     assert not list(tmp_path.iterdir())
 
@@ -287,6 +288,7 @@ def test_an_interrupt_while_writing_leaves_the_old_files(result, tmp_path, monke
 
     class Interrupted(Line):
         formats = (".dcm",)
+        further_results = ()
         surrogates = ()
 
     def stops(*_):

@@ -84,6 +84,7 @@ STRATEGIES = {
         st.one_of(names, st.builds(value_forms.ImageEntry, names, names)), min_size=1, max_size=2, unique=True
     ).map(tuple),
     value_forms.OutputForm: lambda form: st.lists(st.sampled_from(endings()), min_size=1, unique=True).map(tuple),
+    value_forms.ResultsForm: lambda form: st.lists(st.sampled_from(form.endings()), min_size=1, unique=True).map(tuple),
     value_forms.StepCriteriaForm: lambda form: st.one_of(
         st.lists(st.one_of(names, st.integers(1, 9)), max_size=3).map(tuple),
         st.dictionaries(st.one_of(st.integers(1, 9)), st.floats(0, 9), max_size=3),

@@ -140,8 +140,8 @@ def test_the_steps_are_run(shop):
 
 
 def test_the_starts_are_run(shop):
-    shop.bench("bench.csv", np.linspace(1000, 3000, 40))
-    shop.add("[optimizer]\nstarts = 3\nseed = 2\nspread = 0.1")
+    shop.bench("bench.csv", np.linspace(1000, 3000, 12))
+    shop.add("[optimizer]\nstarts = 2\nseed = 2\nspread = 0.1")
     options = shop.project.options
-    assert (options.starts, options.seed, options.spread) == (3, 2, 0.1)
-    assert len(shop.project.calibrate(workers=1).starts) == 3
+    assert (options.starts, options.seed, options.spread) == (2, 2, 0.1)
+    assert len(shop.project.calibrate(workers=1).starts) == 2

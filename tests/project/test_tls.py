@@ -21,7 +21,7 @@ pytestmark = [
 
 KEYS = ("tls_authority", "tls_certificate", "tls_key")
 RIGHT = ("authority.pem", "own.pem", "own-key.pem")
-NEW_KEY = ("-newkey", "rsa:2048", "-nodes")
+NEW_KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
 
 
 def openssl(folder, *arguments):

@@ -122,7 +122,7 @@ def limited(shop):
 def several_files(shop):
     """A drive in each of 15 files; the errors grow from file to file, and are largest from 30 to 40 s."""
     for number in range(15):
-        time = np.arange(600) * 0.1
+        time = np.arange(300) * 0.2
         x = 2 + np.sin(time + number)
         error = 0.01 * (number + 1) * np.where((time >= 30) & (time < 40), 3.0, 1.0)
         shop.csv(f"drive_{number:02d}.csv", {"time": time, "x": x, "m": 2 * x + error * np.sign(np.sin(40 * time))})

@@ -166,6 +166,7 @@ def test_a_name_in_the_legend_hides_and_shows_its_line(show):
     page.wait_for_function("([canvas, image]) => canvas.toDataURL() === image", arg=[strip.element_handle(), before])
 
 
+@pytest.mark.slow
 def test_a_surface_turns_by_keys_and_names_the_point_under_the_pointer(show):
     page = show(a_map)
     surface = canvas_of(page, "parameter")
@@ -218,6 +219,7 @@ def test_weights_are_drawn_as_cells_and_listed_by_rows(show):
     assert len(set(numbers)) > 1
 
 
+@pytest.mark.slow
 def test_a_slider_chooses_the_slice_of_a_cube(show):
     page = show(a_cube)
     surface = canvas_of(page, "parameter")
@@ -228,6 +230,7 @@ def test_a_slider_chooses_the_slice_of_a_cube(show):
     assert page.locator("table.grid td").all_text_contents() != numbers
 
 
+@pytest.mark.slow
 def test_a_report_follows_the_theme_and_prints_everything_on_white(show):
     page = show(a_map, "dark")
     ground = "getComputedStyle(document.body).backgroundColor"

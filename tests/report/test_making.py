@@ -123,10 +123,9 @@ def recording_rows(page):
     ]
 
 
-def test_a_report_lists_recordings_worst_first_and_folds_long_lists(shop, opened):
-    project = several_files(shop)
-    result = project.calibrate()
-    rows = recording_rows(opened(document(project, result, project.check())))
+def test_a_report_lists_recordings_worst_first_and_folds_long_lists(calibrated, opened):
+    result = calibrated(several_files).result
+    rows = recording_rows(opened(calibrated(several_files).report))
     names = re.findall(r"drive_\d\d\.csv", rows)
     assert names == [f"drive_{number:02d}.csv" for number in range(14, -1, -1)]
     assert "fresh.csv" not in rows
@@ -136,8 +135,8 @@ def test_a_report_lists_recordings_worst_first_and_folds_long_lists(shop, opened
     assert str(worst) in rows
 
 
-def test_a_report_on_the_start_values_lists_recordings_too(shop, opened):
-    rows = recording_rows(opened(document(several_files(shop))))
+def test_a_report_on_the_start_values_lists_recordings_too(calibrated, opened):
+    rows = recording_rows(opened(document(calibrated(several_files).project)))
     assert "RMSE before" not in rows
     assert rows.count("drive_") == 15
 

@@ -10,6 +10,7 @@ from kennfeld.report import document, strip_details
 from kennfeld.report.coded_numbers import decode_numbers
 from kennfeld.report.strip_details import DetailRoom
 from kennfeld.trace_envelope import TraceEnvelope
+from tests.report.report_projects import Page, Workshop
 
 COUNT = 30_000
 LAG = """[parameters.Lag]
@@ -21,29 +22,36 @@ initial = 0
 """
 
 
-@pytest.fixture
-def drive(shop):
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A recording of a lag, and its result; no test changes them."""
     random = np.random.default_rng(0)
     time = 0.1 * np.arange(COUNT)
     x = 5 + 4 * np.sin(0.03 * time)
     measured = 100 * x + random.normal(0, 0.3, COUNT)
     measured[500:600] = np.nan
     columns = {"time [s]": time.round(1), "x": x.round(4), "m": measured.round(3)}
-    return shop.project("settled[degC] = C(x)\ny = PT1(settled, Lag)\n", LAG, columns)
+    shop = Workshop(tmp_path_factory.mktemp("drive"))
+    project = shop.project("settled[degC] = C(x)\ny = PT1(settled, Lag)\n", LAG, columns)
+    return SimpleNamespace(project=project, result=project.calibrate())
+
+
+@pytest.fixture(scope="module")
+def report(drive):
+    return Page(document(drive.project, drive.result))
 
 
 def data_of(page):
     return json.loads(page.text.split('id="report-data">')[1].split("</script>")[0])
 
 
-def test_all_samples_are_there_to_a_small_part_of_their_errors(drive, opened):
-    result = drive.calibrate()
-    page = opened(document(drive, result))
-    (strip,) = page.figures("strip")
+def test_all_samples_are_there_to_a_small_part_of_their_errors(drive, report):
+    (strip,) = report.figures("strip")
     detail = strip["detail"]
     assert (detail["whole"], detail["size"]) == (True, 1)
     np.testing.assert_allclose(decode_numbers(detail["x"]), 0.1 * np.arange(COUNT), atol=1e-4)
-    bound = drive.problem().bind(drive.problem().datasets[0])
+    problem = drive.project.problem()
+    bound = problem.bind(problem.datasets[0])
     measured = bound.channel("m")
     errors = strip_details._range(np.array([value for value in strip["error"] if value is not None]))
     decoded = decode_numbers(detail["traces"]["measured"])
@@ -51,8 +59,8 @@ def test_all_samples_are_there_to_a_small_part_of_their_errors(drive, opened):
     assert np.nanmax(np.abs(decoded - measured)) <= errors / 4000
 
 
-def test_inputs_and_nodes_are_offered_with_their_units(drive, opened):
-    signals = data_of(opened(document(drive, drive.calibrate())))["signals"]
+def test_inputs_and_nodes_are_offered_with_their_units(report):
+    signals = data_of(report)["signals"]
     (dataset,) = signals.values()
     offered = [(each["name"], each["unit"], each["kind"]) for each in dataset["signals"]]
     assert offered == [("x", "", "input"), ("settled", "degC", "node")]
@@ -62,7 +70,7 @@ def test_inputs_and_nodes_are_offered_with_their_units(drive, opened):
 
 def test_a_page_keeps_its_room_whatever_the_samples(drive, opened, monkeypatch):
     monkeypatch.setattr(strip_details, "TOTAL_NUMBERS", 50_000)
-    page = opened(document(drive, drive.calibrate()))
+    page = opened(document(drive.project, drive.result))
     (strip,) = page.figures("strip")
     detail = strip["detail"]
     assert not detail["whole"]

@@ -69,20 +69,13 @@ def shorten_timeout(project: Path) -> None:
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        slow(
-            f"-DIN_GET={LATE}*(volatile int *)0 = 1", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segm"
-        ),
-        slow(f"-DIN_GET={LATE}abort()", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: aborted (SIGABRT)"),
-        slow(f"-DIN_GET={LATE}exit(3)", "ended the program with exit status 3 in fmi2GetDerivatives, instance 1, at"),
         slow(f"-DIN_GET={LATE}exit(0)", "ended the program with exit status 0 in fmi2GetDerivatives"),
         slow(f"-DIN_GET={LATE}m->k = overflow(0)", "crashed in fmi2GetDerivatives, instance 1, at t = 5.05 s: segment"),
-        slow(f"-DIN_GET={LATE}raise(SIGFPE)", "(SIGFPE)"),
         slow(
             f"-DIN_GET={LATE}kill(getpid(), SIGKILL)", "the system ended the program in fmi2GetDerivatives, instance 1"
         ),
         (f"-DIN_GET={LATE}{HANGING}", "did not return within 1 s in fmi2GetDerivatives, instance 1, at t = 5.05 s"),
         slow("-DIN_INSTANTIATE=*(volatile int *)0 = 1", "crashed in fmi2Instantiate: segmentation fault (SIGSEGV)"),
-        slow(f"-DIN_INSTANTIATE={HANGING}", "did not return within 1 s in fmi2Instantiate"),
         slow("-DIN_LOADING=abort()", "crashed while loading its library: aborted (SIGABRT)"),
     ],
 )
@@ -102,13 +95,8 @@ def test_a_fault_of_an_fmu_is_one_message(tmp_path: Path, fault: str, message: s
 @pytest.mark.parametrize(
     ("version", "options", "message"),
     [
-        slow(3, ABORTING_STEP, "crashed in fmi3DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
         slow(2, ABORTING_STEP, "crashed in fmi2DoStep, instance 1, at t = 5.1 s: aborted (SIGABRT)"),
-        *(
-            slow(version, HANGING_STEP, f"did not return within 1 s in fmi{version}DoStep, instance 1, at t = 5.1 s")
-            for version in (2, 3)
-        ),
-        slow(2, CRASHING_END, "crashed in fmi2FreeInstance, instance 1"),
+        slow(3, HANGING_STEP, "did not return within 1 s in fmi3DoStep, instance 1, at t = 5.1 s"),
         slow(3, CRASHING_END, "crashed in fmi3FreeInstance, instance 1"),
     ],
 )
@@ -126,7 +114,7 @@ def test_a_fault_of_co_simulation_is_one_message(
 
 
 @POSIX
-@pytest.mark.parametrize("command", [slow("check"), "calibrate", slow("simulate"), slow("report")])
+@pytest.mark.parametrize("command", ["calibrate", slow("report")])
 def test_every_command_that_evaluates_is_watched(tmp_path: Path, command: str) -> None:
     status, _, err = run_command(write_fmu_project(tmp_path, f"-DIN_GET={LATE}*(volatile int *)0 = 1"), command)
     assert status == 2
@@ -139,7 +127,6 @@ def test_every_command_that_evaluates_is_watched(tmp_path: Path, command: str) -
 @pytest.mark.parametrize(
     ("body", "message"),
     [
-        slow("os.abort()", "table.py: its code crashed in table: aborted (SIGABRT)"),
         ("os._exit(3)", "table.py: its code ended the program with exit status 3 in table"),
         slow("import time\nwhile True:\n    time.sleep(9)", "table.py: its code did not return within 1 s in table"),
     ],

@@ -1,7 +1,7 @@
 """Compares two parameter sets: values, axes, units, and labels that only one of them has."""
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import field, replace
 from math import isfinite
 from typing import Any
 
@@ -73,6 +73,7 @@ class Difference:
     index: tuple[int, ...] = ()  # of the largest difference
     place: str = ""  # the same in the words of the axes
     function: str = ""
+    label: str = field(default="", compare=False)  # the name without the variant
 
     @property
     def as_json(self) -> dict[str, Any]:
@@ -98,6 +99,11 @@ class Comparison:
         """True if there is no difference."""
         return not self.differences
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names of the parameters, texts and group axes that differ, without variants."""
+        return tuple(dict.fromkeys(difference.label for difference in self.differences))
+
 
 def compare(left: ParameterSet, right: ParameterSet, tolerance: Tolerance | None = None) -> Comparison:
     """Compare values, axes, units, kinds, texts and names of two sets.
@@ -117,27 +123,28 @@ def compare(left: ParameterSet, right: ParameterSet, tolerance: Tolerance | None
     allowed = tolerance or Tolerance()
     results: list[Difference] = []
     compared = 0
-    for name, first, second in _pair_items(left, right):
+    for label, variant, first, second in _pair_items(left, right):
+        name = f"{label} ({variant})" if variant else label
         if first is None or second is None:
             differences = [Difference(name, "presence", _describe_item(first), _describe_item(second))]
         else:
             compared += 1
             differences = [replace(difference, name=name) for difference in _differences(first, second, allowed)]
         function = _function(first) or _function(second)
-        results += [replace(difference, function=function) for difference in differences]
+        results += [replace(difference, function=function, label=label) for difference in differences]
     return Comparison(tuple(results), compared)
 
 
-def _pair_items(left: ParameterSet, right: ParameterSet) -> Iterator[tuple[str, _Item | None, _Item | None]]:
-    """Yield the items to compare with their common name; None for a side without it."""
+def _pair_items(left: ParameterSet, right: ParameterSet) -> Iterator[tuple[str, str, _Item | None, _Item | None]]:
+    """Yield the items to compare with their common name and variant; None for a side without it."""
     ours, theirs = _items_by_name(left), _items_by_name(right)
     for name in dict.fromkeys([*ours, *theirs]):
         mine, its = ours.get(name, {}), theirs.get(name, {})
         if mine and its and not mine.keys() & its.keys():
             # one of them knows no variants: what counts there is compared with what counts here
-            yield name, mine.pop(next(iter(mine))), its.pop(next(iter(its)))
+            yield name, "", mine.pop(next(iter(mine))), its.pop(next(iter(its)))
         for variant in dict.fromkeys([*mine, *its]):
-            yield f"{name} ({variant})" if variant else name, mine.get(variant), its.get(variant)
+            yield name, variant, mine.get(variant), its.get(variant)
 
 
 def _items_by_name(members: ParameterSet) -> dict[str, dict[str, _Item]]:

@@ -78,7 +78,7 @@ def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
     ((19, 13), 'Nm')
     """
     parameters = _read_content(Path(path), a2l).parameters
-    return parameters if parameters.origin is not None else parameters.from_origin(Path(path))
+    return parameters if parameters.origin is not None else parameters.from_origin(Path(path).absolute())
 
 
 def read_several(

@@ -5,7 +5,6 @@ Scripts are interpreted, never executed by MATLAB. Objects such as Simulink.Para
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from kennfeld.files.head import FileHead
 from kennfeld.matlab import values as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.mat_reader import read_nodes, to_value
+from kennfeld.matlab.mat_v73 import is_matlab_guarded
 from kennfeld.matlab.script_files import Files
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import LookupTable, to_calibration_parameter
@@ -167,11 +167,10 @@ def read_mat(source: CalibrationSource) -> ReadResult:
 
 def holds_calibration(head: FileHead) -> bool:
     """Check whether a data file holds a calibration rather than recorded samples."""
-    if head.packing or head.member:
-        content = head.whole(_MAX_SEARCHED)
-    elif head.path.stat().st_size < _MAX_SEARCHED and (not _is_hdf5(head.raw) or _is_of_matlab(head.path)):
-        content = head.path.read_bytes()
-    else:
+    if not (head.packing or head.member) and head.path.stat().st_size > _MAX_SEARCHED:
+        return False
+    content = head.whole(_MAX_SEARCHED)
+    if _is_hdf5(content) and not is_matlab_guarded(content):
         return False
     try:
         variables = _variables(CalibrationSource(head.name, content))[1]
@@ -179,15 +178,6 @@ def holds_calibration(head: FileHead) -> bool:
         return False
     plain = any(isinstance(value, (StructValue, np.ndarray)) for value in variables.values())
     return plain and not holds_samples(variables)
-
-
-def _is_of_matlab(path: Path) -> bool:
-    from kennfeld.matlab import mat_v73
-
-    try:
-        return mat_v73.is_matlab(path)
-    except Exception:  # of many kinds: the library trusts what it reads; the reader of recordings reports it
-        return False
 
 
 def _variables(source: CalibrationSource) -> tuple[str, dict[str, Value]]:

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Mapping
 from io import BytesIO
-from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,11 @@ from kennfeld.calfiles.matlab_parameters import INFO, StructValue, Value
 from kennfeld.calfiles.matlab_reader import format_comment
 from kennfeld.calfiles.storable import USE_JSON, report_repeated_variables
 from kennfeld.files.calibrations import SCRIPT_TITLE
+from kennfeld.matlab.variable_names import KEYWORDS, variable_name
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, LABELS, Text
 
-_WORDS = "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return"
-_RESERVED_NAMES = frozenset(f"{_WORDS} spmd switch try while {INFO} Inf NaN reshape char ans".split())
-_MAX_NAME_LENGTH = 63
+_RESERVED_NAMES = KEYWORDS | {INFO, "Inf", "NaN", "reshape", "char", "ans"}
 
 _HEAD = f"""{SCRIPT_TITLE}
 % A number or a matrix is a parameter. A struct with x, y and values is a curve or a map: values have a row for each x.
@@ -54,15 +52,8 @@ def variables_of(parameters: ParameterSet) -> Iterator[tuple[str, Value]]:
 
 def _variable_name(name: str, used: set[str]) -> tuple[str, str]:
     """Return a valid name of a variable that is not used yet, and the true name if that differs."""
-    if re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and len(name) <= _MAX_NAME_LENGTH and name not in used:
-        used.add(name)
-        return name, ""
-    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[: _MAX_NAME_LENGTH - 8]
-    plain = plain if re.match(r"[A-Za-z]", plain) else f"p{plain}"
-    candidates = chain([plain], (f"{plain}_{number}" for number in count(2)))
-    result = next(candidate for candidate in candidates if candidate not in used)
-    used.add(result)
-    return result, name
+    result = variable_name(name, used, prefix="p")
+    return result, "" if result == name else name
 
 
 def _non_empty(labels: Mapping[str, Any]) -> dict[str, Value]:

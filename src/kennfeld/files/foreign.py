@@ -189,7 +189,12 @@ OF_OTHER_TOOLS = (
         "an index of a TDMS file, which holds no samples",
         "Name the .tdms file beside it.",
     ),
-    _pattern("imc FAMOS", r"\A\|CF,[12],", "an imc FAMOS file", "Export it as MDF (.mf4) or CSV."),
+    _pattern(
+        "AiM log",
+        r"\A<h(?s:[A-Z]{3}.{6})>",
+        "a log of AiM (.xrk)",
+        "Export it as CSV from RaceStudio, or convert it to Parquet by the Python package libxrk.",
+    ),
     _pattern(
         "CDF-5",
         r"\ACDF\x05",

@@ -18,6 +18,8 @@ _SIGNED = (
     recordings.MDF,
     recordings.MLG,
     recordings.BLF,
+    recordings.FAMOS,
+    recordings.MOTEC,
     containers.MATLAB,
     containers.HDF5,
     containers.EXCEL,

@@ -3,12 +3,13 @@
 import re
 from functools import partial
 
+from kennfeld.files.can_csv_columns import can_csv_separator
 from kennfeld.files.file_format import FileFormat, read_recording, reads_as, starts_with
 from kennfeld.files.head import FileHead
 from kennfeld.files.xml_root import xml_root
 
 _HEAD = 4096  # bytes or characters in which a heading stands
-_CAN_LENGTHS = {"dlc", "datalength", "len"}  # columns of logs of CAN frames
+_MOTEC_DATE = re.compile(rb"\d{1,2}/\d{1,2}/\d{4}\0")
 _ANYWHERE = re.IGNORECASE | re.MULTILINE
 ASC_HEADER = re.compile(
     r"^base[ \t]+(?P<base>hex|dec)(?:[ \t]+timestamps[ \t]+(?P<stamps>absolute|relative)|[ \t]*$)", _ANYWHERE
@@ -17,17 +18,9 @@ _TRC_HEADER = re.compile(r"\A(?:\s*;.*\n)*\s*;\$FILEVERSION=|\A;#{20,}\s*$", _AN
 _CANDUMP_FRAME = re.compile(r"\A\s*\(\d+\.\d+\)\s+\S+\s+[\da-f]{3,8}#", _ANYWHERE)
 
 
-def can_csv_separator(line: str) -> str:
-    """Return the separator of a log of CAN frames in CSV with this first line; empty if it is another file.
-
-    >>> can_csv_separator("Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"), can_csv_separator("time,ID")
-    (',', '')
-    """
-    for separator in (",", ";", "\t"):
-        names = {name.strip(' "').lower() for name in line.split(separator)}
-        if names & {"id", "arbitration_id"} and names & {"databytes", "data", "d1"} and names & _CAN_LENGTHS:
-            return separator
-    return ""
+def _is_motec(head: FileHead) -> bool:
+    """Return whether a file begins with the marker of MoTeC's loggers, and holds a date as text."""
+    return head.raw.startswith(b"\x40\0\0\0") and _MOTEC_DATE.match(head.raw, 94) is not None
 
 
 def _is_tdm(head: FileHead) -> bool:
@@ -78,6 +71,8 @@ MDF = FileFormat(
 )
 MLG = FileFormat("MLG", (".mlg",), starts_with(b"MLVLG"), read_recording("mlg", may_lack_time=True))
 BLF = FileFormat("Vector BLF", (".blf",), starts_with(b"LOGG"), _read_log())
+FAMOS = FileFormat("FAMOS", (".raw", ".dat"), starts_with(b"|CF,1,", b"|CF,2,"), read_recording("famos", rasters=True))
+MOTEC = FileFormat("MoTeC", (".ld",), _is_motec, read_recording("motec", rasters=True))
 TDM = FileFormat(
     "TDM",
     (".tdm",),

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import ArrayLike, Float
+from kennfeld.arrays import ArrayLike, Float, Int
 from kennfeld.free_axes import AxisKey, free_axes
 from kennfeld.graph.dense_layer import DenseLayer, evaluate_layer
 from kennfeld.graph.derivative import Linearization, Slopes, Written
@@ -73,38 +73,45 @@ class Interpreter:
         starts: Sequence[int] = (0,),
         firsts: Sequence[int] | None = None,
     ) -> Evaluation:
-        """Compute the values of all nodes. `firsts` are the nodes of the states' first values, if known."""
+        """Compute the values of all nodes. `firsts` are the nodes of the states' first values, if known.
+
+        Pieces of the data that begin at different `starts` do not depend on each other and are computed side by side.
+        """
         samples = next((c.size for c in columns.values()), 1)
         if not states:
             return [np.broadcast_to(v, samples) for v in self._step(nodes, columns, ())]
+        begins, lengths = _longest_first(starts, samples)
         result = np.empty((len(nodes), samples))
-        memory: list[list[float]] = []
-        for k in range(samples):
-            here = {name: column[k : k + 1] for name, column in columns.items()}
-            if k in starts:
-                memory = self._start(nodes, states, here, firsts)
-            values = self._step(nodes, here, [ring[0] for ring in memory])
-            result[:, k] = [v[0] for v in values]
+        memory: list[list[Float]] = []  # of each state a ring of as many arrays as its latency, Float[pieces]
+        for k in range(max(lengths, default=0)):
+            here = begins[lengths > k] + k  # pieces that have ended are the last ones
+            now = {name: column[here] for name, column in columns.items()}
+            if k == 0:
+                memory = self._start(nodes, states, now, firsts)
+            values = self._step(nodes, now, [ring[0][: here.size] for ring in memory])
+            for row, value in zip(result, values, strict=True):
+                row[here] = value
             for ring, state in zip(memory, states, strict=True):
-                ring.append(float(values[state.next][0]))
+                ring.append(result[state.next, here])
                 del ring[0]
         return list(result)
 
     def _start(
         self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], firsts: Sequence[int] | None
-    ) -> list[list[float]]:
+    ) -> list[list[Float]]:
         """Return the contents of the states before the first sample; a state may start from others."""
         if firsts is not None:
-            values = self._step(nodes, here, [np.nan] * len(states))
-            current = [float(values[at][0]) for at in firsts]
+            values = self._step(nodes, here, [np.array([np.nan])] * len(states))
+            current = [values[at] for at in firsts]
         else:
             order = _first_nodes(nodes, states)
             current = self._settle(nodes, states, here) if order is None else self._first(nodes, states, here, order)
-        return [[value] * state.latency for value, state in zip(current, states, strict=True)]
+        pieces = next((column.size for column in here.values()), 1)
+        return [[np.broadcast_to(value, pieces)] * state.latency for value, state in zip(current, states, strict=True)]
 
     def _first(
         self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float], order: Sequence[int]
-    ) -> list[float]:
+    ) -> list[Float]:
         """Compute the first values; each node they need is computed once, in this order."""
         values: dict[int, Float] = {}
         for at in order:
@@ -113,25 +120,25 @@ class Interpreter:
                 values[at] = values[states[node.payload].init]
             else:
                 values[at] = self._node(node, [values[a] for a in node.args], here, ())
-        return [float(values[state.init][0]) for state in states]
+        return [values[state.init] for state in states]
 
-    def _settle(self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float]) -> list[float]:
+    def _settle(self, nodes: Sequence[Node], states: Sequence[State], here: Mapping[str, Float]) -> list[Float]:
         """Compute first values that depend on each other: sweep from NaN until nothing changes."""
-        current = [np.nan] * len(states)
+        current = [np.array([np.nan])] * len(states)
         for _ in states:
             values = self._step(nodes, here, current)
-            before, current = current, [float(values[state.init][0]) for state in states]
-            if np.array_equal(before, current, equal_nan=True):
+            before, current = current, [values[state.init] for state in states]
+            if all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, current, strict=True)):
                 break
         return current
 
-    def _step(self, nodes: Sequence[Node], columns: Mapping[str, Float], memory: Sequence[float]) -> list[Float]:
+    def _step(self, nodes: Sequence[Node], columns: Mapping[str, Float], memory: Sequence[Float]) -> list[Float]:
         values: list[Float] = []
         for node in nodes:
             values.append(self._node(node, [values[a] for a in node.args], columns, memory))
         return values
 
-    def _node(self, node: Node, args: list[Float], columns: Mapping[str, Float], memory: Sequence[float]) -> Float:
+    def _node(self, node: Node, args: list[Float], columns: Mapping[str, Float], memory: Sequence[Float]) -> Float:
         op, _, payload = node
         match op:
             case "const":
@@ -139,7 +146,7 @@ class Interpreter:
             case "input":
                 return columns[payload]
             case "state":
-                return np.array([memory[payload]])
+                return memory[payload]
             case "position":
                 return position(args[0], self._points(payload), payload.extrapolation)
             case "density":
@@ -264,6 +271,15 @@ class Interpreter:
             if slope != 0:
                 row += slope * (now[leaf] if leaf in now else weights[leaf][k])
         return row
+
+
+def _longest_first(starts: Sequence[int], samples: int) -> tuple[Int, Int]:
+    """Return where the pieces of the samples begin and how long they are, longest first."""
+    begins = np.unique((0, *starts))
+    begins = begins[begins < samples]
+    lengths = np.diff(begins, append=samples)
+    order = np.argsort(-lengths, kind="stable")
+    return begins[order], lengths[order]
 
 
 def _first_nodes(nodes: Sequence[Node], states: Sequence[State]) -> list[int] | None:

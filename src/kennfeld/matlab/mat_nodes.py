@@ -73,12 +73,14 @@ class MatCells:
 class MatUnreadable:
     """A value that only MATLAB can read, such as a `table`, `timeseries` or `sparse matrix`.
 
-    For an object, `reference` locates its properties. `why` describes the damage of the value or of its object.
+    For an object, `reference` locates its properties. `why` describes the damage of the value or of its object. Complex
+    numbers have two `parts`, which are of use only in dates.
     """
 
     kind: str
     reference: "Node | None" = None
     why: str = ""
+    parts: tuple[NDArray[Any], NDArray[Any]] | None = field(default=None, compare=False, repr=False)
 
 
 Node: TypeAlias = MatNumbers | MatText | MatStruct | MatStructArray | MatCells | MatUnreadable

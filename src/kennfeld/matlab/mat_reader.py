@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from io import BytesIO
 
 import numpy as np
 
@@ -75,7 +74,7 @@ def load_nodes(
     if not content:
         return mat_nodes.MatFileContent(damage="it is empty", lost="it is empty")
     if content.startswith(_HDF5) or content[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5:
-        return resolve_objects(mat_v73.load_all(BytesIO(content), max_bytes, max_nodes), max_bytes)
+        return resolve_objects(mat_v73.load_guarded(content, max_bytes, max_nodes), max_bytes)
     if not content.startswith(b"MATLAB") and content[126:128] not in _ORDERS:
         return mat_v4.load_all(memoryview(content))
     return resolve_objects(mat_v5.load_all(memoryview(content), max_bytes, max_nodes), max_bytes)

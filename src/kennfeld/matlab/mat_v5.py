@@ -178,7 +178,7 @@ class _ArrayReader:
         if kind == _CHARACTERS:
             return _characters(*self._next(parts, "text"), shape, self.order) if math.prod(shape) else n.MatText("")
         if flags & _COMPLEX and kind <= _LAST_NUMERIC:
-            return n.MatUnreadable("complex numbers")
+            return self._complex(kind, shape, parts)
         if kind == _SPARSE:
             return self._sparse(flags, shape, parts)
         if not _OBJECT < kind <= _LAST_NUMERIC:
@@ -186,6 +186,12 @@ class _ArrayReader:
         values = self._numbers(shape, *self._next(parts, "numbers")) if math.prod(shape) else np.empty(shape)
         name = "logical" if flags & _LOGICAL else _CLASSES[kind]
         return n.MatNumbers(values, kind not in _FLOATING or bool(flags & _LOGICAL), name)
+
+    def _complex(self, kind: int, shape: tuple[int, ...], parts: Any) -> n.Node:
+        if kind not in _FLOATING or not math.prod(shape):
+            return n.MatUnreadable("complex numbers")
+        real, imaginary = (self._numbers(shape, *self._next(parts, part)) for part in ("real part", "imaginary part"))
+        return n.MatUnreadable("complex numbers", parts=(real, imaginary))
 
     def _sparse(self, flags: int, shape: tuple[int, ...], parts: Any) -> n.Node:
         if math.prod(shape) > self.dense:

@@ -2,15 +2,23 @@
 
 MATLAB reverses the dimensions of arrays. A struct is a group, an array of structs a group of datasets of references, a
 cell array one dataset of references; the attribute MATLAB_class names the class.
+
+The library may crash on damaged files, so that `load_guarded` is the one to call; the others are for its process.
 """
 
 import math
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from kennfeld.errors import Location
+from kennfeld.lazy_dataclass import dataclass
+from kennfeld.library_process import LibraryFailure, LibraryProcess
 from kennfeld.matlab import mat_nodes as n
+
+LIBRARY = LibraryProcess("HDF5")
 
 _MAX_DEPTH = 50
 _MAX_DIMENSIONS = 32
@@ -22,6 +30,50 @@ _NUMBERS = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("",
 def load(path: Path | BinaryIO, max_bytes: int = n.MAX_BYTES) -> dict[str, n.Node]:
     """Read the variables; raises `MatFileError` if the file is damaged or claims more than it can hold."""
     return _load_file(path, _Loader(max_bytes, n.MAX_NODES), False).whole().variables
+
+
+@dataclass(frozen=True)
+class _Content:
+    """The bytes of a file, which the caller names in its own findings."""
+
+    content: bytes
+
+    @property
+    def size(self) -> int:
+        return len(self.content)
+
+    @property
+    def location(self) -> Location:
+        return Location()
+
+
+def load_guarded(content: bytes, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:
+    """Read the same as `load_all` in a process that may crash; then the whole file is lost."""
+    try:
+        loaded: n.MatFileContent = LIBRARY.attempt(_load_content, _Content(content), max_bytes, max_nodes)
+    except LibraryFailure as failure:
+        loaded = n.MatFileContent()
+        loaded.lose(str(failure))
+    return loaded
+
+
+def is_matlab_guarded(content: bytes) -> bool:
+    """Return the same as `is_matlab`, found in a process that may crash; False also for a damaged file."""
+    try:
+        return bool(LIBRARY.attempt(_is_matlab_content, _Content(content)))
+    except LibraryFailure:
+        return False
+
+
+def _is_matlab_content(source: _Content) -> bool:
+    try:
+        return is_matlab(BytesIO(source.content))
+    except Exception:  # of many kinds: the library trusts what it reads
+        return False
+
+
+def _load_content(source: _Content, max_bytes: int, max_nodes: int) -> n.MatFileContent:
+    return load_all(BytesIO(source.content), max_bytes, max_nodes)
 
 
 def load_all(path: Path | BinaryIO, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:
@@ -52,7 +104,7 @@ def _describe(error: Exception) -> str:
     return f"it is truncated or corrupt ({' '.join(str(error).split())[:160] or type(error).__name__})"
 
 
-def is_matlab(path: Path) -> bool:
+def is_matlab(path: Path | BinaryIO) -> bool:
     """Return True if an HDF5 file was written by MATLAB."""
     import h5py
 
@@ -183,8 +235,10 @@ class _Loader:
             return n.MatCells(
                 [self._reference(dataset, target, depth) for target in self._targets(dataset)], dataset.shape[::-1]
             )
+        if dataset.shape is not None and dataset.dtype.names == ("real", "imag"):
+            return self._complex(dataset)
         if dataset.shape is None or dataset.dtype.kind not in "buif":
-            return n.MatUnreadable("complex numbers" if dataset.dtype.names == ("real", "imag") else kind or "data")
+            return n.MatUnreadable(kind or "data")
         if kind not in (*_NUMBERS, "char", ""):
             return n.MatUnreadable(kind)
         self._check(dataset)
@@ -193,6 +247,13 @@ class _Loader:
             letters = "".join(map(chr, values.ravel(order="F").astype(np.uint32).clip(0, 0xFFFF).tolist()))
             return n.split_text_rows(letters, values.shape[0] if values.ndim > 1 else 1)
         return n.MatNumbers(values, kind not in ("double", "single", ""), kind)
+
+    def _complex(self, dataset: Any) -> n.Node:
+        if dataset.dtype["real"].kind != "f" or dataset.dtype["imag"].kind != "f":
+            return n.MatUnreadable("complex numbers")
+        self._check(dataset)
+        values = np.asarray(dataset[()]).T
+        return n.MatUnreadable("complex numbers", parts=(values["real"], values["imag"]))
 
     def _empty(self, dataset: Any, kind: str) -> n.Node:
         """Convert an empty array, which stores its size instead of numbers."""

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.matlab import mat_nodes as n
+from kennfeld.matlab.builtin_objects import convert_builtins
 from kennfeld.matlab.mat_v5 import read_elements
 
 _TAG = 0xDD000000  # the first number of a reference
@@ -75,7 +76,8 @@ def _is_pair(node: n.MatStruct) -> bool:
 def resolve_objects(loaded: n.MatFileContent, max_bytes: int = n.MAX_BYTES) -> n.MatFileContent:
     """Replace the references to objects by structs of their properties."""
     objects = _find_objects(loaded.further, max_bytes)
-    return replace(loaded, variables={name: objects.resolve_safely(node) for name, node in loaded.variables.items()})
+    resolved = {name: objects.resolve_safely(node) for name, node in loaded.variables.items()}
+    return replace(loaded, variables={name: convert_builtins(node) for name, node in resolved.items()})
 
 
 def _find_objects(further: Sequence[n.Node], max_bytes: int) -> "Objects":

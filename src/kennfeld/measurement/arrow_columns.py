@@ -1,14 +1,19 @@
 """Columns of Arrow tables, as the files of Parquet and Feather hold them."""
 
 from collections import Counter
+from datetime import UTC, datetime, timedelta
 from typing import Any
+
+import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.measurement.arrow_numbers import numbers_of
+from kennfeld.measurement.exact_numbers import rest_of_integers
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import Column
-from kennfeld.measurement.unit_text import split_name
+from kennfeld.measurement.unit_text import may_be_time, split_name
 
+_SCALES = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _INDEX = "__index_level_"  # how pandas calls an index without a name
 
 
@@ -43,8 +48,23 @@ def column_of(chunked: Any, header: Header, index: int) -> Column:
 
     dated = pa.types.is_timestamp(chunked.type) or pa.types.is_duration(chunked.type)
     values = _seconds(chunked) if dated else numbers_of(chunked)
-    name = header.names[index]
-    return Column(name, "s" if dated else header.units[index], name, values, dated=dated)
+    origin = _first_stamp(chunked) if pa.types.is_timestamp(chunked.type) else None
+    name, unit = header.names[index], header.units[index]
+    if dated:
+        return Column(name, "s", name, values, dated=True, origin=origin)
+    return Column(name, unit, name, values, rest=_rest(chunked) if may_be_time(name, unit) else None)
+
+
+def _rest(chunked: Any) -> Float | None:
+    """Return what doubles lack of the integers of a clock."""
+    import pyarrow as pa
+
+    if not pa.types.is_integer(chunked.type) or chunked.null_count:
+        return None
+    buffers = [(chunk.buffers()[1], chunk) for chunk in chunked.chunks]
+    kind = np.dtype(str(chunked.type))
+    parts = [np.frombuffer(data or b"", kind, len(chunk), kind.itemsize * chunk.offset) for data, chunk in buffers]
+    return rest_of_integers(np.concatenate([np.zeros(0, kind), *parts]))
 
 
 def text_column(schema: Any, header: Header, index: int, samples: int) -> Column:
@@ -55,8 +75,21 @@ def text_column(schema: Any, header: Header, index: int, samples: int) -> Column
 def _seconds(chunked: Any) -> Float:
     import pyarrow as pa
 
-    scale = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[chunked.type.unit]
-    ticks = chunked.cast(pa.int64())
     # counted from the first stamp before they become floats: nanoseconds since 1970 need more than 53 bits
-    first = next((value for value in ticks[:1].to_pylist() if value is not None), 0)
-    return numbers_of(pa.compute.subtract(ticks, first)) / scale
+    return numbers_of(pa.compute.subtract(chunked.cast(pa.int64()), _first_tick(chunked))) / _SCALES[chunked.type.unit]
+
+
+def _first_stamp(chunked: Any) -> datetime | None:
+    """Return the instant that `_seconds` counts from; None if Python has no such date."""
+    zone = None if chunked.type.tz is None else UTC
+    try:
+        elapsed = timedelta(microseconds=_first_tick(chunked) * 10**6 // int(_SCALES[chunked.type.unit]))
+        return datetime(1970, 1, 1, tzinfo=zone) + elapsed
+    except OverflowError:
+        return None
+
+
+def _first_tick(chunked: Any) -> int:
+    import pyarrow as pa
+
+    return next((value for value in chunked[:1].cast(pa.int64()).to_pylist() if value is not None), 0)

@@ -15,10 +15,12 @@ from kennfeld.files.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.cells import TRUTH, parse_number
 from kennfeld.measurement.csv_body import CsvBody
 from kennfeld.measurement.csv_dialect import Dialect, is_comment, split_line
+from kennfeld.measurement.exact_numbers import has_many_digits
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.plain_csv import read_numbers
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
+from kennfeld.measurement.unit_text import may_be_time
 from kennfeld.threads import available_cores
 
 _LINE = 1 << 24  # bytes
@@ -43,7 +45,9 @@ def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -
     ):
         return None
     width = len(cells[0])
-    types = {i: _column_type([row[i] for row in cells], dialect) for i in selection.wants(header) if i < width}
+    types = {
+        i: _column_type(header, i, [row[i] for row in cells], dialect) for i in selection.wants(header) if i < width
+    }
     content = _content(source)
     if width < header.width or not types or _has_several_blanks(content, begin, dialect):
         return None
@@ -58,9 +62,11 @@ def read_bulk(source: MeasurementFile, dialect: Dialect, selection: Selection) -
     return Table(source.location, tuple(columns), rows, names=header.names, details=dialect.details)
 
 
-def _column_type(cells: list[str], dialect: Dialect) -> str:
-    """Return the type that the column seems to hold, as Arrow calls it; "binary" for text."""
+def _column_type(header: Header, index: int, cells: list[str], dialect: Dialect) -> str:
+    """Return the type that a column seems to hold, as Arrow calls it; "binary" for text and for exact time stamps."""
     if any(parse_number(cell, dialect.decimal) is None for cell in cells):
+        return "binary"
+    if may_be_time(header.names[index], header.units[index]) and any(map(has_many_digits, cells)):
         return "binary"
     return "bool" if any(cell.strip().casefold() in TRUTH for cell in cells) else "double"
 

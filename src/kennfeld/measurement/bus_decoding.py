@@ -23,6 +23,7 @@ from kennfeld.measurement.bus_bits import extract_raw, to_numbers, to_physical
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.bus_frames import Frames, Sender, group_number
 from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch
+from kennfeld.measurement.bus_texts import missing_texts, without_texts
 from kennfeld.measurement.channel_names import TIME, unique_forms
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Table
@@ -117,6 +118,7 @@ class BusLog:
         self._findings = [*findings, *(finding for _, database in self._databases for finding in database.findings)]
         self._unknown: list[tuple[Sender, int]] = []
         self._segmented: dict[str, Sender] = {}
+        self._texts: dict[str, str] = {}  # channels with samples that stand for a text, how many and which
         self.messages = self._match()
         if not self.messages and not may_be_empty:
             names = join_names([_restricted(file, database.file) for file, database in self._databases], 3)
@@ -191,7 +193,14 @@ class BusLog:
             names = [channel.name for channel in chosen]
             message = f"no frame holds {join_names(names)}: their multiplexers never have the values for it"
             raise InputError.of(self._location, message, "Name other signals.")
-        return [replace(tables[0], findings=tuple(self._findings)), *tables[1:]]
+        return [replace(tables[0], findings=(*self._findings, *self._text_remarks())), *tables[1:]]
+
+    def _text_remarks(self) -> Iterator[Finding]:
+        """Yield a remark on samples that are missing because their raw values stand for a text."""
+        if self._texts:
+            listed = [f"{name} ({text})" for name, text in self._texts.items()]
+            message = f"samples that stand for a text are missing values: {join_names(listed, _MAX_LISTED)}"
+            yield Finding(self._location, message, severity="remark")
 
     def descriptions(self, channels: Sequence[BusChannel]) -> Iterator[TableDescription]:
         """Yield the descriptions of all tables, one message after the other; the first one has all remarks."""
@@ -201,9 +210,10 @@ class BusLog:
             own = [channel for channel in channels if channel.place == place]
             for table in self._message_tables(self.messages[place], own):
                 signals = [channel.signal.name for channel in own if channel.name in table.names]
-                described = describe_table(replace(table, findings=tuple(findings)))
+                described = describe_table(replace(table, findings=(*findings, *self._text_remarks())))
                 yield replace(described, ambiguous=tuple(name for name in signals if count[name] > 1))
                 findings = []
+                self._texts.clear()
 
     def _undescribed(self) -> Iterator[Finding]:
         """Yield a remark on the identifiers that no database describes."""
@@ -243,7 +253,7 @@ class BusLog:
         lengths: NDArray[np.uint8],
     ) -> Table:
         clock = Column(TIME, "s", TIME, recorded.frames.time[numbers])
-        columns = [_column(channel, payload, lengths, recorded.message.is_j1939) for channel in own]
+        columns = [_column(channel, payload, lengths, recorded.message.is_j1939, self._texts) for channel in own]
         return Table(
             self._location.within(f"message {label}"),
             (clock, *columns),
@@ -375,13 +385,22 @@ def _condition(switches: Sequence[Switch]) -> str:
     return f" ({' and '.join(texts)})" if texts else ""
 
 
-def _column(channel: BusChannel, payload: NDArray[np.uint8], lengths: NDArray[np.uint8], is_j1939: bool) -> Column:
-    """Return the values of a signal, NaN in frames that are too short for it."""
+def _column(
+    channel: BusChannel,
+    payload: NDArray[np.uint8],
+    lengths: NDArray[np.uint8],
+    is_j1939: bool,
+    texts: dict[str, str],
+) -> Column:
+    """Return the values of a signal, NaN in frames that are too short for it or hold a text, which `texts` notes."""
     signal = channel.signal
     if signal.bytes > payload.shape[1]:
         values = np.full(lengths.size, np.nan)
     else:
-        values = to_physical(extract_raw(payload, signal), signal, is_j1939)
+        raw = extract_raw(payload, signal)
+        values = to_physical(raw, signal, is_j1939)
+        if missing_texts(signal) and (counts := without_texts(to_numbers(raw, signal), values, signal)):
+            texts[channel.name] = f"{sum(counts.values())} of {values.size}: {join_names(list(counts), _MAX_TEXTS)}"
         if lengths.size and lengths.min() < signal.bytes:
             values[lengths < signal.bytes] = np.nan
     held = signal.kind != "f" and not signal.is_scaled

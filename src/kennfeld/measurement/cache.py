@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field, fields, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from kennfeld.measurement.reader import read_leniently
 from kennfeld.measurement.source import MeasurementFile, locate
 
 _NOTES = b"kennfeld"
-_STORED = ("name", "channels", "time", "starts", "clock", "findings")  # what is written of a dataset
+_STORED = ("name", "channels", "time", "starts", "clock", "findings", "start_time")  # what is written of a dataset
 _ADDED = ("files",)  # by whoever reads the entry
 
 _MAX_SIZE = 2_000_000_000  # bytes of a folder
@@ -60,6 +61,7 @@ def to_parquet(dataset: Dataset) -> bytes | None:
         "starts": dataset.starts.tolist(),
         "clock": None if dataset.clock is None else asdict(dataset.clock),
         "findings": [asdict(finding) for finding in dataset.findings],
+        "start_time": None if dataset.start_time is None else dataset.start_time.isoformat(),
     }
     table = pa.table(
         [array_of(values) for values in columns],
@@ -91,7 +93,8 @@ def from_parquet(content: bytes, name: str) -> Dataset | None:
         clock = None if notes["clock"] is None else Clock(**notes["clock"])
         findings = tuple(Finding(**f | {"location": Location(**f["location"])}) for f in notes["findings"])
         starts = np.array(notes["starts"], dtype=np.int64)
-        return Dataset(name, channels, time, starts, clock=clock, findings=findings)
+        begin = None if notes["start_time"] is None else datetime.fromisoformat(notes["start_time"])
+        return Dataset(name, channels, time, starts, clock=clock, findings=findings, start_time=begin)
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -1,7 +1,11 @@
-"""Logs of CAN frames in CSV, as CSS Electronics, SavvyCAN and python-can write them: identifiers are hexadecimal."""
+"""Logs of CAN frames in CSV, as CSS Electronics, SavvyCAN, python-can, Kvaser and asammdf write them.
+
+Numbers are hexadecimal, but for asammdf, whose identifiers are decimal; its bytes are too if they stand in brackets.
+"""
 
 import base64
 import binascii
+import csv
 import io
 import re
 from collections.abc import Sequence
@@ -10,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
-from kennfeld.files.recordings import can_csv_separator
+from kennfeld.files.can_csv_columns import can_csv_separator, column_names
 from kennfeld.formatting import count_noun
 from kennfeld.measurement.bus_frames import Frames, from_rows
-from kennfeld.measurement.csv_dialect import split_line
 from kennfeld.measurement.source import MeasurementFile
+from kennfeld.measurement.stamps import is_stamp, parse_stamps
 
-_TIMES = ("timestampepoch", "time stamp", "timestamp", "timestamps", "time")
-_BUSES = ("buschannel", "bus", "channel")
-_IDENTIFIERS = ("id", "arbitration_id")
+_TIMES = ("timestampepoch", "timestamp", "timestamps", "time")
+_BUSES = ("buschannel", "bus", "channel", "chn")
+_IDENTIFIERS = ("id", "arbitrationid")
 _EXTENDED = ("ide", "extended")
 _DATA = ("databytes", "data")
 _REMOTE = ("remote", "error")
@@ -28,6 +32,7 @@ _STANDARD = 0x7FF
 _EPOCH = 1e8  # s; larger times count from 1970
 _MICROSECONDS = 1e6
 _DIGITS = 6
+_HEXADECIMAL = re.compile(r"[\da-f]*[a-f][\da-f]*", re.IGNORECASE)
 
 
 class _Row(NamedTuple):
@@ -38,75 +43,145 @@ class _Row(NamedTuple):
     content: bytes
 
 
+class _NumberBases(NamedTuple):
+    """The bases of the numbers of a log."""
+
+    identifier: int
+    data: int
+
+
 def read_frames(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     """Return the frames of a log; a warning if rows of it are damaged."""
+    names, lines, table = _read_rows(source)
+    numbers, clock = _find_bases(names, table), _Clock()
     rows: list[_Row] = []
     damaged: list[int] = []
-    with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8-sig", errors="replace") as text:
-        head = next(text, "").rstrip("\r\n")
-        separator = can_csv_separator(head) or ","
-        names = [name.strip().casefold() for name in split_line(head, separator)]
-        for number, line in enumerate(text, 2):
-            if not line.strip():
-                continue
-            try:
-                row = _row(names, split_line(line.rstrip("\r\n"), separator))
-            except (ValueError, IndexError, binascii.Error):
-                damaged.append(number)
-                continue
+    for line, cells in zip(lines, table, strict=True):
+        try:
+            row = _row(dict(zip(names, cells, strict=False)), numbers, clock)
             if row is not None:
                 rows.append(row)
+        except (ValueError, IndexError, KeyError, binascii.Error):
+            damaged.append(line)
     findings = []
     if damaged:
         message = f"{count_noun(len(damaged), 'row')} cannot be read as a frame, the first in line {damaged[0]}"
         if not rows:
             raise InputError.of(source.location, message, "Is it a log of CAN frames?")
         findings.append(Finding(source.location, message, "The other rows are read.", severity="warning"))
-    return ([_frames(rows, "time stamp" in names)] if rows else []), findings
+    return ([_frames(rows, _is_in_microseconds(source), is_dated=clock.is_dated is True)] if rows else []), findings
 
 
-def _row(names: Sequence[str], cells: Sequence[str]) -> _Row | None:
+def _read_rows(source: MeasurementFile) -> tuple[list[str], list[int], list[list[str]]]:
+    """Return the names of the columns, and line number and cells of each row."""
+    lines: list[int] = []
+    table: list[list[str]] = []
+    with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8-sig", errors="replace", newline="") as text:
+        head = text.readline()
+        separator = can_csv_separator(head) or ","
+        reader = csv.reader((line.replace("\0", "") for line in text), delimiter=separator, skipinitialspace=True)
+        while True:
+            try:
+                cells = next(reader, None)
+            except csv.Error:
+                cells = ["damaged"]
+            if cells is None:
+                break
+            if any(map(str.strip, cells)):
+                lines.append(reader.line_num + 1)
+                table.append([cell.strip() for cell in cells])
+    return column_names(head.split(separator)), lines, table
+
+
+def _is_in_microseconds(source: MeasurementFile) -> bool:
+    """Return whether times are whole microseconds, as SavvyCAN writes them under `Time Stamp`."""
+    return b"time stamp" in source.start(1024).splitlines()[0].lower()
+
+
+def _find_bases(names: Sequence[str], table: Sequence[Sequence[str]]) -> _NumberBases:
+    """Return the bases of identifiers and bytes, by the program that wrote them and by their digits."""
+    if "eventtype" in names:  # the trace of asammdf
+        return _NumberBases(10, 16)
+    data = [k for k, name in enumerate(names) if name in _DATA]
+    if any(row[k].startswith("[") for row in table[:100] for k in data if k < len(row)):
+        return _NumberBases(10, 10)
+    if "d0" not in names:
+        return _NumberBases(16, 16)
+    bytes_at = [k for k, name in enumerate(names) if re.fullmatch(r"d\d+", name)]
+    cells = [row[k] for row in table for k in bytes_at if k < len(row)]
+    if any(map(_HEXADECIMAL.fullmatch, cells)) or not any(len(cell) == 3 for cell in cells):
+        return _NumberBases(16, 16)
+    return _NumberBases(10, 10)
+
+
+class _Clock:
+    """Reads time stamps: all are numbers as the first one is, or all are dates."""
+
+    def __init__(self) -> None:
+        self.is_dated: bool | None = None
+        self._origin: int | None = None  # day
+
+    def seconds(self, text: str) -> float:
+        """Return the seconds of a number, or since the first day; `ValueError` for other text."""
+        if self.is_dated is None:
+            self.is_dated = is_stamp(text)
+        if not self.is_dated:
+            value = float(text)
+        else:
+            stamps = parse_stamps([text], self._origin)
+            value = np.nan if stamps is None else float(stamps[0][0])
+            self._origin = self._origin if stamps is None else stamps[1]
+        if not np.isfinite(value):
+            raise ValueError("time")
+        return value
+
+
+def _row(row: dict[str, str], numbers: _NumberBases, clock: _Clock) -> _Row | None:
     """Return the frame in a row; None if it has no data."""
-    row = {name: cell.strip() for name, cell in zip(names, cells, strict=False) if name}
     if any(row.get(name, "0").casefold() not in ("0", "false", "") for name in _REMOTE):
         return None
-    identifier = int(_first(row, _IDENTIFIERS), 16)
+    if row.get("eventtype", "CAN Frame") != "CAN Frame":
+        return None
+    identifier = int(_first(row, _IDENTIFIERS), numbers.identifier)
     if not 0 <= identifier <= _LARGEST:
         raise ValueError("identifier")
     stated = _first(row, _EXTENDED).casefold()
     extended = stated in ("1", "true") or (not stated and identifier > _STANDARD)
-    content = _content(row)
+    content = _content(row, numbers.data)
     bus = re.sub(r"\D", "", _first(row, _BUSES)) or "0"
-    return _Row(float(_first(row, _TIMES)), min(int(bus), 255), identifier, extended, content)
+    return _Row(clock.seconds(_first(row, _TIMES)), min(int(bus), 255), identifier, extended, content)
 
 
 def _first(row: dict[str, str], names: Sequence[str]) -> str:
     return next((row[name] for name in names if name in row), "")
 
 
-def _content(row: dict[str, str]) -> bytes:
-    """Return the payload: hexadecimal digits, one column a byte, or base64 beside an identifier with 0x."""
+def _content(row: dict[str, str], base: int) -> bytes:
+    """Return the payload: hexadecimal digits, numbers in brackets, one column a byte, or base64 beside 0x."""
     if "d1" in row:
         size = int(row.get("len") or row.get("dlc") or 0)
         if not 0 <= size <= _MOST_BYTES:
             raise ValueError("length")
-        return bytes(int(row[f"d{k}"], 16) for k in range(1, size + 1))
+        first = 0 if "d0" in row else 1
+        return bytes(int(row[f"d{first + k}"], base) for k in range(size))
     text = _first(row, _DATA)
-    if row.get("arbitration_id", "").casefold().startswith("0x"):
+    if row.get("arbitrationid", "").casefold().startswith("0x"):
         content = base64.b64decode(text, validate=True)
+    elif base == 10:
+        content = bytes(map(int, text.strip("[]").split()))
     else:
         content = bytes.fromhex(text)
     if len(content) > _MOST_BYTES:
         raise ValueError("length")
-    return content
+    return content[: int(row["datalength"])] if row.get("datalength") and base == 10 else content
 
 
-def _frames(rows: Sequence[_Row], in_microseconds: bool) -> Frames:
-    """Return the frames; times that count from 1970 are made to count from the first one."""
+def _frames(rows: Sequence[_Row], in_microseconds: bool, is_dated: bool) -> Frames:
+    """Return the frames; dates and times since 1970 are made to count from the first one."""
     time = np.array([row.time for row in rows])
     if in_microseconds:
         time = time / _MICROSECONDS
-    if time[0] > _EPOCH:
+    if is_dated or time[0] > _EPOCH:
         time = np.round(time - time[0], _DIGITS)
     columns = (
         np.array([row.bus for row in rows], dtype=np.uint8),

@@ -8,6 +8,7 @@ import logging
 import re
 from array import array
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from kennfeld.measurement import blf, can_csv
 from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
 from kennfeld.measurement.channel_names import choose
+from kennfeld.measurement.log_start_time import asc_start_time, blf_start_time
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription
@@ -27,6 +29,7 @@ from kennfeld.optional_packages import optional_package
 
 _READERS = {ASC: "ASCReader", TRC: "TRCReader", CANDUMP: "CanutilsLogReader"}
 _FROM_ZERO = (ASC,)  # kinds whose channels the library counts from 0
+_START_TIMES = {ASC: asc_start_time, BLF: blf_start_time}
 _RESUMABLE = (ASC, CANDUMP)  # kinds of which the library can read on after a damaged line
 _MOST_DAMAGED = 1000  # lines
 _RELATIVE_TIME = "each time stamp counts from the event before, and events that are not frames are skipped with theirs"
@@ -43,7 +46,9 @@ _RELATIVE = "relative"
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each message that holds a requested signal."""
     log = _read_log(source)
-    return log.tables(choose(source, log.named_channels(), selection, log.explain))
+    begin = _START_TIMES[source.format](source.start()) if source.format in _START_TIMES else None
+    tables = log.tables(choose(source, log.named_channels(), selection, log.explain))
+    return [replace(table, start_time=begin) for table in tables]
 
 
 def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:

@@ -37,7 +37,7 @@ _GROUPED: dict[str, re.Pattern[str]] = {
     ",": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:\.[0-9]{{3}})+)(?:,[0-9]*)?"),
     ".,": re.compile(rf"(?:{_APART}|[+-]?[1-9][0-9]{{0,2}}(?:,[0-9]{{3}})+)(?:\.[0-9]*)?"),
 }
-_EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
+EPOCH = datetime(1970, 1, 1)  # spreadsheets know no time zones
 
 
 def parse_number(cell: object, decimal: Decimal = ".") -> float | None:
@@ -69,9 +69,9 @@ def _parse_text(text: str, decimal: Decimal) -> float | None:
 
 def _seconds(cell: object) -> float | None:
     if isinstance(cell, datetime):
-        return (cell.replace(tzinfo=None) - _EPOCH).total_seconds()
+        return (cell.replace(tzinfo=None) - EPOCH).total_seconds()
     if isinstance(cell, date):
-        return (datetime(cell.year, cell.month, cell.day) - _EPOCH).total_seconds()
+        return (datetime(cell.year, cell.month, cell.day) - EPOCH).total_seconds()
     if isinstance(cell, time):
         return cell.hour * 3600.0 + cell.minute * 60.0 + cell.second + cell.microsecond / 1e6
     return cell.total_seconds() if isinstance(cell, timedelta) else None

@@ -6,12 +6,13 @@ to the next time column.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime
 from itertools import pairwise
 
 import numpy as np
 
 from kennfeld.arrays import Bool, Float
-from kennfeld.dataset import Channel, Clock, Dataset
+from kennfeld.dataset import Channel, Clock, Dataset, common_start_time
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
@@ -19,7 +20,7 @@ from kennfeld.measurement.instants import instant_findings, separate_instants
 from kennfeld.measurement.resampling import even_grid, resample_all
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import assemble, check_columns, readonly_view, to_channels
-from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, time_in_seconds
+from kennfeld.measurement.time_column import SAME_INSTANT, clock_of, start_time_of, time_in_seconds
 from kennfeld.measurement.unit_text import is_clock
 
 _SHIFT = 1e-3  # of a recording, by which equal times may drift apart by rounding
@@ -34,6 +35,7 @@ class _ChannelGroup:
     stamps: Float  # Float[samples]
     values: list[Float]  # Float[samples] of each column
     clock: Clock
+    start_time: datetime | None
 
     @property
     def step(self) -> float:
@@ -68,7 +70,8 @@ def join_groups(
         channels += to_channels(group.columns, values)
     clock = next((group.clock for group in groups if group.clock.in_milliseconds), groups[0].clock)
     findings = tuple(dict.fromkeys(finding for group in groups for finding in group.table.findings))
-    return Dataset(name, tuple(channels), readonly_view(stamps), clock=clock, findings=findings)
+    begin = common_start_time([group.start_time for group in groups])
+    return Dataset(name, tuple(channels), readonly_view(stamps), clock=clock, findings=findings, start_time=begin)
 
 
 def _check_names(location: Location, tables: Sequence[Table], selection: Selection) -> None:
@@ -101,7 +104,8 @@ def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | 
         else:
             instants = separate_instants(time_in_seconds(time), [column.values for column in columns])
             said = replace(table, findings=(*table.findings, *instant_findings(table, time, [instants])))
-            groups.append(_ChannelGroup(said, columns, instants.time, instants.values, clock_of(time)))
+            clock, begin = clock_of(time), start_time_of(table, time)
+            groups.append(_ChannelGroup(said, columns, instants.time, instants.values, clock, begin))
     if errors:
         raise InputError(errors)
     return groups

@@ -15,7 +15,9 @@ def table_of(recording: object, source: MeasurementFile) -> Table:
         InputError: a format of another package returned something else.
     """
     if not isinstance(recording, Dataset):
-        message = f"the format {source.format.name} returned a value of the type {type(recording).__name__}, not Dataset"
+        message = (
+            f"the format {source.format.name} returned a value of the type {type(recording).__name__}, not Dataset"
+        )
         raise InputError.of(source.location, message, "Update the package that reads it.")
     columns = [
         Column(each.name, each.unit, each.name, each.values, description=each.description)

@@ -17,7 +17,7 @@ from kennfeld.formatting import join_names
 from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
 from kennfeld.measurement.damage import damaged
-from kennfeld.measurement.library_process import LibraryProcess
+from kennfeld.measurement.exact_numbers import rest_of_integers
 from kennfeld.measurement.pandas_frames import DateOrigin, frame_channels, is_stored_frame
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
@@ -40,22 +40,22 @@ from kennfeld.measurement.variable_attributes import (
 )
 from kennfeld.process_limits import memory_bound
 
-_LIBRARY = LibraryProcess("HDF5")
 _MAX_OBJECTS = 100_000
 _MAX_DEPTH = 20
+_SCALING = frozenset({"scale_factor", "add_offset", "_Unsigned"})
 _COLUMN_NAMES = ("column_names", "columns", "names", "labels")
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each raster that has a requested channel."""
-    tables: list[Table] = _LIBRARY.call(read_by_library, source, selection)
+    tables: list[Table] = mat_v73.LIBRARY.call(read_by_library, source, selection)
     return tables
 
 
 def read_by_library(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return the tables; the process should be one that may crash or hang."""
     if _is_matlab(source):
-        return matlab.read_tables(source, selection)
+        return matlab.tables_by_library(source, selection)
     return _with_file(
         source,
         lambda content: tables_of(source, content.groups, selection, unnamed_matrices(content.matrices)),
@@ -64,15 +64,23 @@ def read_by_library(source: MeasurementFile, selection: Selection) -> list[Table
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each raster."""
-    descriptions: list[TableDescription] = _LIBRARY.call(describe_by_library, source)
+    descriptions: list[TableDescription] = mat_v73.LIBRARY.call(describe_by_library, source)
     return descriptions
 
 
 def describe_by_library(source: MeasurementFile) -> list[TableDescription]:
     """Return the descriptions as `read_by_library` does."""
     if _is_matlab(source):
-        return matlab.describe_tables(source)
+        return matlab.descriptions_by_library(source)
     return [describe_table(table) for table in read_by_library(source, Selection())]
+
+
+def is_of_matlab(source: MeasurementFile) -> bool:
+    """Return True if MATLAB wrote a file; False also if it is damaged."""
+    try:
+        return bool(mat_v73.LIBRARY.call(_is_matlab, source))
+    except InputError:
+        return False
 
 
 def _is_matlab(source: MeasurementFile) -> bool:
@@ -200,7 +208,9 @@ class _Content:
         unit = unit_of(attributes) or unit
         clock = not content and is_time_coordinate(attributes)
         description = description_of(attributes)
-        vectors[length].append(RecordedChannel(short, path, unit, load, description, content=content, clock=clock))
+        exact = partial(_rest, item) if kind.kind in "iu" and kind is item.dtype and may_be_time(short, unit) else None
+        channel = RecordedChannel(short, path, unit, load, description, content=content, clock=clock, rest=exact)
+        vectors[length].append(channel)
 
 
 def _members(group: Any) -> Iterator[tuple[str, Any]]:
@@ -225,6 +235,11 @@ def _time_among(channels: Sequence[RecordedChannel]) -> RecordedChannel | None:
 
 def _vector(item: Any, attributes: Mapping[str, Any]) -> Float:
     return unpack_numbers(np.ravel(item[()]), attributes)
+
+
+def _rest(item: Any) -> Float | None:
+    values = np.ravel(item[()])
+    return rest_of_integers(values) if len(item.attrs.keys() & _SCALING) == 0 else None
 
 
 def _field(item: Any, name: str) -> Float:

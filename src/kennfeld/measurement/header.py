@@ -165,8 +165,8 @@ def _raise_names(
         if shape.numbers or len(shape.texts) < len(shapes[row].texts):
             break
         covered = 2 * len(shape.texts & shapes[data].numbers) >= len(shapes[data].numbers)
-        if covered and _has_time(rows[above]) and _are_names(rows[above]):
-            below = range(above + 1, data)
+        if covered and _has_time(rows[above]) and _are_names(rows[above], rows[row]):
+            below = [k for k in range(above + 1, data) if rows[k] != rows[above]]
             units = [k for k in below if 2 * _count_units(rows[k]) >= len(_texts(rows[k])) > 0]
             return above, max(units, key=lambda k: _count_units(rows[k]), default=None)
     return row, unit_row
@@ -189,10 +189,12 @@ def _has_time(row: Row) -> bool:
     return any(time_unit(*split_name(cell)) is not None for cell in _texts(row))
 
 
-def _are_names(row: Row) -> bool:
-    """Return whether all cells may be names of channels, and each is another one."""
+def _are_names(row: Row, below: Row) -> bool:
+    """Return whether all cells may be names of channels: each is another one, or the row below lacks the time."""
     names = [cell.strip() for cell in _texts(row)]
-    return _are_distinct(names) and all(name[0].isalpha() or name[0] in "_$%" for name in names)
+    return (_are_distinct(names) or not _has_time(below)) and all(
+        name[0].isalpha() or name[0] in "_$%" for name in names
+    )
 
 
 def _count_units(row: Row) -> int:
@@ -246,10 +248,18 @@ def _is_unit_row(names: Row, row: Row, shape: _Shape) -> bool:
         return False
     cells = [str(row[i]).strip() for i in sorted(shape.texts)]
     above = [str(names[i]).strip() if i < len(names) else "" for i in sorted(shape.texts)]
+    if cells == above:  # names twice, of which the lower ones would hide the unit of time
+        return False
+    if all(above) and any(map(_is_unit_below_time, above, cells)):
+        return True
     known = sum(looks_like_unit(cell) for cell in cells)
     if not all(above) or (known < len(cells) and not _are_distinct(above)):
         return False
     return 2 * known >= len(cells) or len(set(cells)) < len(cells)
+
+
+def _is_unit_below_time(name: str, cell: str) -> bool:
+    return time_unit(*split_name(name)) is not None and in_seconds(cell) is not None
 
 
 def _are_settings(run: Sequence[int], shapes: Sequence[_Shape]) -> bool:

@@ -1,9 +1,10 @@
 """Reader of MATLAB files (versions 4 to 7.3) as measurements: vectors with a time, structs, matrices."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from kennfeld.files.containers import HDF5
 from kennfeld.formatting import join_names, size_text
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
+from kennfeld.matlab.mcos import resolve_objects
 from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
 from kennfeld.measurement.source import MeasurementFile, locate
@@ -20,15 +22,27 @@ from kennfeld.measurement.table_conversion import TableDescription, describe_tab
 
 _TIME = "time"
 _MAX_LISTED = 8  # variables in a message
-_PLAIN = (
-    "In MATLAB, save its values as plain vectors or in a struct, beside a vector `time`; "
-    "table2struct(T, ToScalar=true) makes one of a table."
-)
+_PLAIN = "In MATLAB, save its values as plain vectors, in a struct beside a vector `time`, or as a timetable."
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each time in the file that has a requested channel."""
+    tables: list[Table] = _evaluated(tables_by_library, source, selection)
+    return tables
+
+
+def tables_by_library(source: MeasurementFile, selection: Selection) -> list[Table]:
+    """Return the same tables; for version 7.3, the process should be one that may crash or hang."""
     return _tables(source, _require_signals(source), selection)
+
+
+def _evaluated(work: Callable[..., Any], source: MeasurementFile, *arguments: Any) -> Any:
+    """Return `work(source, *arguments)`, evaluated in the process of the library if that reads the file."""
+    return mat_v73.LIBRARY.call(work, source, *arguments) if _needs_library(source) else work(source, *arguments)
+
+
+def _needs_library(source: MeasurementFile) -> bool:
+    return source.format is HDF5 or source.start(9) == b"MATLAB 7."
 
 
 def _tables(source: MeasurementFile, signals: MatlabSignals, selection: Selection) -> list[Table]:
@@ -45,6 +59,12 @@ def _tables(source: MeasurementFile, signals: MatlabSignals, selection: Selectio
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
     """Return a description of each time base, with the names of skipped variables."""
+    descriptions: list[TableDescription] = _evaluated(descriptions_by_library, source)
+    return descriptions
+
+
+def descriptions_by_library(source: MeasurementFile) -> list[TableDescription]:
+    """Return the descriptions as `tables_by_library` does."""
     signals = _require_signals(source)
     first, *others = _tables(source, signals, Selection())
     skipped = (("only for MATLAB", signals.unreadable), ("left out", _sizes(signals)))
@@ -58,7 +78,11 @@ def holds_samples(path: str | Path) -> bool:
     >>> holds_samples("bench.mat")  # doctest: +SKIP
     True
     """
-    return any(clock.values is not None for clock in _find_signals(locate(path)).clocks)
+    return bool(_evaluated(_holds_samples, locate(path)))
+
+
+def _holds_samples(source: MeasurementFile) -> bool:
+    return any(clock.values is not None for clock in _find_signals(source).clocks)
 
 
 def _find_signals(source: MeasurementFile) -> MatlabSignals:
@@ -75,11 +99,12 @@ def _find_signals(source: MeasurementFile) -> MatlabSignals:
 
 
 def _variables(source: MeasurementFile) -> dict[str, Node]:
-    start = source.start(9)
-    if source.format is HDF5 or start == b"MATLAB 7.":
-        return mat_v73.load(source.path)
+    if _needs_library(source):
+        return resolve_objects(mat_v73.load_all(source.path)).whole().variables
     content = memoryview(np.memmap(source.path, np.uint8, mode="r"))  # type: ignore[arg-type]
-    return mat_v5.load(content) if start.startswith(b"MATLAB") else mat_v4.load(content)
+    if source.start(6) == b"MATLAB":
+        return resolve_objects(mat_v5.load_all(content)).whole().variables
+    return mat_v4.load(content)
 
 
 def _require_signals(source: MeasurementFile) -> MatlabSignals:

@@ -7,13 +7,14 @@ ControlDesk (X.Data, Y.Data, Y.XIndex); the matrix of a To File block (its first
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from os.path import commonprefix
 
 import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.matlab.builtin_objects import MatTable, MatTimes, texts_of
 from kennfeld.matlab.mat_nodes import (
     MatCells,
     MatNumbers,
@@ -30,6 +31,7 @@ _CLOCK = re.compile(r"(?:.*[_.])?(?:time|timestamps?|zeit)(?:_.*)?|tout|(?-i:t)|
 _DATA = ("data", "value", "values")
 _UNIT = ("units", "unit")
 _DESCRIPTION = ("description", "comment")
+_MAX_NAMES = 12  # of the values of a categorical array in a description
 
 
 @dataclass(eq=False)
@@ -82,6 +84,7 @@ def find_signals(variables: Mapping[str, Node]) -> MatlabSignals:
     """Return all channels of a file; steady-state points are those of a clock without time stamps."""
     finder = _SignalFinder()
     finder.collect_plain("", variables, [])
+    finder.count_dates()
     clocks = [clock for clock in finder.clocks if clock.signals]
     loose = [item for item in finder.loose if item.values.size > 1]
     if not clocks:
@@ -97,16 +100,22 @@ class _SignalFinder:
         self.clocks: list[TimeBase] = []
         self.loose: list[_UntimedNumbers] = []
         self.unreadable: dict[str, str] = {}
+        self.dates: dict[TimeBase, MatTimes] = {}
 
     def collect_plain(self, path: str, fields: Mapping[str, Node], outer: list[TimeBase]) -> None:
         """Collect vectors that have a time vector in the same struct or in an enclosing one."""
         own = [clock for name, node in fields.items() if (clock := _clock(_join(path, name), name, node)) is not None]
-        self.clocks += own
         times = {clock.path for clock in own}
+        for name, node in fields.items():
+            if isinstance(node, MatTimes) and _rises(node) and (_CLOCK.fullmatch(name) or time_unit(name, "")):
+                own.append(self._clock_of_times(path, node, name))
+                times.add(own[-1].path)
+        self.clocks += own
         for name, node in fields.items():
             place = _join(path, name)
             if not isinstance(node, MatNumbers):
-                self._visit(place, node, [*own, *outer])
+                if place not in times:
+                    self._visit(place, node, [*own, *outer])
             elif place not in times and node.values.size > 1:
                 self._assign(_UntimedNumbers(place, name, node), [*own, *outer])
 
@@ -121,6 +130,14 @@ class _SignalFinder:
             for k, cell in enumerate(node.cells, 1):
                 if not isinstance(cell, MatText | MatNumbers):
                     self._visit(f"{path}{{{k}}}", cell, clocks)
+        elif isinstance(node, MatTable):
+            self._collect_table(path, node, clocks)
+        elif isinstance(node, MatTimes):
+            self._collect_times(path, node, clocks)
+        elif isinstance(node, MatStruct) and node.kind == "categorical":
+            self._assign(_UntimedNumbers(path, path.rpartition(".")[2], *_categories(node)), clocks)
+        elif isinstance(node, MatStruct) and node.kind:
+            self.unreadable[path] = node.kind
         elif isinstance(node, MatStruct):
             fields = _fold(node)
             if not (
@@ -129,6 +146,52 @@ class _SignalFinder:
                 or self._collect_series(path, fields, clocks)
             ):
                 self.collect_plain(path, node.fields, clocks)
+
+    def _collect_times(self, path: str, node: MatTimes, clocks: list[TimeBase]) -> None:
+        """Collect durations as a channel; dates say nothing but when a sample was taken."""
+        if node.kind == "duration" and node.high.size > 1:
+            numbers = MatNumbers(node.seconds().reshape(-1, 1))
+            self._assign(_UntimedNumbers(path, path.rpartition(".")[2], numbers, "s"), clocks)
+
+    def _collect_table(self, path: str, table: MatTable, outer: list[TimeBase]) -> None:
+        """Collect the columns of a table; its time is that of the rows, or else a column of times or of its name."""
+        times = table.times or _times_among(table.fields)
+        clocks = [] if times is None else [self._clock_of_times(path, times)]
+        if not clocks:
+            found = (
+                _clock(_join(path, name), name, node, table.units.get(name, "")) for name, node in table.fields.items()
+            )
+            clocks = [clock for clock in found if clock is not None][:1]
+        self.clocks += clocks
+        for name, node in table.fields.items():
+            place = _join(path, name)
+            if node is times or any(clock.path == place for clock in clocks):
+                continue
+            numbers, unit, texts = node, table.units.get(name, ""), ""
+            if isinstance(node, MatStruct) and node.kind == "categorical":
+                numbers, unit, texts = _categories(node)
+            if isinstance(node, MatTimes) and node.kind == "duration":
+                numbers, unit = MatNumbers(node.seconds().reshape(-1, 1)), "s"
+            if isinstance(numbers, MatNumbers):
+                description = ": ".join(filter(None, (table.descriptions.get(name, ""), texts)))
+                held = numbers.whole or name in table.steps
+                item = _UntimedNumbers(place, name, replace(numbers, whole=held), plain_unit(unit), description)
+                self._assign(item, [*clocks, *outer])
+            else:
+                self._visit(place, node, [*clocks, *outer])
+
+    def _clock_of_times(self, path: str, times: MatTimes, name: str = "time") -> TimeBase:
+        clock = TimeBase(_join(path, name), times.seconds())
+        if times.kind == "datetime":
+            self.dates[clock] = times
+        return clock
+
+    def count_dates(self) -> None:
+        """Make the time stamps that are dates count from the earliest one."""
+        firsts = [(t.high[k], t.low[k]) for t in self.dates.values() for k in np.flatnonzero(np.isfinite(t.high))[:1]]
+        origin = min(firsts, default=(0.0, 0.0))
+        for clock, times in self.dates.items():
+            clock.values = times.seconds((float(origin[0]), float(origin[1])))
 
     def _assign(self, item: _UntimedNumbers, clocks: list[TimeBase]) -> None:
         """Give it to the clock of its length whose name is the most like its own; the innermost counts first."""
@@ -216,9 +279,32 @@ def _vector(node: Node | None) -> Float | None:
     return _float64(node.values.ravel())
 
 
-def _clock(path: str, name: str, node: Node) -> TimeBase | None:
+def _times_among(columns: Mapping[str, Node]) -> MatTimes | None:
+    """Return the times of a table without row times: dates, or durations in the first column or with a name of time."""
+    for at, (name, node) in enumerate(columns.items()):
+        if isinstance(node, MatTimes) and _rises(node):
+            is_named = time_unit(name, "") is not None or _CLOCK.fullmatch(name) is not None
+            if node.kind == "datetime" or at == 0 or is_named:
+                return node
+    return None
+
+
+def _rises(times: MatTimes) -> bool:
+    return times.high.size > 1 and bool(np.all(np.diff(times.seconds()) > 0))
+
+
+def _categories(node: MatStruct) -> tuple[MatNumbers, str, str]:
+    """Return the codes of a categorical array, NaN where it is undefined, no unit, and the names of the codes."""
+    codes = node.fields.get("codes")
+    values = np.array(codes.values, dtype=np.float64) if isinstance(codes, MatNumbers) else np.empty((0, 0))
+    values[values == 0] = np.nan
+    names = enumerate(texts_of(node.fields.get("categoryNames")), 1)
+    return MatNumbers(values, True), "", ", ".join(f"{code} = {name}" for code, name in names if code <= _MAX_NAMES)
+
+
+def _clock(path: str, name: str, node: Node, stated: str = "") -> TimeBase | None:
     """Return the clock that a vector is which is called like time; a capital T is a temperature."""
-    unit = time_unit(name, "") if name.casefold() != "t" else None
+    unit = time_unit(name, stated) if name.casefold() != "t" else None
     if unit is None and not _CLOCK.fullmatch(name):
         return None
     values = _vector(node)

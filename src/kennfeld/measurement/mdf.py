@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
+from datetime import datetime
 from importlib.util import find_spec
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,14 +21,15 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun, join_names
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.library_process import LibraryProcess
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.library_conversions import conversion_of
-from kennfeld.measurement.library_process import LibraryProcess
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.mdf_bus import event_of, is_of_event, read_frames
 from kennfeld.measurement.mdf_conversions import ConversionKind, MdfConversion, UnsupportedConversionError
+from kennfeld.measurement.mdf_start_time import HeaderTime, start_time_of_texts
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
@@ -120,7 +122,10 @@ def _read(source: MeasurementFile, file: Any, selection: Selection) -> list[Tabl
     groups = dict.fromkeys(entry.group for entry in own)
     tables = [_table(source, file, [e for e in own if e.group == g], names[g]) for g in groups]
     decoded = [entry for entry in chosen if isinstance(entry, BusChannel)]
-    return tables if log is None or not decoded else [*tables, *log.tables(decoded)]
+    if log is None or not decoded:
+        return tables
+    begin = _start_time(file)
+    return [*tables, *(replace(table, start_time=begin) for table in log.tables(decoded))]
 
 
 def describe_tables(source: MeasurementFile) -> list[TableDescription]:
@@ -377,7 +382,18 @@ def _table(source: MeasurementFile, file: Any, own: Sequence[_MdfChannel], names
         findings=(*_text_remarks(source, missing), *_skipped_formulas(source, own, columns)),
         details=(("group", label),),
         clock_index=None if clock is None else 0,
+        start_time=_start_time(file),
     )
+
+
+def _start_time(file: Any) -> datetime | None:
+    if isinstance(file, SortedFile):
+        return file.start_time
+    header = file.header
+    if file.version < "4":
+        return start_time_of_texts(header.date, header.time, int(getattr(header, "abs_time", 0)))
+    times = header.abs_time, header.tz_offset, header.daylight_save_time, header.time_flags
+    return HeaderTime(*map(int, times)).start_time
 
 
 def _missing_texts(entry: _MdfChannel, signal: Any) -> Iterator[str]:

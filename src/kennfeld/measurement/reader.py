@@ -19,6 +19,7 @@ from kennfeld.measurement.bus_databases import AnyDatabase, DatabaseFile, to_dat
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
 from kennfeld.measurement.dataset_tables import table_of
 from kennfeld.measurement.epochs import with_epochs
+from kennfeld.measurement.fine_clocks import with_fine_clocks
 from kennfeld.measurement.fraction_columns import with_fractions
 from kennfeld.measurement.source import MeasurementFile, locate, locate_head, run_guarded
 from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
@@ -71,7 +72,7 @@ def read(
     with _readable(path, sheet, to_databases(dbc)) as source:
         recording = _read(source, channels, raster, units or {}, strict=True)
     name = f"{path}#{sheet}" if sheet else str(path)
-    return replace(recording, files=FileSpans.joined([name], [recording.samples]))
+    return replace(recording, files=FileSpans.joined([name], [recording.samples], [recording.start_time]))
 
 
 def read_leniently(
@@ -100,8 +101,9 @@ def _read(
         _check_stated(source, tables, selection)
     if not source.reader.descriptions:
         tables = split_timelines(_single_table(source, tables), selection)
-        if len(tables) == 1:
-            return assemble(tables[0], source.stem, selection, raster)
+    tables = with_fine_clocks(tables, selection)
+    if not source.reader.descriptions and len(tables) == 1:
+        return assemble(tables[0], source.stem, selection, raster)
     return join_groups(source.location, tables, source.stem, selection, raster)
 
 
@@ -133,7 +135,7 @@ def _describe(source: MeasurementFile) -> Description:
     errors = [error for table in tables for error in table.errors]
     if errors:
         raise InputError(errors)
-    parts = [part for table in tables for part in split_timelines(table, Selection())]
+    parts = [p for table in tables for p in with_fine_clocks(split_timelines(table, Selection()), Selection())]
     return Description(source.name, source.format.name, tuple(describe_table(part) for part in parts))
 
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime, timedelta
 from pathlib import Path, PureWindowsPath
 from typing import NamedTuple
 
@@ -39,6 +40,7 @@ class RecordedChannel:
         dated: the values are dates, in s from an origin that all channels of the file share.
         content: what a channel holds that is no numbers, as messages say it: "a text".
         clock: the file says that it is the time of its group, whatever its name.
+        rest: reads what the values lack of integers in the file, Float[samples] or None.
     """
 
     name: str
@@ -49,6 +51,7 @@ class RecordedChannel:
     dated: bool = False
     content: str = ""
     clock: bool = False
+    rest: Callable[[], Float | None] | None = None
 
 
 class ValuesFileError(ValueError):
@@ -81,12 +84,14 @@ class RecordedGroup:
         samples: number of samples.
         channels: the channels.
         time: the time stamps in s, if the format itself defines them, Float[samples].
+        start_time: the instant that `time` and dates count from.
     """
 
     path: str
     samples: int
     channels: Sequence[RecordedChannel]
     time: Callable[[], Float] | None = None
+    start_time: datetime | None = None
 
 
 def with_clock(channels: Sequence[RecordedChannel]) -> list[RecordedChannel]:
@@ -197,7 +202,9 @@ def _with_clock(table: Table, clock: Column | None, origin: float) -> Table:
     index = next(i for i, column in enumerate(table.columns) if column is clock)
     # a difference of two large numbers; nobody stamps finer than that
     own = replace(clock, values=np.round(clock.values - origin, 9), dated=False)
-    return replace(table, columns=(*table.columns[:index], own, *table.columns[index + 1 :]), clock_index=index)
+    columns = (*table.columns[:index], own, *table.columns[index + 1 :])
+    begin = None if clock.origin is None else clock.origin + timedelta(seconds=origin)
+    return replace(table, columns=columns, clock_index=index, start_time=begin)
 
 
 def _has_channel(table: Table, asked: Sequence[str]) -> bool:
@@ -239,7 +246,7 @@ def _table(
     header = Header(0, 0, tuple(labels), tuple(channel.unit for channel in group.channels))
     wanted = set(selection.wants(header)) | {i for i, channel in enumerate(group.channels) if channel in chosen}
     wanted |= {i for i, channel in enumerate(group.channels) if channel.clock}
-    columns = [_column(group.channels[i], labels[i], group.samples) for i in sorted(wanted)]
+    columns = [_column(group.channels[i], labels[i], group.samples, group.start_time) for i in sorted(wanted)]
     own = list(_own_time(group, labels))
     stated = {labels[i] for i, channel in enumerate(group.channels) if channel.clock} - set(selection.channels or ())
     clock = next((i for i, column in enumerate(columns) if column.name in stated and _rises(column)), None)
@@ -251,6 +258,7 @@ def _table(
         (*(column.name for column in own), *labels),
         details=(("group", group.path),) if group.path else (),
         clock_index=0 if own else clock,
+        start_time=group.start_time if own else None,
     )
 
 
@@ -265,8 +273,11 @@ def _own_time(group: RecordedGroup, labels: Sequence[str]) -> Iterator[Column]:
         yield Column(name, "s", name, group.time())
 
 
-def _column(channel: RecordedChannel, name: str, samples: int) -> Column:
+def _column(channel: RecordedChannel, name: str, samples: int, start_time: datetime | None) -> Column:
     if channel.content:
         return Column.without_numbers(name, samples, channel.content)
     unit = "s" if channel.dated else channel.unit
-    return Column(name, unit, name, channel.load(), dated=channel.dated, description=channel.description)
+    origin = start_time if channel.dated else None
+    rest = None if channel.rest is None else channel.rest()
+    values, description = channel.load(), channel.description
+    return Column(name, unit, name, values, dated=channel.dated, origin=origin, description=description, rest=rest)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.mdf_conversions import KINDS_4, ConversionKind, MdfConversion, UnsupportedConversionError
+from kennfeld.measurement.mdf_start_time import HeaderTime
 
 _HEAD = struct.Struct("<4s4xQQ")  # kind, length and number of links of a block
 _FIRST = 64  # where the header block begins
@@ -122,6 +123,7 @@ class SortedFile:
             with _distrusted():
                 self._check_identification()
                 header = self._block(_FIRST, b"##HD")
+                self.start_time = HeaderTime(*struct.unpack_from("<QhhB", header.data)).start_time
                 self.groups = [self._group(block) for block in self._chain(header.links[0], b"##DG")]
         except BaseException:
             self._file.close()

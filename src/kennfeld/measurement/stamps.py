@@ -7,7 +7,7 @@ its end: a part above 12 is not a month, and time increases. If that leaves both
 import re
 from collections.abc import Sequence
 from dataclasses import field
-from datetime import date
+from datetime import UTC, date, datetime
 from functools import lru_cache
 
 import numpy as np
@@ -37,6 +37,7 @@ _STAMP = re.compile(
     r"\s*(?P<zone>Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?\s*",
     re.IGNORECASE,
 )
+_ZONE = re.compile(r"(?:Z|UTC|GMT|:\d\d(?:[.,]\d+)?\s*[+-]\d\d(?::?\d\d)?)\s*$", re.IGNORECASE)
 # what spreadsheets leave of a time of day, as their format of it has no hours
 _MINUTES = re.compile(r"\s*(?P<min>\d{1,4}):(?P<s>[0-5]\d[.,]\d{1,9})\s*")
 # as pandas writes them: 1 days 02:03:04.5, -1 days +23:59:59; and by ISO 8601: P1DT2H3M4.5S
@@ -96,6 +97,7 @@ class StampCollector:
     _only_minutes: bool = True  # all times are minutes and seconds
     _example: str = ""  # a date that reads either way
     doubt: str = ""  # what the data leave open, once `build` was called
+    origin: datetime | None = None  # the midnight that `build` counts from; None if there are no dates
 
     def extend(self, values: Float) -> None:
         """Take a block that holds no stamps."""
@@ -130,7 +132,10 @@ class StampCollector:
         orders = {order: np.concatenate(blocks) for order, blocks in self._blocks.items()}
         order = self._choose_order(orders)
         values = orders[order]
-        if self._origins[order] is None:
+        day = self._origins[order]
+        if day is not None:
+            self.origin = datetime.fromordinal(day).replace(tzinfo=UTC if _ZONE.search(self._example) else None)
+        else:
             known = np.flatnonzero(~np.isnan(values))
             period = _HOUR if self._only_minutes else _DAY
             periods = np.cumsum(np.diff(values[known], prepend=values[known[:1]]) < -period / 2)

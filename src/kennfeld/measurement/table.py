@@ -7,6 +7,7 @@ so they become NaN), and of the markers that a driver or the logger set while re
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
+from datetime import date, datetime
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +17,8 @@ from kennfeld.dataset import replace_infinite
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.cells import Decimal, is_dated, is_truth, parse_numbers, quote_cell
+from kennfeld.measurement.cells import EPOCH, Decimal, is_dated, is_truth, parse_numbers, quote_cell
+from kennfeld.measurement.exact_numbers import rest_of_cells
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.stamps import StampCollector, is_stamp
 from kennfeld.measurement.unit_text import may_be_time
@@ -61,10 +63,12 @@ class Column:
     texts: tuple[tuple[int, object], ...] = ()
     text_count: int = 0
     dated: bool = False
+    origin: datetime | None = None  # the instant that dates count from, if it is known; as `Dataset.start_time`
     held: bool = False  # a value is valid until the next sample, so that nothing is interpolated
     description: str = ""
     words: tuple[int, str] = (0, "")  # how many words such as OFF among numbers are missing values, and the first
     doubt: str = ""  # what its text leaves open, such as the order of day and month
+    rest: Float | None = None  # Float[samples]: what `values` lack of the numbers of a clock in the file
 
     @classmethod
     def without_numbers(cls, name: str, samples: int, content: str) -> "Column":
@@ -76,7 +80,8 @@ class Column:
         sample = np.cumsum(rows) - 1
         texts = tuple((int(sample[k]), cell) for k, cell in self.texts if rows[k])
         count = self.text_count - (len(self.texts) - len(texts))
-        return replace(self, values=self.values[rows], texts=texts, text_count=count)
+        rest = None if self.rest is None else self.rest[rows]
+        return replace(self, values=self.values[rows], texts=texts, text_count=count, rest=rest)
 
     @property
     def is_text(self) -> bool:
@@ -98,6 +103,7 @@ class Table:
     clock_index: int | None = None  # of the time column if the format itself defines it
     staggered: bool = False  # times of groups that differ by a constant are different times
     restarts: bool = False  # time that falls begins a new piece, as in a log that continues after a restart
+    start_time: datetime | None = None  # the instant of time 0, if the file states it apart from its time column
 
     @property
     def clock(self) -> Column | None:
@@ -135,8 +141,10 @@ class ColumnBuilder:
         self._text_count = 0
         self._samples = 0
         self._dated = False
+        self._origin: datetime | None = None  # of dates that are cells of a spreadsheet
         self._stamps: StampCollector | None = None  # dates and times as text
         self._has_numbers = False
+        self._rests: list[Float | None] | None = [] if may_be_time(name, unit) else None
         self._truths: list[Int] = []  # samples that hold the state of a switch
         self._truth = ""  # the first one
 
@@ -153,6 +161,8 @@ class ColumnBuilder:
         elif not self._has_numbers:
             self._has_numbers = bool(texts) or not bool(np.isnan(values).all())
         self._note_truths(cells, values)
+        if self._rests is not None:
+            self._rests.append(rest_of_cells(cells, values, decimal))
         self._blocks.append(values)
         self._texts += [(self._samples + i, cells[i]) for i in texts[: _MAX_QUOTED - len(self._texts)]]
         self._text_count += len(texts)
@@ -160,6 +170,8 @@ class ColumnBuilder:
         # text files cannot hold dates, and a look at each of their cells would cost a third of the reading
         is_text_file = bool(cells) and isinstance(cells[0], str) and isinstance(cells[-1], str)
         self._dated = self._dated or (not is_text_file and any(map(is_dated, cells)))
+        if self._dated and self._origin is None and any(isinstance(cell, date) for cell in cells):
+            self._origin = EPOCH
 
     def _note_truths(self, cells: Sequence[object], values: Float) -> None:
         """Note the states of switches, which are missing values if the other cells are numbers."""
@@ -195,9 +207,9 @@ class ColumnBuilder:
 
     def build(self) -> Column:
         """Return the column of all cells taken."""
-        doubt, words = "", (0, "")
+        doubt, words, origin = "", (0, ""), self._origin
         if self._dated and self._stamps is not None:
-            values, doubt = self._stamps.build(), self._stamps.doubt
+            values, doubt, origin = self._stamps.build(), self._stamps.doubt, self._stamps.origin
         else:
             values = np.concatenate(self._blocks) if self._blocks else np.empty(0)
             words = self._without_truths(values)
@@ -210,8 +222,18 @@ class ColumnBuilder:
             tuple(self._texts),
             self._text_count,
             self._dated,
+            origin,
             words=words,
             doubt=doubt,
+            rest=None if self._dated else self._rest(),
+        )
+
+    def _rest(self) -> Float | None:
+        rests = self._rests or ()
+        if all(rest is None for rest in rests):
+            return None
+        return np.concatenate(
+            [np.zeros(block.size) if rest is None else rest for block, rest in zip(self._blocks, rests, strict=True)]
         )
 
 

@@ -20,6 +20,7 @@ from kennfeld.measurement.time_column import (
     clock_of,
     find_time,
     split_pieces,
+    start_time_of,
     time_findings,
     time_in_seconds,
     unit_remedy,
@@ -33,7 +34,7 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
     time, columns = check_columns(table, selection, raster)
     if time is None:
         return Dataset(name, to_channels(columns, [c.values for c in columns]), findings=table.findings)
-    stamps, clock = time_in_seconds(time), clock_of(time)
+    stamps, clock, begin = time_in_seconds(time), clock_of(time), start_time_of(table, time)
 
     parts = [
         separate_instants(stamps[piece], [c.values[piece] for c in columns]) for piece in split_pieces(table, stamps)
@@ -46,7 +47,7 @@ def assemble(table: Table, name: str, selection: Selection, raster: float | None
             even = even_grid(stamps_here, raster)
             stamps_here, values = even, resample_all(stamps_here, values, even, [c.held for c in columns])
         channels = to_channels(columns, values)
-        return Dataset(name, channels, readonly_view(stamps_here), clock=clock, findings=findings)
+        return Dataset(name, channels, readonly_view(stamps_here), clock=clock, findings=findings, start_time=begin)
 
     return concatenate(name, list(map(dataset_of, parts)))
 

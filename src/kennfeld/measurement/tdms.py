@@ -4,6 +4,7 @@ import logging
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
@@ -114,7 +115,14 @@ def _groups(file: Any, missing: Mapping[str, int] | None, skipped: Collection[st
                 samples,
                 [_channel(channel, first, samples) for channel in members],
                 partial(_stamps, samples, step, start) if step > 0 else None,
+                None if first is None else _instant(first),
             )
+
+
+def _instant(stamp: np.datetime64) -> datetime | None:
+    """Return a stamp, which is in UTC, to the microsecond; None if it is no date of Python."""
+    instant = stamp.astype("datetime64[us]").item()
+    return instant.replace(tzinfo=UTC) if isinstance(instant, datetime) else None
 
 
 def _has_time_channel(group: Any) -> bool:

@@ -5,6 +5,7 @@ Logs may contain records without a time: a logger writes some before its clock r
 
 from collections.abc import Collection
 from dataclasses import replace
+from datetime import datetime, timedelta
 from itertools import pairwise
 
 import numpy as np
@@ -80,6 +81,14 @@ def time_in_seconds(column: Column) -> Float:
             return np.asarray(np.round(column.values - (known[0] if known.size else 0.0), 9))
         elapsed: Float = column.values * factor / divisor
     return elapsed
+
+
+def start_time_of(table: Table, column: Column) -> datetime | None:
+    """Return the instant of time 0 of `time_in_seconds`: as the table states it, or the first date of the column."""
+    if not column.dated or column.origin is None:
+        return table.start_time
+    known = column.values[~np.isnan(column.values)]
+    return column.origin + timedelta(seconds=float(known[0])) if known.size else None
 
 
 def clock_of(column: Column) -> Clock:

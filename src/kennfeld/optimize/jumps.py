@@ -34,7 +34,7 @@ def find_jumps(problem: Problem, option: str = "") -> Iterator[Finding]:
         return
     model = problem.model
     located = (model.locations[event.name] for event in jumps if event.name in model.locations)
-    place = next(located, Location(model.source))
+    place = next(located, Location.of_file(model.source))
     names = dict.fromkeys(name for event in jumps for name in event.parameters)
     listed = join_names(list(names), MAX_NAMES)
     written = PurePath(place.file).suffix in ("", ".kf")  # else the operators are not those of the source

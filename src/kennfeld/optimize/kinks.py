@@ -44,13 +44,17 @@ def values_at_kinks(objective: LeastSquaresObjective, values: Float, start: Floa
 
 def _rises(objective: LeastSquaresObjective, values: Float, cost: float, place: int, steps: Float) -> bool:
     """Return if the cost rises with steps of a value, Float[distances, sides], as it does beside a kink."""
-    rises = np.zeros(steps.shape)
-    for at, step in np.ndenumerate(steps):
+
+    def rise(step: float) -> float:
         trial = values.copy()
         trial[place] += step
-        rises[at] = objective.cost(trial) - cost
-    near, far = rises
-    return bool(np.all(~np.isfinite(near) | ((near > 0) & (far < CURVED * near))))
+        return float(objective.cost(trial) - cost)
+
+    for near, far in steps.T.tolist():  # a cost may be a pass over all partitions, so the first that falls is enough
+        beside = rise(near)
+        if np.isfinite(beside) and not (beside > 0 and rise(far) < CURVED * beside):
+            return False
+    return True
 
 
 def find_kinks(compiled: CompiledProblem, marks: Bool) -> list[Finding]:
@@ -64,4 +68,4 @@ def find_kinks(compiled: CompiledProblem, marks: Bool) -> list[Finding]:
         "to both sides, and the deviation is that of one of them"
     )
     remedy = "Set a bound there, or write the function without the kink."
-    return [Finding(Location(problem.model.source), message, remedy, severity="warning")]
+    return [Finding(Location.of_file(problem.model.source), message, remedy, severity="warning")]

@@ -159,6 +159,11 @@ class LeastSquaresObjective:
             self._cholesky = Cholesky(size)
         return self._cholesky
 
+    @property
+    def target_squares(self) -> float:
+        """The weighted sum of squares of all targets."""
+        return self._sensitivity.target_squares
+
     def mean_curvature(self, diagonal: Float) -> Float:
         """Return for each value the mean of the diagonal over its table; 0 for scalars.
 
@@ -247,10 +252,10 @@ class _Sensitivity:
         size = self._largest(np.abs(values[: curvature.size]))
         size[size == 0] = 1.0
         with np.errstate(over="ignore"):
-            return np.asarray((curvature > 0) & (curvature * size**2 <= SUSPECT**2 * self._target_squares))
+            return np.asarray((curvature > 0) & (curvature * size**2 <= SUSPECT**2 * self.target_squares))
 
     @cached_property
-    def _target_squares(self) -> float:
+    def target_squares(self) -> float:
         """The weighted sum of squares of all targets."""
         return float(sum(self._compiled.each(_sum_target_squares)))
 

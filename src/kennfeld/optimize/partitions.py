@@ -94,7 +94,7 @@ class Recordings:
 
 def _select(data: Dataset, part: Part, first: int, last: int) -> Dataset:
     """Return samples of a file, with the shifts and the margin of a part; only these are computed."""
-    data = replace(data, files=FileSpans.joined([part.source.address], [data.samples]))
+    data = replace(data, files=FileSpans.joined([part.source.address], [data.samples], [data.start_time]))
     result = data if (first, last) == (0, data.samples) else cut(data, first, last)
     moved = shifted_values(data, dict(part.shift), first, last)
     if moved:

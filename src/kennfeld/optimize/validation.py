@@ -264,7 +264,7 @@ def delay_findings(model: Model, values: int) -> list[Finding]:
     behind = dependents(graph, lambda node: node.op == "state" and node.payload == longest)
     name = min((name for name, at in graph.names.items() if at in behind), key=graph.names.__getitem__, default="")
     message = f"a delay of {graph.states[longest].latency:.10g} steps needs {size / 1e9:.3g} GB of memory"
-    location = model.locations.get(name, Location(model.source))
+    location = model.locations.get(name, Location.of_file(model.source))
     return [Finding(location, message, "Use a shorter delay or a longer step.")]
 
 

@@ -72,7 +72,11 @@ def find_misleading_slopes(compiled: CompiledProblem, places: Int) -> list[Findi
         f"the slopes of called functions by {join_names(names, MAX_NAMES)} are not those of whole simulations, because "
         "events move with parameters: the cost has steps, and the search may have ended beside its minimum"
     )
-    return [Finding(Location(problem.model.source), message, global_search_remedy(problem, names), severity="warning")]
+    return [
+        Finding(
+            Location.of_file(problem.model.source), message, global_search_remedy(problem, names), severity="warning"
+        )
+    ]
 
 
 def _size(values: Float, place: int) -> float:

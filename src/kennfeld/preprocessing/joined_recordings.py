@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import field, replace
+from datetime import datetime
 
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.dataset import Channel, Dataset, join_files
+from kennfeld.dataset import Channel, Dataset, common_start_time, join_files
 from kennfeld.errors import ArgumentError, Finding
 from kennfeld.file_spans import FileSpans
 from kennfeld.lazy_dataclass import dataclass
@@ -58,6 +59,7 @@ class JoinedRecordings:
     findings: list[Finding] = field(default_factory=list)
     _starts: list[int] = field(default_factory=list)
     _files: list[tuple[FileSpans | None, int]] = field(default_factory=list)  # of each recording, and its samples
+    _start_times: list[datetime | None] = field(default_factory=list)  # of each recording
     _samples: int = 0
     _mixed: bool = False
     _remarks: dict[Finding, None] = field(default_factory=dict)  # of the readers
@@ -97,7 +99,14 @@ class JoinedRecordings:
             time = None if joined.time is None else self._time.finish()
             starts = np.array(self._starts, dtype=np.int64)
             files = join_files(*zip(*self._files, strict=True))
-            joined = replace(joined, channels=tuple(channels), time=time, starts=starts, files=files)
+            joined = replace(
+                joined,
+                channels=tuple(channels),
+                time=time,
+                starts=starts,
+                files=files,
+                start_time=common_start_time(self._start_times),
+            )
         entry = self.entry
         return replace(
             joined,
@@ -124,6 +133,7 @@ class JoinedRecordings:
             self._time.append(part.time, expected)
         self._starts += (part.starts + self._samples).tolist()
         self._files.append((part.files, part.samples))
+        self._start_times.append(part.start_time)
         self._samples = end
 
     def _compare_units(self, part: Mapping[str, Channel]) -> None:

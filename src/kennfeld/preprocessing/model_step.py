@@ -90,7 +90,8 @@ def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) 
 
 def _refined_files(files: FileSpans, recorded: Int, samples: int) -> FileSpans:
     """Return whole files over the samples at a finer step, given the numbers of the recorded ones among these."""
-    return FileSpans.joined(files.names, np.diff(np.append(recorded, samples)[files.starts], append=samples).tolist())
+    lengths = np.diff(np.append(recorded, samples)[files.starts], append=samples)
+    return FileSpans.joined(files.names, lengths.tolist(), files.start_times)
 
 
 def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:

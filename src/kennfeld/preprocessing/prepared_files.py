@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, field, replace
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ from kennfeld.preprocessing.units import Units
 CHECKED = 0.02  # share of the size limit that is written between two checks of the folder
 _written: dict[Path, int] = {}  # bytes since the last check, by folder
 ENDING = ".columns"
+_MARKED = 60_000_000_000  # ns between two marks of an entry that is used
 _ATTRIBUTES = ("use", "weight", "weight_channel", "max_gap", "warmup")
 
 
@@ -253,9 +255,11 @@ def _release_memory() -> None:
 
 
 def touch(path: Path) -> None:
-    """Mark an entry as used now, without a change of its content."""
+    """Mark an entry as used now, to the minute: each mark changes the file, whose checksum is computed again then."""
     with suppress(OSError):
-        os.utime(path, ns=(time.time_ns(), path.stat().st_mtime_ns))
+        stat, now = path.stat(), time.time_ns()
+        if abs(now - stat.st_atime_ns) > _MARKED:
+            os.utime(path, ns=(now, stat.st_mtime_ns))
 
 
 def _columns(prepared: PreparedFile) -> Iterator[NDArray[Any]]:
@@ -287,6 +291,7 @@ def _attributes(data: Dataset) -> dict[str, Any]:
         "findings": [asdict(finding) for finding in data.findings],
         "settling": None if data.settling is None else asdict(data.settling),
         "clock": None if data.clock is None else asdict(data.clock),
+        "start_time": None if data.start_time is None else data.start_time.isoformat(),
     }
 
 
@@ -319,6 +324,7 @@ def _dataset(notes: dict[str, Any], columns: list[NDArray[Any]]) -> Dataset:
         findings=_findings(notes["findings"]),
         settling=None if notes["settling"] is None else Settling(**notes["settling"]),
         clock=None if notes["clock"] is None else Clock(**notes["clock"]),
+        start_time=None if notes["start_time"] is None else datetime.fromisoformat(notes["start_time"]),
         **{name: notes[name] for name in _ATTRIBUTES},
     )
 

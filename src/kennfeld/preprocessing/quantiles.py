@@ -1,8 +1,9 @@
 """Exact quantiles of columns that lie in several places: the order statistics are found digit by digit.
 
-Doubles sort like integers once the sign is accounted for. Four passes over the data each count 16 of the 64 bits of
-those values that agree with a sought order statistic in all bits before. The result is that of `numpy.quantile` on all
-values at once, however they are divided; what is sent are counts.
+Doubles sort like integers once the sign is accounted for. Each pass over the data counts 16 of the 64 bits of those
+values that agree with a sought order statistic in all bits before; once these values are few, one pass counts all bits
+that remain. The result is that of `numpy.quantile` on all values at once, however they are divided; what is sent are
+counts.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +15,7 @@ from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
 
 BITS = 16
-_DIGITS = 1 << BITS
+FEW = 1 << 16  # values whose remaining bits are counted in one pass
 _SIGN = np.uint64(1 << 63)
 
 Codes = NDArray[np.uint64]
@@ -22,17 +23,18 @@ Codes = NDArray[np.uint64]
 
 @dataclass(frozen=True)
 class Digits:
-    """One pass: values are counted by the `BITS` bits above `shift` if the bits above these are one of `prefixes`."""
+    """One pass: values are counted by the `bits` bits above `shift` if the bits above these are one of `prefixes`."""
 
     shift: int
+    bits: int
     prefixes: Codes  # increasing
 
 
 @dataclass(frozen=True)
 class DigitCounts:
-    """Numbers of values by prefix and digit: `counts[i]` values have `places[i]` = prefix number * 2^16 + digit."""
+    """Numbers of values by prefix and digit: `counts[i]` values have `places[i]` = prefix number * 2^bits + digit."""
 
-    places: Int
+    places: Int  # increasing
     counts: Int
 
 
@@ -47,14 +49,18 @@ def count_digits(columns: Iterable[Float], digits: Digits) -> DigitCounts:
 
 def _places(column: Float, digits: Digits) -> Int:
     codes = _codes(column[np.isfinite(column)])
-    digit = ((codes >> np.uint64(digits.shift)) & np.uint64(_DIGITS - 1)).astype(np.int64)
-    if digits.shift + BITS == 64:
+    digit = ((codes >> np.uint64(digits.shift)) & _mask(digits)).astype(np.int64)
+    if digits.shift + digits.bits == 64:
         return digit
-    prefix = codes >> np.uint64(digits.shift + BITS)
+    prefix = codes >> np.uint64(digits.shift + digits.bits)
     which = np.searchsorted(digits.prefixes, prefix)
     known = which < digits.prefixes.size
     known[known] = digits.prefixes[which[known]] == prefix[known]
-    return which[known] * _DIGITS + digit[known]
+    return (which[known] << digits.bits) | digit[known]
+
+
+def _mask(digits: Digits) -> np.uint64:
+    return np.uint64((1 << digits.bits) - 1)
 
 
 def _codes(values: Float) -> Codes:
@@ -78,9 +84,9 @@ def quantiles(run: Pass, probabilities: Sequence[float] | Float) -> Float:
     >>> quantiles(lambda digits: [count_digits([part], digits) for part in parts], [0.0, 0.5, 1.0])
     array([1. , 2.5, 4. ])
     """
-    digits = Digits(64 - BITS, np.zeros(1, dtype=np.uint64))
-    totals = _totals(run(digits), 1)
-    count = int(totals.sum())
+    digits = Digits(64 - BITS, BITS, np.zeros(1, dtype=np.uint64))
+    totals = _totals(run(digits))
+    count = int(totals.counts.sum())
     if not count:
         return np.zeros(0)
     place = np.asarray(probabilities, dtype=np.float64) * (count - 1)
@@ -92,25 +98,30 @@ def quantiles(run: Pass, probabilities: Sequence[float] | Float) -> Float:
     return np.where(share < 0.5, low + width * share, high - width * (1 - share))
 
 
-def _select(run: Pass, digits: Digits, totals: Int, ranks: Int) -> Codes:
+def _select(run: Pass, digits: Digits, totals: DigitCounts, ranks: Int) -> Codes:
     """Return the values of these ranks as integers."""
     owners = np.zeros(ranks.size, dtype=np.int64)  # the prefix of each rank
-    remaining = ranks.copy()  # the rank among the values with this prefix
+    remaining = ranks  # the rank among the values with this prefix
     while True:
-        ends = np.cumsum(totals, axis=1)
-        digit = np.array([np.searchsorted(ends[o], r, side="right") for o, r in zip(owners, remaining, strict=True)])
-        remaining -= np.where(digit > 0, ends[owners, digit - 1], 0)
-        codes = (digits.prefixes[owners] << np.uint64(BITS)) | digit.astype(np.uint64)
+        smaller = np.concatenate([[0], np.cumsum(totals.counts)])  # values before each place
+        before = smaller[np.searchsorted(totals.places, owners << digits.bits)]
+        place = np.searchsorted(smaller, before + remaining, side="right") - 1
+        remaining = before + remaining - smaller[place]
+        digit = totals.places[place].astype(np.uint64) & _mask(digits)
+        codes = (digits.prefixes[owners] << np.uint64(digits.bits)) | digit
         if not digits.shift:
             return codes
         prefixes, owners = np.unique(codes, return_inverse=True)
-        digits = Digits(digits.shift - BITS, prefixes)
-        totals = _totals(run(digits), prefixes.size)
+        few = totals.counts[np.unique(place)].sum() <= FEW and prefixes.size < 1 << (63 - digits.shift)
+        bits = digits.shift if few else BITS
+        digits = Digits(digits.shift - bits, bits, prefixes)
+        totals = _totals(run(digits))
 
 
-def _totals(parts: Iterable[DigitCounts], prefixes: int) -> Int:
-    """Return the counts of all parts, Int[prefixes, digits]."""
-    totals = np.zeros(prefixes * _DIGITS, dtype=np.int64)
-    for part in parts:
-        totals[part.places] += part.counts
-    return totals.reshape(prefixes, _DIGITS)
+def _totals(parts: Iterable[DigitCounts]) -> DigitCounts:
+    """Return the counts of all parts."""
+    parts, none = list(parts), np.zeros(0, dtype=np.int64)
+    unique, which = np.unique(np.concatenate([none, *(part.places for part in parts)]), return_inverse=True)
+    totals = np.zeros(unique.size, dtype=np.int64)
+    np.add.at(totals, which, np.concatenate([none, *(part.counts for part in parts)]))
+    return DigitCounts(unique, totals)

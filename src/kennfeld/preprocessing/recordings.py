@@ -156,7 +156,7 @@ class RecordingReader:
                 self.watch(number, len(paths))
             if attempt.recording is not None:
                 recording = units.convert(attempt.recording, Path(path).name)
-                yield replace(recording, files=FileSpans.joined([path], [recording.samples]))
+                yield replace(recording, files=FileSpans.joined([path], [recording.samples], [recording.start_time]))
         self._report_missing()
 
     def _cache(self) -> Cache | None:

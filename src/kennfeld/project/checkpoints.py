@@ -73,7 +73,9 @@ class Saves:
             remedy = "Set save_every in [optimizer] and run without --resume first."
             if others:
                 remedy = f"Those in it are of {join_names(sorted(others))}: {remedy[0].lower()}{remedy[1:]}"
-            raise InputError([*findings, Finding(Location(str(self.folder)), "no checkpoint to resume from", remedy)])
+            raise InputError(
+                [*findings, Finding(Location.of_file(self.folder), "no checkpoint to resume from", remedy)]
+            )
         if marks != {self.mark}:
             message = "changed since the checkpoints were written; the search resumes from their values"
             findings.append(Finding(Location(self.project.name), message, severity="warning"))
@@ -120,7 +122,7 @@ class Saves:
                 self._reopen(saved.start)
         except OSError as error:
             message = f"checkpoints cannot be written: {error.strerror or error}"
-            self.missed = self.missed or Finding(Location(str(self.folder)), message, severity="warning")
+            self.missed = self.missed or Finding(Location.of_file(self.folder), message, severity="warning")
 
     def _reopen(self, start: int) -> None:
         """Rename the final checkpoint of a start that is continued to an intermediate one."""

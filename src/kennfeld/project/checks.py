@@ -48,6 +48,7 @@ from kennfeld.preprocessing.units import compare_units, is_unit_missing
 from kennfeld.project.model import coordinates_of, read_function
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.seen_data import seen_test_data
+from kennfeld.project.simulation_files import SIMULATIONS
 from kennfeld.project.value_forms import DIRECTIONS
 
 MAX_HELD_SAMPLES = 100_000_000  # each takes 8 bytes per channel
@@ -283,6 +284,7 @@ def find_warnings(file: ProjectFile, problem: Problem, locations: Mapping[str, L
         *_idle(file, problem),
         *_names(file, problem),
         *_unread_class(file),
+        *_unwritten_simulation(file, problem),
     ]
     warnings = [Finding(*problem, severity="warning") for problem in problems]
     warnings += [*_clocks(file, problem, locations), *_restarts(problem, locations)]
@@ -464,6 +466,15 @@ def _unread_class(file: ProjectFile) -> Iterator[_Warning]:
         if ending in file.calibration.output and not any(name.lower().endswith(ending) for name in read):
             message = f"{ending[1:]} requires such a file as the function or among the initial files"
             yield file.location("calibration", "output"), message, "Write another format."
+
+
+def _unwritten_simulation(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:
+    """Yield formats of the simulation that a calibration in partitions does not write."""
+    simulations = [ending for ending in file.calibration.results if ending in SIMULATIONS]
+    if simulations and problem.partitions is not None:
+        message = "the simulation of data in partitions is not among the results"
+        remedy = "`kennfeld simulate -o simulation.mf4` writes it."
+        yield file.location("calibration", "results"), message, remedy
 
 
 def _names(file: ProjectFile, problem: Problem) -> Iterator[_Warning]:

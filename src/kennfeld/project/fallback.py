@@ -34,7 +34,7 @@ def write_somewhere(
     except InputError as error:
         reasons = list(error.findings)
     except Exception as error:  # hours of search must not be lost because of a bug in a writer
-        reasons = [Finding(Location(str(folder)), f"cannot be written ({type(error).__name__}: {error})")]
+        reasons = [Finding(Location.of_file(folder), f"cannot be written ({type(error).__name__}: {error})")]
     written = _write_temporary(
         lambda temporary: write(result, project, temporary, documents, further)
     ) or _write_temporary(lambda temporary: (_write_values(result, project, temporary),))

@@ -7,7 +7,6 @@ from dataclasses import Field
 from functools import singledispatch
 from typing import Any
 
-from kennfeld.calfiles import endings
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.project.document import format_toml
 from kennfeld.project.forms import (
@@ -39,8 +38,8 @@ from kennfeld.project.value_forms import (
     BoundsForm,
     BreakpointsForm,
     CoordinatesForm,
+    FormatsForm,
     LockForm,
-    OutputForm,
     PairForm,
     StepCriteriaForm,
     TargetForm,
@@ -134,8 +133,8 @@ def _(form: TextsForm) -> Description:
 
 
 @describe_form.register
-def _(form: OutputForm) -> Description:
-    shown = [ending for ending in endings() if ending not in IMAGE_ENDINGS or ending in (".hex", ".s19")]
+def _(form: FormatsForm) -> Description:
+    shown = [ending for ending in form.endings() if ending not in IMAGE_ENDINGS or ending in (".hex", ".s19")]
     return {"kind": "texts", "options": [ending.removeprefix(".") for ending in shown]}
 
 

@@ -28,13 +28,13 @@ def require_one_run(folder: Path, result: Mapping[str, Any], names: Iterable[str
     manifest = result.get(KEY, {})
     listed = [name for name in names if name in manifest]
     findings = [
-        Finding(Location(str(folder / name)), "the file is missing", RUN_AGAIN)
+        Finding(Location.of_file(folder / name), "the file is missing", RUN_AGAIN)
         for name in listed
         if not (folder / name).exists()
     ]
     other = [name for name in listed if (folder / name).exists() and _digest(folder / name) != manifest[name]]
     if other:
-        findings.append(Finding(Location(str(folder)), _mismatch(other), RUN_AGAIN))
+        findings.append(Finding(Location.of_file(folder), _mismatch(other), RUN_AGAIN))
     if findings:
         raise InputError(findings)
 
@@ -50,7 +50,7 @@ def check_other_files(folder: Path, result: Mapping[str, Any], read: Collection[
     names = dict.fromkeys([*manifest, *(f"parameters{ending}" for ending in endings())])
     there = [name for name in names if name not in read and (folder / name).is_file()]
     other = [name for name in there if _digest(folder / name) != manifest.get(name)]
-    return [Finding(Location(str(folder)), _mismatch(other), severity="warning")] if other else []
+    return [Finding(Location.of_file(folder), _mismatch(other), severity="warning")] if other else []
 
 
 def _mismatch(names: Sequence[str]) -> str:

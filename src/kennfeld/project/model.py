@@ -103,7 +103,7 @@ class ProjectModel:
 
     def place(self, name: str) -> Location:
         """Return the location of a name of the function."""
-        return self.model.locations.get(name, Location(self.model.source))
+        return self.model.locations.get(name, Location.of_file(self.model.source))
 
 
 def read_function(

@@ -19,6 +19,7 @@ from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, parameter
 from kennfeld.project.axes import Axes, free_breakpoints
 from kennfeld.project.initial_calibration import describe_parameter, format_shape
+from kennfeld.project.label_selection import expand_lists
 from kennfeld.project.model import ProjectModel, axis_count_finding, coordinates_of, initial_level
 from kennfeld.project.schema import ProjectFile
 from kennfeld.project.steps import grid_points_within, missing_directions
@@ -295,10 +296,11 @@ def _free(
     """Return the parameters to fit, among those that the function uses."""
     used = list(function.graph.parameters) if function else list(parameters)
     chosen = set()
-    for pattern in file.calibration.free:
+    place = file.location("calibration", "free")
+    known = [name for name in used if name in parameters]
+    for pattern in expand_lists(file.calibration.free, file.folder, parameters, known, place, findings):
         matches = {name for name in parameters if fnmatchcase(name, pattern) or name == pattern}
         chosen |= matches
-        place = file.location("calibration", "free")
         if not matches and (parameters or pattern != "*"):
             remedy = nearest(pattern, parameters) or f"The parameters are {', '.join(used[:12])}."
             findings.error(place, f"{pattern} matches no parameter", remedy)

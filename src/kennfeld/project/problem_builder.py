@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,6 +50,7 @@ from kennfeld.project.model import (
 from kennfeld.project.parameter_tables import Tables, build_tables
 from kennfeld.project.partitioned_loading import PartitionedLoading
 from kennfeld.project.schema import ProjectFile
+from kennfeld.project.simulation_files import SIMULATIONS, require_simulation_format
 from kennfeld.project.steps import build_steps, uncovered_values
 
 if TYPE_CHECKING:
@@ -116,9 +118,19 @@ class ProblemBuilder:
         texts = [text for text in initial.texts if text.name not in values]
         return ParameterSet(initial.parameters, texts, initial.axes, initial.others, initial.origin)
 
+    def _check_results(self) -> None:
+        """Report formats of the simulation whose package is missing, before a search rather than after it."""
+        for ending in (each for each in self.file.calibration.results if each in SIMULATIONS):
+            try:
+                require_simulation_format(Path(f"simulation{ending}"))
+            except InputError as error:
+                location = self.file.location("calibration", "results")
+                self.findings.add(*(replace(finding, location=location) for finding in error.findings))
+
     def problem(self) -> Problem | None:
         """Build the problem; return None if a finding is an error."""
         file, findings = self.file, self.findings
+        self._check_results()
         calculated = parse_calculated(file)
         self.surrogates = read_surrogates(file, findings)
         initial = self._with_surrogates(read_initial(file, findings))

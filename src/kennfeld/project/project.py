@@ -91,6 +91,11 @@ class Project:
         return tuple(self.file.surrogates)
 
     @property
+    def further_results(self) -> tuple[str, ...]:
+        """File extensions of the further results of a calibration."""
+        return self.file.calibration.results
+
+    @property
     def is_partitioned(self) -> bool:
         """True if data are evaluated in partitions; their simulation is not a part of the results."""
         if self.load is not None:
@@ -359,7 +364,7 @@ class Project:
         """Return the same as `simulate`, to be computed part by part; data may be in partitions.
 
         With `deviation`, there is a channel with the predictive deviation of each static
-        surrogate, `engine (deviation)`.
+        surrogate, `engine (deviation)`. `save("after.mf4")` of the result writes a file for other tools.
         """
         from kennfeld.project.simulation import Simulation
 

@@ -2,20 +2,20 @@
 
 import csv
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool, Float, Int
-from kennfeld.atomic_files import replace_atomically, write_whole
-from kennfeld.calfiles import unwritable
+from kennfeld.arrays import Float
+from kennfeld.atomic_files import write_whole
+from kennfeld.calfiles import compare, unwritable
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.dataset import Dataset
+from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
+from kennfeld.calfiles.label_list import write_label_list
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.files.calibrations import IMAGE_ENDINGS
@@ -26,7 +26,9 @@ from kennfeld.parameters import AXIS_LETTERS
 from kennfeld.project.csv_cells import neutral_cell
 from kennfeld.project.folder_replacement import LOCK, move, scratch_folder
 from kennfeld.project.manifest import KEY, compute_digests
-from kennfeld.project.simulation import SimulatedPart, Simulation
+from kennfeld.project.simulation import Simulation
+from kennfeld.project.simulation_files import save
+from kennfeld.project.simulation_files import write_simulation as write_simulation
 from kennfeld.rbf import RBF
 
 if TYPE_CHECKING:
@@ -39,10 +41,9 @@ COLUMNS = (
 )
 MAX_LEVERAGE_VALUES = 2000  # the cost of the leverage grows with the third power
 
-SAMPLES_WRITTEN = 1 << 18  # at once
-
 FOLDER = "results"  # beside the project file
 RESULT = "result.json"
+CHANGES = f"changed{LABEL_LIST}"
 VALIDATION = "cross_validation"  # its key of a cross-validation
 REMEDY, FILE_REMEDY = "Name another folder with -o.", "Name another file with -o."
 
@@ -112,6 +113,10 @@ class ResultSource(Protocol):
         """File extensions of the calibration formats to write, such as `.dcm`."""
 
     @property
+    def further_results(self) -> Sequence[str]:
+        """File extensions of further results: of simulations such as `.mf4`, or `.lab` of the changed labels."""
+
+    @property
     def surrogates(self) -> Collection[str]:
         """Names of the surrogates, which have files of their own."""
 
@@ -164,7 +169,14 @@ def write(
         _write_trace(result.trace, scratch / "trace.csv")
         write_trust(result.trust, result.parameters, scratch / "trust.csv")
         if simulation is not None:
-            _save(simulation, scratch / "simulation.parquet")
+            for ending in dict.fromkeys((".parquet", *project.further_results)):
+                remarks = () if ending == LABEL_LIST else _write_simulation(simulation, scratch / f"simulation{ending}")
+                if findings is not None:
+                    findings.add(*remarks)
+        if LABEL_LIST in project.further_results:
+            remarks = _write_changes(result, project.surrogates, scratch / CHANGES)
+            if findings is not None:
+                findings.add(*remarks)
         names = sorted(path.name for path in scratch.iterdir() if path.name != LOCK)
         content = result.as_json() | dict(further or {}) | {KEY: compute_digests(scratch, names)}
         for name, text in (documents or {}).items():
@@ -213,7 +225,9 @@ def read_shifts(folder: Path) -> dict[str, dict[str, float]]:
         }
     except (OSError, ValueError, TypeError, AttributeError) as error:
         message = f"its shifts cannot be read ({error})"
-        raise InputError.of(Location(str(path)), message, "Calibrate again, or move the calibration file.") from error
+        raise InputError.of(
+            Location.of_file(path), message, "Calibrate again, or move the calibration file."
+        ) from error
 
 
 def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
@@ -229,21 +243,23 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
         return [*warnings, *write_parameters(parameters.without(skipped), path)]
 
 
-def write_simulation(simulation: Simulation, path: str | Path, *, follow: bool = False) -> Path:
-    """Write the datasets of a simulation, one after the other, as Parquet or CSV by the extension of `path`.
+def _write_changes(result: "Result", surrogates: Collection[str], path: Path) -> Sequence[Finding]:
+    """Write the names of the parameters and group axes that a calibration has changed as a label list."""
+    before, after = (parameters.without(surrogates) for parameters in (result.start, result.parameters))
+    text, findings = write_label_list(compare(before, after).labels, path.name)
+    path.write_text(text, encoding="utf-8", newline="")
+    return findings
 
-    With `follow`, a symbolic link stays one; otherwise it is replaced.
-    """
-    target = Path(path)
-    if target.suffix.lower() not in (".parquet", ".csv"):
-        raise InputError.of(
-            Location(str(target)), f"must have the extension .parquet or .csv, got {target.suffix or 'none'}"
-        )
-    with convert_errors(target, "cannot be written", FILE_REMEDY):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with replace_atomically(target, follow=follow) as beside:
-            _save(simulation, beside)
-    return target
+
+def _write_simulation(simulation: Simulation, path: Path) -> Sequence[Finding]:
+    """Write a simulation; a format that cannot hold it is left out, so that the other results are not lost."""
+    findings = Findings()
+    try:
+        save(simulation, path, path, findings)
+    except InputError as error:
+        path.unlink(missing_ok=True)
+        return error.findings
+    return list(findings)
 
 
 def results_folder(project: Path, folder: str | Path | None = None) -> Path:
@@ -303,121 +319,3 @@ def _write_trace(trace: Sequence["TraceLine"], path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(field.name for field in fields(TraceLine))
         writer.writerows([_cell(value) for value in astuple(line)] for line in trace)
-
-
-def _save(simulation: Simulation, path: Path) -> None:
-    """Write the columns dataset, file, piece (from 1), time, then the channels; null if a dataset lacks one."""
-    text = neutral_cell if path.suffix.lower() == ".csv" else str
-    schema = _schema({text(name): unit for name, unit in simulation.units.items()})
-    with _table_writer(path, schema) as writer:
-        for parts in _batches(simulation.parts()):
-            writer.write_table(_table(parts, simulation, schema, text))
-
-
-def _table_writer(path: Path, schema: Any) -> Any:
-    """Return a writer of tables by the extension of `path`.
-
-    Measured numbers hardly repeat, so that a dictionary of them takes twice the time. They are not split by byte, since
-    older readers fail if such a column has missing values.
-    """
-    from pyarrow import csv, parquet, types
-
-    if path.suffix.lower() == ".csv":
-        return csv.CSVWriter(path, schema)
-    repeated = [column.name for column in schema if not types.is_float64(column.type)]
-    return parquet.ParquetWriter(path, schema, use_dictionary=repeated)
-
-
-def _batches(parts: Iterable[SimulatedPart]) -> Iterator[list[SimulatedPart]]:
-    """Yield neighbouring parts that have together about as many samples as are written at once."""
-    batch: list[SimulatedPart] = []
-    for part in parts:
-        batch.append(part)
-        if sum(each.data.samples for each in batch) >= SAMPLES_WRITTEN:
-            yield batch
-            batch = []
-    if batch:
-        yield batch
-
-
-def _schema(units: Mapping[str, str]) -> Any:
-    import pyarrow as pa
-
-    name = pa.dictionary(pa.int64(), pa.string())
-    columns = {"dataset": name, "file": name, "piece": pa.int64(), "time": pa.float64()}
-    clock = {"time": {"unit": "s"}}
-    parts = [pa.field(name, kind, metadata=clock.get(name)) for name, kind in columns.items()]
-    for name, unit in units.items():
-        label = f"{name} (model)" if name in columns else name
-        parts.append(pa.field(label, pa.float64(), metadata={"unit": unit} if unit else None))
-    return pa.schema(parts)
-
-
-def _table(parts: Sequence[SimulatedPart], simulation: Simulation, schema: Any, text: Callable[[str], str]) -> Any:
-    import pyarrow as pa
-
-    datasets = [part.data for part in parts]
-    columns = [
-        _names([(text(data.name), data.samples) for data in datasets]),
-        _names(
-            [(name and text(name), count) for each in datasets for name, count in _file_spans(each, simulation.files)]
-        ),
-        _numbers([part.piece + _pieces(part.data) for part in parts]),
-        _numbers([_nan_column(data) if data.time is None else data.time for data in datasets]),
-    ]
-    columns += (
-        _numbers([data[name].values if name in data else _nan_column(data) for data in datasets])
-        for name in simulation.units
-    )
-    return pa.table(columns, schema=schema)
-
-
-def _nan_column(data: Dataset) -> Float:
-    return np.full(data.samples, np.nan)
-
-
-def _pieces(data: Dataset) -> Int:
-    begins = np.zeros(data.samples, dtype=np.int64)
-    begins[data.starts[data.starts < data.samples]] = 1
-    return np.cumsum(begins)
-
-
-# the Arrow arrays below are created from buffers, as conversions from Python load pandas, which takes 0.4 s
-
-
-def _numbers(parts: Sequence[Float | Int]) -> Any:
-    """Return one array of all parts; NaN becomes null."""
-    values = np.concatenate(parts)
-    return _array(values, ~np.isnan(values))
-
-
-def _array(values: NDArray[Any], known: Bool) -> Any:
-    """Return an array with null for values that are not known."""
-    import pyarrow as pa
-
-    kind = pa.float64() if values.dtype == np.float64 else pa.int64()
-    bits = np.packbits(known, bitorder="little")
-    return pa.Array.from_buffers(kind, values.size, [pa.py_buffer(bits), pa.py_buffer(values)])
-
-
-def _file_spans(data: Dataset, names: Mapping[str, str]) -> list[tuple[str | None, int]]:
-    """Return the short name of each file, and the number of its samples."""
-    if data.files is None:
-        return [(None, data.samples)]
-    sizes = data.files.sizes(data.samples).tolist()
-    return [(names[name], size) for name, size in zip(data.files.names, sizes, strict=True)]
-
-
-def _names(spans: Sequence[tuple[str | None, int]]) -> Any:
-    """Return a name for each sample, given the names of neighbouring ones and their number; None becomes null."""
-    import pyarrow as pa
-
-    used = list(dict.fromkeys(name for name, _ in spans if name is not None))
-    encoded = [name.encode() for name in used]
-    ends = np.cumsum([0, *(len(name) for name in encoded)], dtype=np.int32)
-    texts = pa.StringArray.from_buffers(len(encoded), pa.py_buffer(ends), pa.py_buffer(b"".join(encoded)))
-    numbers = {name: number for number, name in enumerate(used)}
-    sizes = [size for _, size in spans]
-    known = np.repeat([name is not None for name, _ in spans], sizes)
-    codes = np.repeat(np.array([numbers.get(name or "", 0) for name, _ in spans], dtype=np.int64), sizes)
-    return pa.DictionaryArray.from_arrays(_array(codes, known), texts)

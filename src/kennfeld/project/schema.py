@@ -39,6 +39,7 @@ from kennfeld.project.value_forms import (
     Lock,
     LockForm,
     OutputForm,
+    ResultsForm,
     StepCriteriaForm,
     TargetEntry,
     TargetForm,
@@ -176,7 +177,19 @@ class CalibrationEntry:
         (),
         form=OutputForm(),
     )
-    free: tuple[str, ...] = key("which parameters to fit, by pattern", ("*",), holds="parameter")
+    results: tuple[str, ...] = key(
+        'further results: `"mf4"`, `"mat"` and `"csv"` write the [simulation for other '
+        'tools](results.md#simulation-for-other-tools), and `"lab"` writes `changed.lab`, a list of the parameters '
+        "that have changed",
+        (),
+        form=ResultsForm(),
+    )
+    free: tuple[str, ...] = key(
+        'which parameters to fit, by pattern; `"@airpath.lab"` is a [label list](formats.md#label-lists) of INCA or '
+        "CANape",
+        ("*",),
+        holds="parameter",
+    )
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -292,7 +305,7 @@ class StepEntry:
     location: Location
     name: str = key("name of the step in the trace", "", default_text="`step 1`, ...")
     free: tuple[str, ...] | None = key(
-        "patterns of the parameters that this step fits; the others are fixed",
+        "patterns of the parameters that this step fits, or label lists as in `[calibration]`; the others are fixed",
         None,
         holds="parameter",
         default_text="by `[calibration]`",
@@ -533,6 +546,7 @@ def read_project(path: Path, unsaved: Mapping[str, str] | None = None) -> Projec
     """
     unsaved = unsaved or {}
     root = open_sections(path, unsaved.get(path.name))
+    path = path.absolute()  # the present folder may be another one when the files of the project are read
     if is_training(root.values):
         message = "this is a training file, not a project"
         raise InputError.of(root.location, message, "Run `kennfeld surrogate train`.")

@@ -2,7 +2,9 @@
 
 import pickle
 from collections.abc import Collection, Iterator
+from copy import copy
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +23,7 @@ from kennfeld.preprocessing.binding import BoundDataset
 from kennfeld.preprocessing.bound_parts import BoundPart
 from kennfeld.preprocessing.skipped_samples import SkippedSamples
 from kennfeld.project.initial_calibration import describe_parameter
+from kennfeld.project.simulated_channels import complete, renamed_inputs
 from kennfeld.threads import map_in_order
 
 if TYPE_CHECKING:
@@ -42,6 +45,22 @@ def _simulate_dataset(problem: Problem, bound: BoundDataset, values: ParameterSe
     return replace(simulated, findings=(skipped.finding(Location(f"dataset {bound.dataset.name}")),))
 
 
+@dataclass(frozen=True)
+class Extent:
+    """The channels that a simulation has beside nodes and targets.
+
+    Attributes:
+        deviation: the predictive deviation of each static surrogate.
+        complete: the inputs of the function, and the error of each criterion: node minus target.
+    """
+
+    deviation: bool = False
+    complete: bool = False
+
+
+NODES_AND_TARGETS = Extent()
+
+
 @dataclass(frozen=True, eq=False)
 class SimulatedPart:
     """The simulation of some samples of a dataset; `piece` counts the pieces before them."""
@@ -54,6 +73,7 @@ class Simulation:
     """The simulation of all datasets of a problem, computed part by part, so that it need not fit into memory.
 
     Attributes:
+        name: the name of the function.
         units: of all channels, by name.
         samples: number of samples of each dataset, by its name; with data in partitions, of those simulated so far.
         files: the short name of each file, by its path or address.
@@ -62,7 +82,7 @@ class Simulation:
 
     def __init__(self, problem: Problem, parameters: ParameterSet | None, *, deviation: bool = False) -> None:
         self._problem, self._values = problem, replace_parameters(problem, parameters)
-        self._deviation = deviation
+        self._extent, self.name = Extent(deviation), problem.model.name
         self._compiled = NodeSimulator(problem.model.graph, self._values)
         whole = problem.partitions is None
         self.samples = {data.name: problem.bind(data).shown.count if whole else 0 for data in problem.datasets}
@@ -77,6 +97,28 @@ class Simulation:
             for channel in _targets(problem, data, self.units):
                 self.units.setdefault(channel.name, channel.unit)
 
+    def completed(self) -> "Simulation":
+        """Return the same simulation with the inputs of the function and the errors, which describe themselves.
+
+        They are channels of its parts, and their units are not among `units`.
+        """
+        other = copy(self)
+        other._extent = replace(self._extent, complete=True)
+        return other
+
+    def save(self, path: str | Path) -> Path:
+        """Write the simulation in the format of the extension: .parquet, .csv, .mf4 or .mat.
+
+        Tables have nodes and targets of all datasets, one after the other. MDF and MATLAB files have one group or
+        struct for each recording, with the inputs of the function and the errors, too.
+
+        Raises:
+            InputError: the extension is unknown, a package is missing, or the file cannot be written.
+        """
+        from kennfeld.project.simulation_files import write_simulation
+
+        return write_simulation(self, path, follow=True)
+
     def parts(self) -> Iterator[SimulatedPart]:
         """Yield the parts of all datasets in order."""
         if self._problem.partitions is not None:
@@ -86,13 +128,13 @@ class Simulation:
             yield from map_in_order(self._part, self._problem.parts(self._problem.bind(data)))
 
     def _part(self, part: BoundPart) -> SimulatedPart:
-        data = _simulate_bound(self._problem, part.bound, self._values, self._compiled, self._deviation)
+        data = _simulate_bound(self._problem, part.bound, self._values, self._compiled, self._extent)
         return SimulatedPart(data, part.piece)
 
     def _partitions(self, partitions: Partitions) -> Iterator[SimulatedPart]:
         """Yield the parts of all partitions, which are simulated by their runner."""
         ordered = sorted([*partitions.training, *partitions.test], key=_dataset_of)
-        shared = partitions.share((self._problem.skeleton, self._values, self._deviation))
+        shared = partitions.share((self._problem.skeleton, self._values, self._extent))
         pieces = [0] * len(self._problem.datasets)
         for partition, parts in zip(ordered, partitions.map(simulate_partition, shared, ordered), strict=True):
             number = _dataset_of(partition)
@@ -121,13 +163,13 @@ def _dataset_of(partition: Partition) -> int:
 
 def simulate_partition(shared: bytes, item: bytes, _: bytes) -> list[tuple[Dataset, bool, SkippedSamples | None]]:
     """Simulate each part of a partition; return also if it continues the piece before it, and what it skips."""
-    recordings, (skeleton, values, deviation) = shared_content(shared)
+    recordings, (skeleton, values, extent) = shared_content(shared)
     parts = pickle.loads(item).parts
     problem = skeleton.over(StoredDatasets(recordings, parts))
     compiled = problem.once("simulator", lambda problem: NodeSimulator(problem.model.graph, values))
     simulated = []
     for data, part in zip(problem.datasets, parts, strict=True):
-        nodes = _simulate_bound(problem, problem.bind(data), values, compiled, deviation)
+        nodes = _simulate_bound(problem, problem.bind(data), values, compiled, extent)
         starts = _starts_in_file(problem.bind(recordings.file(part)).shown, part)
         continues = 0 not in starts or (data.time is None and not problem.model.graph.states)
         nodes = replace(nodes, starts=np.union1d([0], starts).astype(np.int64))
@@ -142,15 +184,27 @@ def _starts_in_file(file: BoundDataset, part: Part) -> Int:
 
 
 def _simulate_bound(
-    problem: Problem, bound: BoundDataset, values: ParameterSet, compiled: NodeSimulator, deviation: bool = False
+    problem: Problem,
+    bound: BoundDataset,
+    values: ParameterSet,
+    compiled: NodeSimulator,
+    extent: Extent = NODES_AND_TARGETS,
 ) -> Dataset:
     nodes = compiled.dataset(bound, values)
-    if deviation:
+    if extent.deviation:
         nodes = nodes.with_channels(*_deviations(problem, bound, values))
     shown, data = bound.shown, bound.dataset
-    targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, nodes)]
-    files = None if data.files is None else data.files.picked(shown.kept)
-    return replace(nodes.with_channels(*targets), use=data.use, weight=data.weight, scored=shown.scored, files=files)
+    taken = {*nodes, *renamed_inputs(problem)} if extent.complete else nodes
+    targets = [replace(c, values=shown.at_kept(c.values)) for c in _targets(problem, data, taken)]
+    simulated = complete(problem, shown, nodes, targets) if extent.complete else nodes.with_channels(*targets)
+    return replace(
+        simulated,
+        use=data.use,
+        weight=data.weight,
+        scored=shown.scored,
+        files=None if data.files is None else data.files.picked(shown.kept),
+        start_time=data.start_time,
+    )
 
 
 def _skipped(problem: Problem, bound: BoundDataset) -> SkippedSamples | None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.search.step_problem import check_steps
 from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.binding import BoundDataset
+from kennfeld.project.label_selection import expand_lists
 from kennfeld.project.schema import ProjectFile, StepEntry
 from kennfeld.project.value_forms import DIRECTIONS, Lock, Range
 
@@ -69,7 +71,7 @@ def _counting(problem: Problem) -> Callable[[BoundDataset], Bool]:
 
 def build_steps(file: ProjectFile, problem: Problem, findings: Findings) -> tuple[Step, ...]:
     """Return the steps of a project file; add findings about them."""
-    steps = [_StepBuilder(entry, problem, findings).step() for entry in file.steps]
+    steps = [_StepBuilder(entry, problem, findings, file.folder).step() for entry in file.steps]
     for number, entry in enumerate(file.steps, 1):
         for finding in check_steps(problem, [steps[number - 1]]):
             path = str(finding.location).removeprefix("step 1").strip()
@@ -81,14 +83,14 @@ def build_steps(file: ProjectFile, problem: Problem, findings: Findings) -> tupl
 
 
 class _StepBuilder:
-    def __init__(self, entry: StepEntry, problem: Problem, findings: Findings) -> None:
-        self.entry, self.problem, self.findings = entry, problem, findings
+    def __init__(self, entry: StepEntry, problem: Problem, findings: Findings, folder: Path) -> None:
+        self.entry, self.problem, self.findings, self.folder = entry, problem, findings, folder
 
     def step(self) -> Step:
         entry = self.entry
         return Step(
             name=entry.name,
-            free=entry.free,
+            free=None if entry.free is None else self._free(entry.free),
             lock=self._masks(entry.lock or {}),
             smoothness=self._by_axis("smoothness", entry.smoothness, 0.0),
             grid_reduction=self._by_axis("grid_reduction", entry.grid_reduction, 1) or 1,
@@ -97,6 +99,12 @@ class _StepBuilder:
             tolerance=entry.tolerance,
             continuation=entry.continuation,
         )
+
+    def _free(self, patterns: Sequence[str]) -> tuple[str, ...]:
+        """Return patterns with label lists replaced by their labels."""
+        parameters, place = self.problem.parameters, self.entry.location.within("free")
+        used = [name for name in self.problem.model.graph.parameters if name in parameters]
+        return expand_lists(patterns, self.folder, parameters, used, place, self.findings)
 
     def _report(self, key: str, message: str, remedy: str = "") -> None:
         self.findings.error(self.entry.location.within(key), message, remedy)

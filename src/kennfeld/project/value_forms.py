@@ -8,6 +8,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles import endings
+from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
 from kennfeld.file_keys import key
 from kennfeld.formatting import nearest
 from kennfeld.lazy_dataclass import dataclass
@@ -21,6 +22,7 @@ from kennfeld.project.forms import (
     TextsForm,
 )
 from kennfeld.project.section import Section, as_finite, as_number, show
+from kennfeld.project.simulation_files import SIMULATIONS
 
 DIRECTIONS = ("x", "y", "z", "w")
 FREE = "free"  # in place of breakpoints
@@ -284,8 +286,14 @@ class InitialForm(FilesForm):
         super().__init__(ImageEntry, "image", 'Write "start.dcm" or { a2l = "...", hex = "..." }.')
 
 
-class OutputForm(TextsForm):
-    """Calibration formats, stored as file extensions."""
+class FormatsForm(TextsForm):
+    """Formats of one kind, stored as file extensions."""
+
+    kind = ""
+
+    def endings(self) -> Sequence[str]:
+        """Return the known extensions."""
+        raise NotImplementedError
 
     def read(self, section: Section, key: str) -> tuple[str, ...] | None:
         words = super().read(section, key) or ()
@@ -293,15 +301,35 @@ class OutputForm(TextsForm):
 
     def _ending(self, section: Section, key: str, word: str) -> str:
         ending = f".{word.casefold().removeprefix('.')}"
-        if ending in endings():
+        if ending in self.endings():
             return ending
-        known = [known.removeprefix(".") for known in endings()]
+        known = [known.removeprefix(".") for known in self.endings()]
         remedy = nearest(word, known) or f"Choose from {', '.join(known)}."
-        section.report(key, f"unknown calibration format {word!r}", remedy)
+        section.report(key, f"unknown {self.kind} format {word!r}", remedy)
         return ""
 
     def write(self, value: tuple[str, ...]) -> list[str]:
         return [ending.removeprefix(".") for ending in value]
+
+
+class OutputForm(FormatsForm):
+    """Calibration formats."""
+
+    kind = "calibration"
+
+    def endings(self) -> Sequence[str]:
+        """Return the extensions of calibration files."""
+        return endings()
+
+
+class ResultsForm(FormatsForm):
+    """Formats of further results: simulations, and the list of changed labels."""
+
+    kind = "result"
+
+    def endings(self) -> Sequence[str]:
+        """Return the extensions of further results."""
+        return (*SIMULATIONS, LABEL_LIST)
 
 
 class StepCriteriaForm(Form):

@@ -14,6 +14,7 @@ from kennfeld.formatting import size_text
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recording_sources import find_addresses, is_remote, size_in_store
 from kennfeld.project import Project
+from kennfeld.project.label_selection import listed_files
 from kennfeld.project.value_forms import TargetEntry
 from kennfeld.threads import map_in_order
 
@@ -140,6 +141,8 @@ def _named(project: Project) -> Iterator[tuple[str, Path]]:
     yield from (("CAN database", Path(path)) for each in patterns for path in find_addresses(file.folder, each))
     yield from (("values of the model", file.folder / name) for name in file.model.parameters)
     yield from (("surrogate", file.folder / name) for name in file.surrogates.values())
+    lists = listed_files([*file.calibration.free, *(pattern for step in file.steps for pattern in step.free or ())])
+    yield from (("label list", file.folder / name) for name in dict.fromkeys(lists))
     starts = (*file.calibration.files, *file.calibration.descriptions.values())
     yield from (("start", file.folder / name) for name in starts)
 

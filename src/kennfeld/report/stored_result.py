@@ -134,7 +134,7 @@ def read_result(folder: Path, problem: Problem) -> tuple[Result, Mapping[str, An
     paths = {name: folder / name for name in ("result.json", "parameters.json", "trace.csv")}
     if not any(path.is_file() for path in paths.values()):
         return None
-    if missing := [Location(str(path)) for path in paths.values() if not path.is_file()]:
+    if missing := [Location.of_file(path) for path in paths.values() if not path.is_file()]:
         message = "file not found, although other files of a run exist"
         raise InputError(Finding(location, message, AGAIN) for location in missing)
     with _refuse_damaged(paths["result.json"]):
@@ -166,14 +166,14 @@ def _refuse_damaged(path: Path) -> Iterator[None]:
         yield
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         message = f"not a valid result file ({type(error).__name__}: {error})"
-        raise InputError.of(Location(str(path)), message, AGAIN) from None
+        raise InputError.of(Location.of_file(path), message, AGAIN) from None
 
 
 def _parameters(path: Path, problem: Problem) -> ParameterSet:
     """Read the values of a run; bounds and locks stay those of the project."""
     stored = read_parameters(path)
     findings, parameters = Findings(), []
-    location = Location(str(path))
+    location = Location.of_file(path)
     surrogates = {surrogate.name for surrogate in problem.model.surrogates}  # these have files of their own
     for name, count in problem.model.graph.parameters.items():
         if name in surrogates:
@@ -262,4 +262,4 @@ def _trace(path: Path) -> tuple[TraceLine, ...]:
         cells = [{name: original_cell(row[name]) for name in kinds} for row in rows]
         return tuple(TraceLine(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in cells)  # type: ignore[operator]
     except (ValueError, KeyError, TypeError):
-        raise InputError.of(Location(str(path)), "not a valid trace file", AGAIN) from None
+        raise InputError.of(Location.of_file(path), "not a valid trace file", AGAIN) from None

@@ -147,9 +147,20 @@ def _read_fmu_values(source: Path, is_formula: bool) -> "ParameterSet":
     default=0.0,
 )
 @option("--relative", "Relative tolerance.", "R", True, type=click.FloatRange(0.0), default=0.0)
+@option("--lab", "Label list to write, with the names that differ.", "FILE", type=PATH)
 @command_line.as_json
 @command_line.description_file
-def diff(left: Path, right: Path, tolerance: float, relative: float, as_json: bool, a2l: Path | None) -> int:
+@command_line.force
+def diff(
+    left: Path,
+    right: Path,
+    tolerance: float,
+    relative: float,
+    lab: Path | None,
+    as_json: bool,
+    a2l: Path | None,
+    force: bool,
+) -> int:
     """Compare two calibration files.
 
     Compares values, axes and units, and lists names in only one of the files. The exit status is 0 if they are equal
@@ -158,6 +169,8 @@ def diff(left: Path, right: Path, tolerance: float, relative: float, as_json: bo
     from kennfeld import calfiles
     from kennfeld.terminal.diff_lines import difference_lines, file_labels
 
+    if lab is not None:
+        require_new(force, lab)
     (first, second), remarks = calfiles.read_several([left, right], a2l)
     print_findings(*remarks)
     comparison = calfiles.compare(first, second, calfiles.Tolerance(tolerance, relative))
@@ -173,7 +186,21 @@ def diff(left: Path, right: Path, tolerance: float, relative: float, as_json: bo
     else:
         left_label, right_label = file_labels([left, right])
         print_lines(*difference_lines(comparison, left_label, right_label))
+    if lab is not None:
+        _write_labels(comparison.labels, lab)
+        print_lines(*([] if as_json else ["", f"Written to {lab}"]))
     return DONE if comparison.equal else DIFFERENT
+
+
+def _write_labels(names: Sequence[str], target: Path) -> None:
+    from kennfeld.atomic_files import write_whole
+    from kennfeld.calfiles.label_list import write_label_list
+    from kennfeld.file_errors import convert_errors
+
+    text, remarks = write_label_list(names, target.name)
+    with convert_errors(target, "cannot be written", "Name another file."):
+        write_whole(target, text)
+    print_findings(*remarks)
 
 
 @click.command

@@ -358,7 +358,11 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
 @project_file
 @option("-p --parameters", "Calibration file to use.", "FILE", "the project's initial values", type=PATH)
 @option(
-    "-o --output", "Output file, .parquet or .csv.", "FILE", "simulation.parquet next to the project file", type=PATH
+    "-o --output",
+    "Output file, .parquet, .csv, .mf4 or .mat.",
+    "FILE",
+    "simulation.parquet next to the project file",
+    type=PATH,
 )
 @option("--deviation", "Add a column with the predictive deviation of each static surrogate.")
 @by_file
@@ -374,15 +378,22 @@ def simulate(
     as_json: bool,
     trust: bool,
 ) -> int:
-    """Evaluate the function over all datasets."""
-    from kennfeld.project.results import output_file, write_simulation
+    """Evaluate the function over all datasets.
+
+    .mf4 and .mat hold each recording with its own time stamps: nodes, targets, errors and inputs.
+    """
+    from kennfeld.project.results import output_file
+    from kennfeld.project.simulation_files import require_simulation_format, write_simulation
 
     target = output_file(path, output or path.parent / "simulation.parquet")
+    require_simulation_format(target)
     with _open(path, trust=trust) as project:
         values = None if parameters is None else project.read_values(parameters)
         shifts = _stored_shifts(project, parameters)
         simulation = project.simulation(values, shifts, deviation=deviation)
-        written = write_simulation(simulation, target, follow=output is not None)
+        remarks = Findings()
+        written = write_simulation(simulation, target, follow=output is not None, findings=remarks)
+        print_findings(*remarks)
         locations = {entry.name: entry.location for entry in project.file.datasets}
         for name, skipped in simulation.skipped.items():
             print_findings(skipped.finding(locations.get(name, Location(f"dataset {name}"))))

@@ -81,30 +81,14 @@ def check(table, tmp_path, cases, least, sloping):
     assert sum(verdict.slopes == table.SAME for verdict in verdicts.values()) >= sloping
 
 
-@pytest.mark.parametrize(
-    ("initials", "least", "sloping"),
-    [
-        *(("cd", 12, 12), ("mnopq", 14, 12), ("r", 6, 6)),
-        *(
-            pytest.param(*group, marks=pytest.mark.slow)
-            for group in (("ab", 13, 9), ("efghijkl", 30, 23), ("stuvwxyz", 34, 30))
-        ),
-    ],
-)
+@pytest.mark.parametrize(("initials", "least", "sloping"), [("cd", 12, 12), ("mnopq", 14, 12), ("r", 6, 6)])
 def test_the_smallest_networks_of_single_operators(table, tmp_path, initials, least, sloping):
     names = [name for name, short in modules().items() if short[0] in initials and short not in IMAGES]
     cases = [case for name in names for case in single_operators(table, name)]
     check(table, tmp_path, smallest(cases, SMALL), least, sloping)
 
 
-@pytest.mark.parametrize(
-    ("group", "least", "sloping"),
-    [
-        ("simple", 4, 4),
-        pytest.param("pytorch-converted", 12, 11, marks=pytest.mark.slow),
-        ("pytorch-operator", 22, 21),
-    ],
-)
+@pytest.mark.parametrize(("group", "least", "sloping"), [("simple", 4, 4), ("pytorch-operator", 22, 21)])
 def test_the_smallest_stored_networks(table, tmp_path, group, least, sloping):
     cases = list(table.cases(group))
     if not cases:

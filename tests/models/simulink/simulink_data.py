@@ -12,7 +12,8 @@ import numpy as np
 
 from tests.models.simulink.simulink_files import HEAD, zipped
 
-MATRIX, CELL, STRUCT, CHAR, DOUBLE, UINT8, UINT32, OPAQUE = 14, 1, 2, 4, 6, 9, 13, 17
+MATRIX, CELL, STRUCT, CHAR, DOUBLE, UINT8, UINT32, UINT64, OPAQUE = 14, 1, 2, 4, 6, 9, 13, 15, 17
+COMPLEX = 0x800
 TAG = 0xDD000000
 
 
@@ -36,6 +37,17 @@ def array(kind, shape, *parts, name=""):
 def numbers(values, kind=DOUBLE, dtype="<f8", mi=9, name=""):
     values = np.atleast_2d(np.asarray(values))
     return array(kind, values.shape, element(mi, values.astype(dtype).tobytes(order="F")), name=name)
+
+
+def unsigned(values, name=""):
+    kind, stored = {1: (UINT8, 2), 4: (UINT32, 6), 8: (UINT64, 13)}[values.dtype.itemsize]
+    return numbers(values, kind, values.dtype.newbyteorder("<"), stored, name)
+
+
+def complex_numbers(values, name=""):
+    head = element(6, struct.pack("<II", DOUBLE | COMPLEX, 0)) + element(5, np.array(values.shape, "<i4").tobytes())
+    parts = (element(9, part.astype("<f8").tobytes(order="F")) for part in (values.real, values.imag))
+    return element(MATRIX, head + element(1, name.encode()) + b"".join(parts))
 
 
 def text(value, name=""):
@@ -90,6 +102,10 @@ class Store:
         if isinstance(value, Thing) or (isinstance(value, list) and value and isinstance(value[0], Thing)):
             things = value if isinstance(value, list) else [value]
             return numbers(np.array([self.reference(things)]).T, UINT32, "<u4", 6, name)
+        if isinstance(value, tuple):
+            return array(CELL, (1, len(value)), *map(self.value, value), name=name)
+        if isinstance(value, np.ndarray) and value.dtype.kind in "uc":
+            return complex_numbers(value, name) if value.dtype.kind == "c" else unsigned(value, name)
         return numbers(value, name=name)
 
     def written(self, defaults=None, version=4):

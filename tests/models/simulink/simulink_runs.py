@@ -5,6 +5,7 @@ import numpy as np
 from kennfeld.graph.derivative import differentiate
 from kennfeld.graph.interpreter import Interpreter, evaluate
 from kennfeld.graph.lookup_lowering import lower_lookups
+from kennfeld.graph.node import extract
 from kennfeld.models.simulink.importing import simulink
 from kennfeld.native.simulator import Simulator
 from kennfeld.parameter_set import ParameterSet
@@ -79,21 +80,24 @@ def slopes(model, columns, name, output, dt=0.1):
     lowered = lower_lookups(model.graph, model.values)
     line = differentiate(lowered.graph, [lowered.graph.names[output]], (name,))
     exact = Interpreter(lowered, model.values).rows(line, {name: 0}, full)
-    return exact.jacobian[:, 0, :], _differences(model, given, name, output, dt)
+    return exact.jacobian[:, 0, :], _differences(lowered, model.values, full, name, output)
 
 
-def _differences(model, columns, name, output, dt):
-    one = model.values[name]
-    columns_ = []
-    for place in range(one.size):
-        found = []
+def _differences(lowered, parameters, columns, name, output):
+    parameter, graph = parameters[name], lowered.graph
+    part = extract(graph.nodes, graph.states, {output: graph.names[output]}, {}, ())
+    slopes_of_values = []
+    for place in range(parameter.size):
+        ends = []
         for sign in (1, -1):
-            values = one.values.ravel().copy()
+            values = parameter.values.ravel().copy()
             values[place] += sign * 1e-5
-            changed = ParameterSet(one.with_values(values) if p.name == name else p for p in model.values.values())
-            found.append(run(model, columns, dt, changed)[output])
-        columns_.append((found[0] - found[1]) / 2e-5)
-    return np.stack(columns_, axis=1)
+            changed = ParameterSet(
+                parameter.with_values(values) if each.name == name else each for each in parameters.values()
+            )
+            ends.append(Interpreter(lowered, changed).run(part.nodes, part.states, columns)[part.names[output]])
+        slopes_of_values.append((ends[0] - ends[1]) / 2e-5)
+    return np.stack(slopes_of_values, axis=1)
 
 
 def crossings(x):

@@ -201,8 +201,9 @@ def test_charts_run_as_an_interpreter_does(name, tmp_path):
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("name", mostly_slow(["parallel", "history", "inner"], ["history"]))
 def test_charts_are_the_same_in_every_layout(name, layout, tmp_path):
-    for found, expected in both(CHARTS[name], tmp_path, {"u": U, "v": V}, ("y", "z"), layout=layout):
+    for found, expected in both(CHARTS[name], tmp_path, {"u": U[:30], "v": V[:30]}, ("y", "z"), layout=layout):
         np.testing.assert_allclose(found, expected, atol=1e-12)
+        assert np.unique(expected).size > 1
 
 
 def test_states_in_a_box_are_those_of_the_chart(tmp_path):

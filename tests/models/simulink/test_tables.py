@@ -182,7 +182,9 @@ def test_a_spline_of_two_dimensions_goes_along_the_first_one_first(beyond, tmp_p
                   ExtrapMethod=beyond)  # fmt: skip
     model = imported(drawn, tmp_path, parameters=[{"Map": W}])
     assert model.values["Map"].values.shape == (5, 4)
-    a, b = RNG.uniform(-1, 6, size=(2, COUNT))
+    a, b = RNG.uniform(-1, 6, size=(2, 8))
+    assert (a > X1[-1]).any()
+    assert (b < X2[0]).any() or (b > X2[-1]).any()
     found = run(model, {"u1": a, "u2": b})["y1"]
     lines = [natural(X1, W, one, beyond) for one in a]
     expected = [float(natural(X2, line, one, beyond)) for line, one in zip(lines, b, strict=True)]

@@ -5,6 +5,7 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.optimize.trust.persistence import LaggedProducts, inflation, lagged_products, persistence
+from tests.draws import mostly_slow
 
 
 def recordings(memory, samples, count, seed=0):
@@ -135,7 +136,7 @@ def fitted_curve(samples, breakpoints, seed, *, steady):
     return result.trust, np.mean(away < 2 * result.trust.deviation["C"])
 
 
-@pytest.mark.parametrize("steady", [True, False])
+@pytest.mark.parametrize("steady", mostly_slow([True, False], 1))
 def test_a_fit_of_several_values_takes_no_persistence_away(steady):
     trusts = [fitted_curve(1500, 8, seed, steady=steady)[0] for seed in range(8)]
     assert np.mean([trust.persistence["m"] for trust in trusts]) == pytest.approx(19.0, rel=0.15)
@@ -146,7 +147,7 @@ def test_a_fit_of_several_values_takes_no_persistence_away(steady):
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "breakpoints"), [(3000, 8), (5000, 20)])
 def test_two_deviations_contain_values_fitted_to_errors_that_last(samples, breakpoints):
-    inside = [fitted_curve(samples, breakpoints, seed, steady=True)[1] for seed in range(60)]
+    inside = [fitted_curve(samples, breakpoints, seed, steady=True)[1] for seed in range(40)]
     assert 0.93 < np.mean(inside) < 0.975
 
 
@@ -160,3 +161,20 @@ def test_a_limit_that_is_not_reached_changes_no_persistence():
     limited = kf.calibrate("m = C(u)", data, start, target="y", limits=[kf.Limit("m", upper=top * (1 + 1e-7))]).trust
     assert limited.holdings
     assert limited.persistence["m"] == pytest.approx(free.persistence["m"], rel=1e-3)
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_products_of_parts_about_their_own_means_are_those_of_the_whole(gaps):
+    errors = np.cumsum(np.random.default_rng(0).normal(size=60)) + 40
+    if gaps:
+        errors[[3, 17, 18, 41]] = np.nan
+    starts, mean = [0, 20, 50], float(np.nanmean(errors))
+    whole = LaggedProducts.of(errors, starts, mean, 29)
+    parts = [LaggedProducts.of(errors[a:b], [0], 38.0 + a / 10, b - a - 1) for a, b in ((0, 20), (20, 50), (50, 60))]
+    for later in parts[1:]:
+        parts[0].merge(later)
+    merged = parts[0].centred
+    assert merged.mean == pytest.approx(mean)
+    np.testing.assert_allclose(merged.pairs, whole.pairs)
+    np.testing.assert_allclose(merged.sums, whole.sums, atol=1e-9)
+    np.testing.assert_allclose(merged.ends, whole.ends, atol=1e-9)

@@ -25,7 +25,15 @@ def map_times_curve(start, *, rise=0.348, noise=0.1, seed=0):
     return kf.calibrate("y = M(n, L) * C(L)", data, kf.ParameterSet(tables), "m", pins=[PIN])
 
 
-@pytest.mark.parametrize(("start", "rise"), [(1.0, 0.348), (2.0, 0.348), (1.0, -0.6), (0.2, -0.6)])
+@pytest.mark.parametrize(
+    ("start", "rise"),
+    [
+        (1.0, 0.348),
+        (0.2, -0.6),
+        pytest.param(2.0, 0.348, marks=pytest.mark.slow),
+        pytest.param(1.0, -0.6, marks=pytest.mark.slow),
+    ],
+)
 def test_a_second_minimum_of_equal_cost_is_told_and_counts_as_error(start, rise):
     result = map_times_curve(start, rise=rise)
     here, deviation = float(result.parameters["C"].values[1]), float(result.trust.deviation["C"][1])

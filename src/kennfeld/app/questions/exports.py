@@ -14,7 +14,7 @@ from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.optimize.quality import Scorer
@@ -37,9 +37,6 @@ result = project.calibrate(progress=lambda step: print(f"{{step.stage}} {{step.i
 print(result)
 result.parameters.save(folder / {parameters!r})
 '''
-
-
-SIMULATIONS = (".parquet", ".csv")
 
 
 def formats(session: Session, given: Given) -> Answer:
@@ -132,7 +129,9 @@ def _export(session: Session, project: Project | None, given: Given, script: tup
         rounding += rounded(own, path, a2l)
         written.append(path)
     if given.get("simulation"):
-        written.append(_write_simulation(session, project, str(given["simulation"])))
+        remarks = Findings()
+        written.append(_write_simulation(session, project, str(given["simulation"]), remarks))
+        findings += remarks
     whole, report = given.get("whole"), given.get("report")
     result = _result(session, project) if whole or (report and session.runs) else None
     if whole and result is not None:
@@ -152,14 +151,14 @@ def _export(session: Session, project: Project | None, given: Given, script: tup
     return Answer({"files": files, "findings": [str(f) for f in findings], "rounded": rounding})
 
 
-def _write_simulation(session: Session, project: Project, ending: str) -> Path:
+def _write_simulation(session: Session, project: Project, ending: str, findings: Findings) -> Path:
     """Write every node over every dataset at the present values, as `kennfeld simulate` does."""
-    from kennfeld.project.results import write_simulation
+    from kennfeld.project.simulation_files import SIMULATIONS, write_simulation
 
     if ending not in SIMULATIONS:
         raise ArgumentError(f"unknown format {ending!r} of a simulation")
     simulation = project.simulation(session.require_view().now.parameters)
-    return write_simulation(simulation, writable(session.path.parent, f"simulation{ending}"))
+    return write_simulation(simulation, writable(session.path.parent, f"simulation{ending}"), findings=findings)
 
 
 def _result(session: Session, project: Project) -> Result:

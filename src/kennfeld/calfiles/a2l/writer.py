@@ -91,9 +91,9 @@ def write_values(a2l: A2l, image: Image, parameters: ParameterSet, findings: Fil
     writer = _ImageWriter(Labels(a2l, image), findings, parameters, Memory(findings))
     writer.write()
     content = image.changed(writer.memory.changes(image))
+    writer.roundings.report(findings)  # also if each value is rounded back to its old raw number
     if content != image.raw:
         check_epk(a2l, image, findings)
-        writer.roundings.report(findings)
         findings.warning(0, "", "checksums of the control unit are not updated; the flash tool must do it")
         # formulas of the A2L file are not evaluated
         derived = (label for label in a2l.characteristics.values() if writer.changed.intersection(label.dependent_on))

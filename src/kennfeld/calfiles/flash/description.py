@@ -75,7 +75,7 @@ def describe_a2l(path: str | Path) -> A2lFile:
     path = Path(path)
     raw = _file_content(path)
     if raw is None:
-        raise InputError.of(Location(str(path)), "A2L file not found", nearest_file(path))
+        raise InputError.of(Location.of_file(path), "A2L file not found", nearest_file(path))
     fragment = fragment_of_a2l(CalibrationSource(path.name, raw).text)
     if fragment:
         raise InputError.of(Location(path.name), *fragment)

@@ -482,7 +482,7 @@ class _Stops:
 
     def _stop(self, message: str, remedy: str = "", line: int = 0) -> None:
         running: Sequence[m.FunctionDefinition] = self.context.running if self.context is not None else ()
-        location = self.place or Location(self.model_import.source)
+        location = self.place or Location.of_file(self.model_import.source)
         if running:
             code = self.model_import.code.functions.get(running[-1].name)
             if code is not None:

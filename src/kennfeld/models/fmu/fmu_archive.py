@@ -34,12 +34,14 @@ def read_archive(path: Path) -> FmuDescription:
                 _check_members(archive, path)
                 names = archive.namelist()
                 if _DESCRIPTION not in names:
-                    raise InputError.of(Location(str(path)), f"has no {_DESCRIPTION}", "Use an FMU of FMI 2.0 or 3.0.")
+                    raise InputError.of(
+                        Location.of_file(path), f"has no {_DESCRIPTION}", "Use an FMU of FMI 2.0 or 3.0."
+                    )
                 with archive.open(_DESCRIPTION) as stream:
                     raw = stream.read(LIMITS.size + 1)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
             message = f"is not a readable ZIP archive: {error}"
-            raise InputError.of(Location(str(path)), message, "Use a complete copy.") from None
+            raise InputError.of(Location.of_file(path), message, "Use a complete copy.") from None
     parts = [PurePosixPath(name).parts for name in names]
     platforms = sorted({part[1] for part in parts if len(part) == 3 and part[0] == "binaries"})
     return read_description(raw, path.name, platforms)
@@ -54,7 +56,7 @@ def digest_of(path: Path) -> str:
 def read_unchanged(path: Path, digest: str) -> FmuDescription:
     """Read the description of an FMU; raises `InputError` if the file has changed since its digest was taken."""
     if digest_of(path) != digest:
-        raise InputError.of(Location(str(path)), "has changed since it was read", "Read it again.")
+        raise InputError.of(Location.of_file(path), "has changed since it was read", "Read it again.")
     return read_archive(path)
 
 
@@ -84,7 +86,7 @@ def library_of(folder: Path, version: str, identifier: str) -> Path:
 
 
 def _check_members(archive: zipfile.ZipFile, path: Path) -> None:
-    location = Location(str(path))
+    location = Location.of_file(path)
     members = archive.infolist()
     if len(members) > _MOST_FILES:
         raise InputError.of(location, f"holds {len(members)} files, more than {_MOST_FILES}", "Export the FMU again.")

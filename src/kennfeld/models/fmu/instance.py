@@ -171,7 +171,7 @@ class FmuInstance:
             if self._memory["control"][TIMED] or not self._is_repeated(self._evaluate(start)[0], results):
                 message = "its outputs depend on the time, which its description does not say"
                 remedy = "Give a step, such as `step` of [model], so that it is evaluated at the times of the data."
-                raise InputError.of(Location(str(self.source)), message, remedy)
+                raise InputError.of(Location.of_file(self.source), message, remedy)
 
     def _load(self) -> FmuLibrary:
         interface = self.description.model_exchange
@@ -251,7 +251,7 @@ class FmuInstance:
         if not np.all(np.isfinite(results)):
             said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
             message = f"its code cannot be evaluated with its start values{said}"
-            raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
+            raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         magnitudes = np.array([argument.magnitude for argument in self.arguments])
         if self._memory["control"][TIMED]:
             results = self._include_time_events(point)
@@ -276,7 +276,7 @@ class FmuInstance:
             finite = np.all(np.isfinite(self._evaluate(later)[0]))
             if not finite or not self._is_repeated(self._evaluate(point)[0], results):
                 message = "has events at times, such as those of a sampled part, that change more than conditions"
-                raise InputError.of(Location(str(self.source)), message, self._other_interface or _CONTINUOUS)
+                raise InputError.of(Location.of_file(self.source), message, self._other_interface or _CONTINUOUS)
             self._evaluate(later)  # announces the following event
         return results
 
@@ -287,7 +287,7 @@ class FmuInstance:
         if not self._is_repeated(self._evaluate(point)[0], results):
             message = "its equations depend on earlier evaluations, such as a hysteresis does"
             remedy = self._other_interface or "Use an FMU whose memory is in its states."
-            raise InputError.of(Location(str(self.source)), message, remedy)
+            raise InputError.of(Location.of_file(self.source), message, remedy)
 
     @property
     def _other_interface(self) -> str:

@@ -89,7 +89,7 @@ class FmuLibrary:
         for name in names:
             address = self.address(name)
             if not address:
-                raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
+                raise InputError.of(Location.of_file(self.source), f"its library has no function {name}")
             provide(f"{prefix}_{name}", address)
 
     def provide_creation(self, prefix: str) -> None:
@@ -117,7 +117,7 @@ class FmuLibrary:
         if not instance:
             said = f": {'; '.join(self.messages)}" if self.messages else ""
             message = f"its code does not create an instance{said}"
-            raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
+            raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         return instance
 
     def prepare(self) -> tuple[bytes, bytes, bytes, int]:
@@ -167,7 +167,7 @@ class FmuLibrary:
     def _function(self, name: str, *kinds: Any) -> Callable[..., int | None]:
         address = self.address(name)
         if not address:
-            raise InputError.of(Location(str(self.source)), f"its library has no function {name}")
+            raise InputError.of(Location.of_file(self.source), f"its library has no function {name}")
         result: Callable[..., int | None] = ctypes.CFUNCTYPE(ctypes.c_void_p, *kinds)(address)
         return result
 

@@ -142,7 +142,7 @@ class FmuTrajectories:
             if NO_INSTANCE in self.reports.reasons:
                 said = f": {'; '.join(self.library.messages)}" if self.library.messages else ""
                 message = f"its code does not create an instance{said}"
-                raise InputError.of(Location(str(self.source)), message, "Try the FMU in the tool that exported it.")
+                raise InputError.of(Location.of_file(self.source), message, "Try the FMU in the tool that exported it.")
         scale = np.max(np.abs(first), axis=0, initial=0.0)
         same = [np.all(np.abs(again - first) <= _REPEATED * scale) for again in (second, last)]
         self._memory["control"][REUSED] = all(same)

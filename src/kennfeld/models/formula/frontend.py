@@ -89,7 +89,7 @@ def read(
     path = Path(path)
     if path.suffix.casefold() != ".kf":
         remedy = "Formula text files have the extension .kf."
-        raise InputError.of(Location(str(path)), "not a formula text file", remedy)
+        raise InputError.of(Location.of_file(path), "not a formula text file", remedy)
     source = Source.of_text(path.name, text_of(path) if text is None else text)
     return _model(source, path.stem, str(path), parameters, surrogates, functions)
 
@@ -99,7 +99,7 @@ def text_of(path: Path) -> str:
     with convert_errors(path, "the file cannot be read"):
         content = path.read_bytes()
     if b"\0" in content:
-        raise InputError.of(Location(str(path)), "the file is binary, not text", "Formula text must be UTF-8.")
+        raise InputError.of(Location.of_file(path), "the file is binary, not text", "Formula text must be UTF-8.")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

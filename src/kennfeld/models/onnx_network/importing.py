@@ -64,7 +64,7 @@ def read_function(path: Path, function: str = "", name: str = "", step: float | 
 
 def network_function(network: Network, name: str = "") -> ModelFunction:
     """Return a network as a function."""
-    location = Location(network.file)
+    location = Location.of_file(network.file)
     unknown = [port.name for port in network.inputs if port.shape is None]
     if unknown:
         message = f"the shapes of inputs are not stated: {', '.join(unknown)}"

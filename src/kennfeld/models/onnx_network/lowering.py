@@ -41,7 +41,7 @@ def is_supported(domain: str, kind: str) -> bool:
 def unsupported(network: Network) -> list[Finding]:
     """Return an error for each kind of operator that is not supported."""
     counts = Counter(op.label for op in network.used_operators if (op.domain, op.kind) not in RULES)
-    location = Location(network.file)
+    location = Location.of_file(network.file)
     return [
         Finding(location, f"operator {kind} is not supported" + (f" ({count} times)" if count > 1 else ""), _REMEDY)
         for kind, count in counts.items()
@@ -82,7 +82,7 @@ def _apply(context: Context, op: Operator) -> list[Finding]:
         if name and name not in context.tensors:
             return []
         arguments.append(context.tensors[name] if name else None)
-    location = Location(context.network.file, path=f"{op.label} {op.name}".strip())
+    location = Location.of_file(context.network.file).within(f"{op.label} {op.name}".strip())
     try:
         context.compute(op, arguments)
     except (UnsupportedOperatorError, EvaluationError) as error:
@@ -102,7 +102,7 @@ def output_nodes(context: Context) -> list[int]:
     for port in context.network.number_outputs:
         tensor = context.tensors.get(port.name)
         if tensor is None:
-            location = Location(context.network.file, path=port.name)
+            location = Location.of_file(context.network.file).within(port.name)
             raise InputError.of(location, "no operator computes this output", "Export the network again.")
         nodes += map(int, nodes_of(context.builder, tensor).ravel())
     return nodes

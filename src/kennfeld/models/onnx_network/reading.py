@@ -43,7 +43,7 @@ def read_network(path: Path) -> Network:
     Raises:
         InputError: the package onnx is missing, or the file is damaged, invalid or too large.
     """
-    location = Location(str(path))
+    location = Location.of_file(path)
     with convert_errors(path, "cannot be read"):
         size = path.stat().st_size
         if size > MAX_FILE:
@@ -109,14 +109,14 @@ def _load_external_data(model: Any, path: Path) -> None:
         data = _external_bytes(path, tensor.name, entries)
         total += len(data)
         if total > MAX_FILE:
-            raise InputError.of(Location(str(path)), f"its external data exceed {MAX_FILE} bytes", _SMALLER)
+            raise InputError.of(Location.of_file(path), f"its external data exceed {MAX_FILE} bytes", _SMALLER)
         tensor.ClearField("external_data")
         tensor.ClearField("data_location")
         tensor.raw_data = data
 
 
 def _external_bytes(path: Path, tensor: str, entries: Mapping[str, str]) -> bytes:
-    name, location = entries.get("location", ""), Location(str(path), path=tensor)
+    name, location = entries.get("location", ""), Location.of_file(path).within(tensor)
     folder = path.parent.resolve()
     try:
         file = (folder / name).resolve()
@@ -140,7 +140,7 @@ def _external_bytes(path: Path, tensor: str, entries: Mapping[str, str]) -> byte
 
 
 def _network(model: Any, path: Path) -> Network:
-    graph, location = model.graph, Location(str(path))
+    graph, location = model.graph, Location.of_file(path)
     _check_size(model, location)
     if graph.sparse_initializer:
         raise InputError.of(location, "sparse constants are not supported", "Export the network with dense ones.")

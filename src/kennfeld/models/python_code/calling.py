@@ -103,14 +103,14 @@ def load_from_file(path: str, name: str, digest: str, inputs: int, outputs: int,
         files = find_loaded_files(Path(path))
     if files.source_digest != digest:
         changed = "the file, or a module that it loads, has changed since the project was read"
-        raise InputError.of(Location(path), changed, "Run again.")
+        raise InputError.of(Location.of_file(path), changed, "Run again.")
     record = CallRecord(Path(path).name, [name, _LOADING], _THREADS)
     try:
         with record.during(_LOADING):
             module = run_module(files, whole)
         function: Callable[..., Any] = getattr(module, name)
     except (Exception, SystemExit) as error:
-        raise InputError.of(Location(path), f"running it failed: {error!r:.200}", "Correct it.") from error
+        raise InputError.of(Location.of_file(path), f"running it failed: {error!r:.200}", "Correct it.") from error
     return LoadedPython(PythonEvaluation(name, _recorded(function, record), inputs, outputs))
 
 

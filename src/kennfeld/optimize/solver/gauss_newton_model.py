@@ -34,6 +34,10 @@ class Objective(Protocol):
     def supports_secant(self) -> bool:
         """If the residuals' second derivatives are worth a dense matrix of all values."""
 
+    @property
+    def target_squares(self) -> float:
+        """The cost of residuals as large as the targets, whose rounding they have."""
+
     def cost(self, values: Float) -> float:
         """Return the cost; not finite if the model fails."""
 

@@ -19,6 +19,7 @@ import numpy as np
 from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.solver.certificate import Certificate
+from kennfeld.optimize.solver.costs_beside import certificate_of_costs
 from kennfeld.optimize.solver.gauss_newton_model import DampedModel, GaussNewtonModel, Objective, SecantCorrection
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.solver.quadratic_program import QpSolution, QuadraticProgram
@@ -34,7 +35,6 @@ LIMIT_DAMPING = 1e-9  # of the mean curvature: least damping while limits are ac
 SLOW_LIMIT_DAMPING = 1e-15  # the same while steps succeed, but slowly
 TRIAL_TOLERANCE = 1e-10  # of a limit's scale: violation allowed to a trial, a tenth of what is promised to the user
 EXACT_FIT = 1e3  # times their rounding error: residuals this small reproduce the data exactly
-RISE = 1e-12  # of the cost, more than its rounding
 SLIGHT, MAX_SLOPED = 1e-3, 64  # cosine of a value with a slope, and number of those that are looked at one by one
 ZERO_TABLE = 1e-12  # of the step without limits: a table this small is rounding around 0
 
@@ -344,6 +344,14 @@ class _LevenbergMarquardt:
     def _fits_exactly(self, model: GaussNewtonModel) -> bool:
         return bool(np.sqrt(self.state.cost) <= EXACT_FIT * model.rounding)
 
+    @property
+    def _is_rounding_of_targets(self) -> bool:
+        """True if the residuals are as small as the rounding of the targets, where |J p| is smaller than these.
+
+        A time constant of 0 has no share in the output that it leaves as it is.
+        """
+        return bool(self.state.cost <= (EXACT_FIT * np.finfo(float).eps) ** 2 * self.objective.target_squares)
+
     def _accelerate(self, model: GaussNewtonModel, proposal: _Proposal) -> QpSolution | None:
         """Correct a Gauss-Newton step by half its geodesic acceleration; None if that is too large for the step."""
         if not self.objective.supports_acceleration or self.state.use_secant:
@@ -451,11 +459,14 @@ class _LevenbergMarquardt:
             self._restart(model)
             return None
         failed = promise > PROMISED_SHARE or (state.iterations == 0 and slope > STEEP)
-        if failed:
-            state.certificate = self._certificate_of_costs(model)
-            if state.certificate is None:
+        if failed and self._is_rounding_of_targets:
+            state.certificate = Certificate(0.0, 0.0)
+        elif failed:
+            by_costs = self._certificate_by_costs(model)
+            if by_costs is None or by_costs.predicted_decrease > PROMISED_SHARE:
                 state.certificate = Certificate(slope, promise)
                 return self._end("failed", UNFULFILLED)
+            state.certificate = by_costs
         return self._end("converged", message)
 
     def _restart(self, model: GaussNewtonModel) -> None:
@@ -480,35 +491,23 @@ class _LevenbergMarquardt:
             return Certificate(0.0, 0.0)
         return None if step is None else Certificate.of(model, step, self.state.cost)
 
-    def _certificate_of_costs(self, model: GaussNewtonModel) -> Certificate | None:
-        """Return the certificate by parabolas through costs beside each value with a slope; None without a minimum.
-
-        In `a^2 * x` the derivative by a vanishes with a itself, and with it the curvature of the model: it promises
-        much, but for a target of -x the curvature of the residuals holds a at 0.
-        """
+    def _certificate_by_costs(self, model: GaussNewtonModel) -> Certificate | None:
+        """Return the certificate by costs beside the values with a slope; None without a minimum there."""
         state = self.state
         with np.errstate(all="ignore"):
             slopes = np.abs(model.gradient) / np.sqrt(model.diagonal * state.cost)
         sloped = np.flatnonzero(slopes > SLIGHT)
         if state.limits_hold or sloped.size > MAX_SLOPED:
             return None
-        decreases = [self._decrease_beside(number) for number in self.movable[sloped].tolist()]
-        decrease = sum(decreases) / state.cost
-        return Certificate(float(np.sqrt(decrease)), decrease) if np.isfinite(decrease) else None
+        here = self._here
+        sizes = np.maximum(np.abs(here), np.abs(self.start[self.movable]))
+        sizes[sizes == 0] = 1.0
+        return certificate_of_costs(self._cost_at, here, state.cost, sizes, sloped.tolist(), self.limits)
 
-    def _decrease_beside(self, number: int) -> float:
-        """Return by how much a parabola through three costs falls below the middle one; infinite without a minimum."""
-        state = self.state
-        size = max(abs(state.values[number]), abs(self.start[number])) or 1.0
-        for share in (1.0, 1e-2, 1e-4):
-            low, high = (self._cost_with(number, state.values[number] + side * share * size) for side in (-1, 1))
-            if np.isfinite([low, high]).all() and min(low, high) > (1 + RISE) * state.cost:
-                return (high - low) ** 2 / (8 * (high + low - 2 * state.cost))
-        return np.inf
-
-    def _cost_with(self, number: int, value: float) -> float:
+    def _cost_at(self, target: Float) -> float:
+        """Return the cost with other movable values."""
         values = self.state.values.copy()
-        values[number] = value
+        values[self.movable] = target
         return self.objective.cost(values)
 
     def _end(self, status: Status, message: str) -> SolverResult:

@@ -10,7 +10,7 @@ quadratic model the least increase of the cost under A z = 0 is (A z)' (A C A')^
 matrix, and both z and C under the equality follow in closed form. The cheapest breakpoint is removed repeatedly.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -42,6 +42,7 @@ RIDGE = 1e-4  # of each curvature: keeps directions that are not determined wher
 STIFFNESS = 1e-6  # of the mean curvature: ties values without data to their neighbours
 KINK_TOLERANCE = 1e-5  # relative change of the cost at which breakpoints only creep from one sample to the next
 ROUNDING = 1e-12  # of the largest variance: avoids a division by zero for dependent lines
+PAIRS = 2**14  # of lines whose covariances are held at once
 
 
 class ProblemReport(Protocol):
@@ -334,35 +335,46 @@ class _Elimination:
     def remove(self) -> bool:
         """Remove the cheapest breakpoint; False if none can be removed."""
         candidates = [
-            (*self._cost(which, at), which, at)
+            (cost, apart, which, at)
             for which, axis in enumerate(self.axes)
             if len(self.kept[which]) > axis.wanted
-            for at in range(1, len(self.kept[which]) - 1)
-            if not axis.stays[self.kept[which][at]]
+            for at, cost, apart in self._costs(which)
         ]
         if not candidates:
             return False
         _, _, which, at = min(candidates, key=lambda candidate: candidate[:2])
-        self._straighten(*self._rows(which, at))
+        columns, coefficients = self._rows(which, np.array([at]))
+        self._straighten(columns[0], coefficients[0])
         del self.kept[which][at]
         return True
 
-    def _rows(self, which: int, at: int) -> tuple[Int, Float]:
-        """Return columns Int[lines, 3] and coefficients of the equalities that remove a breakpoint."""
-        axis, three = self.axes[which], self.kept[which][at - 1 : at + 2]
-        left, middle, right = axis.points[three]
+    def _rows(self, which: int, at: Int) -> tuple[Int, Float]:
+        """Return columns Int[places, lines, 3] and coefficients Float[places, 3] of the equalities that remove each."""
+        axis, kept = self.axes[which], np.array(self.kept[which])
+        three = kept[at[:, None] + np.array([-1, 0, 1])]
+        left, middle, right = axis.points[three].T
         share = (middle - left) / (right - left)
-        return axis.columns[three].T, np.array([share - 1, 1.0, -share])
+        coefficients = np.stack([share - 1, np.ones_like(share), -share], axis=1)
+        return axis.columns[three].transpose(0, 2, 1), coefficients
 
-    def _cost(self, which: int, at: int) -> tuple[float, float]:
-        """Return the least increase of the cost, and the distance of the neighbours to break ties."""
-        columns, coefficients = self._rows(which, at)
-        apart = float(np.ptp(self.axes[which].points[self.kept[which][at - 1 : at + 2]]))
-        # (A z)' (A C A')^-1 (A z)
-        bend = self.values[columns] @ coefficients
-        blocks = self.inverse[columns[:, None, :, None], columns[None, :, None, :]]
-        spread = np.einsum("abij,i,j->ab", blocks, coefficients, coefficients)
-        return float(bend @ _solve_ridged(spread, bend)), apart
+    def _costs(self, which: int) -> Iterator[tuple[int, float, float]]:
+        """Yield each breakpoint that may be removed, with the least increase of the cost.
+
+        The distance of its neighbours, which comes last, breaks ties.
+        """
+        axis, kept = self.axes[which], self.kept[which]
+        places = np.array([at for at in range(1, len(kept) - 1) if not axis.stays[kept[at]]], dtype=np.int64)
+        at_once = max(1, PAIRS // axis.columns.shape[1] ** 2)
+        for first in range(0, places.size, at_once):
+            at = places[first : first + at_once]
+            columns, coefficients = self._rows(which, at)
+            # (A z)' (A C A')^-1 (A z)
+            bend = np.einsum("pai,pi->pa", self.values[columns], coefficients)
+            blocks = self.inverse[columns[:, :, None, :, None], columns[:, None, :, None, :]]
+            spread = np.einsum("pabij,pi,pj->pab", blocks, coefficients, coefficients)
+            costs = np.einsum("pa,pa->p", bend, _solve_ridged(spread, bend[:, :, None])[:, :, 0])
+            points = axis.points[kept]
+            yield from zip(at.tolist(), costs.tolist(), (points[at + 1] - points[at - 1]).tolist(), strict=True)
 
     def _straighten(self, columns: Int, coefficients: Float) -> None:
         """Update values and covariance for additional equalities."""
@@ -375,5 +387,7 @@ class _Elimination:
 
 
 def _solve_ridged(spread: Float, right: Float) -> Float:
-    floor = ROUNDING * float(np.diag(spread).max(initial=0.0)) + 1e-300
-    return np.asarray(np.linalg.solve(spread + floor * np.eye(len(spread)), right), dtype=np.float64)
+    """Solve systems Float[..., lines, lines] that may be singular."""
+    largest = np.diagonal(spread, axis1=-2, axis2=-1).max(axis=-1, initial=0.0)
+    floor = ROUNDING * largest[..., None, None] + 1e-300
+    return np.asarray(np.linalg.solve(spread + floor * np.eye(spread.shape[-1]), right), dtype=np.float64)

@@ -25,6 +25,7 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.column_table import ColumnTable
 from kennfeld.native.samples import Samples
 from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.partitions import dataset_numbers
 from kennfeld.optimize.problem import Problem
 from kennfeld.optimize.trust.persistence import MIN_SAMPLES, Correlation, LaggedProducts, persistence_lags
 from kennfeld.optimize.trust.variance_power import EXPONENTS, Variance, likely_exponent, sum_squares
@@ -144,13 +145,12 @@ class _Residuals:
 
     def sum_all(self, surveys: Sequence["_Survey"], classes: Classes) -> "GroupSums":
         """Return the sums over all datasets."""
-        sums = GroupSums()
-        for bound, survey in zip(self._problem.training, surveys, strict=True):
+        sums, datasets = GroupSums(), self._problem.datasets
+        fitted = [n for n, data in zip(dataset_numbers(datasets), datasets, strict=True) if data.is_fitted]
+        for number, bound, survey in zip(fitted, self._problem.training, surveys, strict=True):
             weight = bound.dataset.weight
-            work = partial(self.sum, survey=survey, classes=classes[weight], whole=bound)
-            own = gather(work, self._problem.parts(bound))
-            own.close(survey)
-            sums.add(weight, own)
+            work = partial(self.sum, survey=survey, classes=classes[weight], whole=bound, number=number)
+            sums.add(weight, gather(work, self._problem.parts(bound)))
         return sums
 
     def _over(self, bound: BoundDataset) -> Iterator[tuple[Float, Float]]:
@@ -166,17 +166,18 @@ class _Residuals:
         return _Survey([_Weighted.of(residual, weights) for residual, weights in self._over(part.bound)])
 
     def sum(
-        self, part: BoundPart, survey: "_Survey", classes: Sequence[Sequence[Range]], whole: BoundDataset
+        self, part: BoundPart, survey: "_Survey", classes: Sequence[Sequence[Range]], whole: BoundDataset, number: int
     ) -> "_DatasetSums":
-        """Return the sums over a part, by class of weights."""
+        """Return the sums over a part of dataset `number`, by class of weights."""
         bound, rows = part.bound, []
         lags = 0 if whole.dataset.time is None else persistence_lags(whole.starts, whole.count)
         for (residual, weights), known, own, i in zip(
             self._over(bound), survey.rows, classes, self.numbers, strict=True
         ):
-            products = None
+            products = {}
             if lags:
-                products = LaggedProducts.of(residual * np.sqrt(weights), bound.starts, known.residuals.mean, lags)
+                errors, mean = residual * np.sqrt(weights), known.residuals.mean
+                products[number] = LaggedProducts.of(errors, bound.starts, mean, lags)
             kept = np.isfinite(residual)
             r, w = residual[kept], weights[kept]
             sums = {each: _ClassSums.of(r, w, each, self._criteria[i]) for each in own}
@@ -252,29 +253,37 @@ class _ClassSums:
 
 @dataclass
 class _NoiseSums:
-    """The sums of one criterion by class; `lengths` are the correlation of each dataset and its number of samples."""
+    """The sums of one criterion by class, and the correlation of each dataset with its number of samples.
+
+    The products of a dataset are kept until all of its parts are in, which may be in several partitions.
+    """
 
     classes: dict[Range, _ClassSums]
-    products: LaggedProducts | None
+    products: dict[int, LaggedProducts]  # by the number of the dataset
     lengths: list[tuple[Correlation, int]] = field(default_factory=list)
 
     def merge(self, later: "_NoiseSums") -> None:
         for inside, sums in later.classes.items():
             self.classes[inside].merge(sums)
-        if self.products is not None and later.products is not None:
-            self.products.merge(later.products)
         self.lengths += later.lengths
+        self._close(self.products.keys() - later.products.keys() if later.products else ())
+        for number, products in later.products.items():
+            if number in self.products:
+                self.products[number].merge(products)
+            else:
+                self.products[number] = products
 
-    def close(self, known: _Weighted) -> None:
-        """Compute the persistence once all parts of a dataset are in."""
-        if self.products is not None:
-            count = known.residuals.count
-            enough = count >= MIN_SAMPLES
-            correlation = Correlation.of(self.products.sums, self.products.pairs) if enough else Correlation()
-            self.lengths.append((correlation, count))
-            self.products = None
+    def _close(self, numbers: Iterable[int]) -> None:
+        """Replace the products of datasets, whose parts are all in, by their correlation."""
+        for number in sorted(numbers):
+            products = self.products.pop(number).centred
+            correlation = Correlation()
+            if products.count >= MIN_SAMPLES:
+                correlation = Correlation.of(products.sums, products.pairs)
+            self.lengths.append((correlation, products.count))
 
     def groups(self, number: int, criterion: Criterion, weight: float) -> Iterator[Group]:
+        self._close([*self.products])
         length = _mean(((each.inflation(count), count) for each, count in self.lengths if count), 1.0)
         plain, window = (_mean(((x, n) for x, n in pairs), 1.0) for pairs in _columns(self.lengths))
         for (above, most), sums in self.classes.items():
@@ -306,10 +315,6 @@ class _DatasetSums:
     def merge(self, later: "_DatasetSums") -> None:
         for own, other in zip(self.rows, later.rows, strict=True):
             own.merge(other)
-
-    def close(self, survey: _Survey) -> None:
-        for row, known in zip(self.rows, survey.rows, strict=True):
-            row.close(known)
 
 
 @dataclass

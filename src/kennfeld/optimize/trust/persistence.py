@@ -57,10 +57,15 @@ def persistence_lags(starts: Sequence[int] | Int, samples: int) -> int:
 
 @dataclass
 class LaggedProducts:
-    """Sums of products of errors and their numbers, by lag from 0; see `inflation`."""
+    """Sums of products of errors minus a mean and their numbers, by lag from 0; see `inflation`.
+
+    `ends` are the sums of both factors of the products: with them, another mean needs no errors.
+    """
 
     sums: Float  # Float[lags]
     pairs: Float  # Float[lags]
+    ends: Float  # Float[lags]
+    mean: float
 
     @classmethod
     def of(cls, errors: Float, starts: Sequence[int] | Int, mean: float, lags: int) -> "LaggedProducts":
@@ -72,27 +77,74 @@ class LaggedProducts:
             mean: subtracted from the errors.
             lags: the greatest lag.
         """
-        products = cls(*np.zeros((2, lags + 1)))
+        products = cls(np.zeros(lags + 1), np.zeros(lags + 1), np.zeros(lags + 1), mean)
         known = np.isfinite(errors)
         centred, spectra = np.where(known, errors - mean, 0.0), _CrossSpectra()
         for a, b in pairwise([*(int(start) for start in starts), errors.size]):
             reach = min(b - a, lags + 1)
             spectra.add(centred[a:b], reach - 1)
             products.pairs[:reach] += _count_pairs(known[a:b], reach - 1)
+            products.ends[:reach] += _sum_ends(centred[a:b], known[a:b], reach - 1)
         spectra.add_products(products.sums)
         return products
 
     def merge(self, later: "LaggedProducts") -> None:
-        """Take in the products of other pieces."""
-        self.sums += later.sums
-        self.pairs += later.pairs
+        """Take in the products of other pieces, at more or fewer lags and about another mean."""
+        other = later.about(self.mean)
+        size = max(self.sums.size, other.sums.size)
+        for name in ("sums", "pairs", "ends"):
+            total = np.zeros(size)
+            for part in (getattr(self, name), getattr(other, name)):
+                total[: part.size] += part
+            setattr(self, name, total)
+
+    @property
+    def count(self) -> int:
+        """The number of known errors."""
+        return round(float(self.pairs[0]))
+
+    @property
+    def centred(self) -> "LaggedProducts":
+        """The products of the errors minus the mean of all."""
+        return self.about(self.mean + float(self.ends[0]) / max(2 * self.count, 1))
+
+    def about(self, mean: float) -> "LaggedProducts":
+        """Return the products of the errors minus another mean."""
+        rise = mean - self.mean
+        sums = self.sums - rise * self.ends + rise**2 * self.pairs
+        return LaggedProducts(sums, self.pairs, self.ends - 2 * rise * self.pairs, mean)
+
+
+def _is_without_gap(known: Int) -> bool:
+    """Return if the known samples, by number, follow each other."""
+    return bool(known.size and known[-1] - known[0] < known.size)
 
 
 def _count_pairs(known: Bool, lags: int) -> Float:
     at = np.flatnonzero(known)
-    if at.size and at[-1] - at[0] < at.size:  # without a gap
+    if _is_without_gap(at):
         return np.asarray(np.maximum(float(at.size) - np.arange(lags + 1), 0.0))
     return np.round(lagged_products(known.astype(np.float64), lags))
+
+
+def _sum_ends(values: Float, known: Bool, lags: int) -> Float:
+    """Return the sums of values[i] + values[i + k] over the pairs of known ones, for k from 0 to `lags`.
+
+    >>> _sum_ends(np.array([1.0, 2.0, 4.0]), np.array([True, True, True]), 2)
+    array([14.,  9.,  5.])
+    >>> _sum_ends(np.array([1.0, 0.0, 4.0]), np.array([True, False, True]), 2).round(9) + 0.0
+    array([10.,  0.,  5.])
+    """
+    at = np.flatnonzero(known)
+    size = float(np.abs(values).max(initial=0.0))
+    if not at.size or not size:
+        return np.zeros(lags + 1)
+    if not _is_without_gap(at):
+        unit = values / size  # so that neither summand is rounding beside the other
+        return 0.5 * size * (lagged_products(unit + known, lags) - lagged_products(unit - known, lags))
+    before = np.concatenate([[0.0], np.cumsum(values[at[0] : at[-1] + 1])])
+    left = np.clip(at.size - np.arange(lags + 1), 0, None)  # number of pairs
+    return np.asarray(before[left] + before[-1] - before[at.size - left])
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ const EXTRAS = [
   ["script", "Python script that repeats the run", "calibrate.py beside the project file"],
   ["whole", "all files of a run", "What kennfeld calibrate writes: values, trace.csv, trust.csv, simulation.parquet and result.json, for the present values"],
 ] as const;
+const SIMULATIONS = ["parquet", "csv", "mf4", "mat"] as const;
 
 export function ExportPane() {
   const { formats: all, own, folder } = formats.value;
@@ -49,7 +50,7 @@ export function ExportPane() {
         <div class="chips">{all.map((ending) => <button class="chip" data-format={ending.slice(1)} aria-pressed={chosen.has(ending)} title={`parameters${ending}`} onClick={() => flip(ending)}>{ending.slice(1).toUpperCase()}</button>)}</div>
         <div class="opt2">
           {EXTRAS.map(([key, text, help]) => <label title={help}><input type="checkbox" checked={extras.value[key]} disabled={(key === "whole" && !state.value.runs.length) || (key === "stored" && !formats.value.stored)} onChange={(event) => { extras.value = { ...extras.value, ...(event.currentTarget.checked && key === "report" ? { stored: false } : event.currentTarget.checked && key === "stored" ? { report: false } : {}), [key]: event.currentTarget.checked }; }} /> {text}</label>)}
-          <label title="All nodes and targets over all datasets at the present values, as kennfeld simulate writes them">simulation <select class="field small" aria-label="Simulation" value={simulation.value} onChange={(event) => { simulation.value = event.currentTarget.value; }}><option value="">no</option><option value=".parquet">simulation.parquet</option><option value=".csv">simulation.csv</option></select></label>
+          <label title="All nodes and targets over all datasets at the present values, as kennfeld simulate writes them; mf4 (MDA, CANape) and mat hold each recording with its time stamps, errors and inputs">simulation <select class="field small" aria-label="Simulation" value={simulation.value} onChange={(event) => { simulation.value = event.currentTarget.value; }}><option value="">no</option>{SIMULATIONS.map((ending) => <option value={`.${ending}`}>simulation.{ending}</option>)}</select></label>
         </div>
         <Further section="report" skip={[]} label="title, author and comment of the report" />
         <p class="q cut" title={folder}>into {folder.split(/[\\/]/).slice(-2).join("/")}</p>

@@ -191,7 +191,7 @@ def _bytes(path: Path) -> bytes:
     with convert_errors(path, "cannot be read"):
         if path.stat().st_size > _MAX_BYTES:
             message = f"is larger than {_MAX_BYTES / 1e6:.0f} MB, the limit for a model file"
-            raise InputError.of(Location(str(path)), message, "Check that this is the model file.")
+            raise InputError.of(Location.of_file(path), message, "Check that this is the model file.")
         return path.read_bytes()
 
 

@@ -56,7 +56,7 @@ class LibraryResolver:
         self.folders = tuple(Path(folder) for folder in folders)
         if missing := [folder for folder in self.folders if not folder.is_dir()]:
             raise InputError(
-                Finding(Location(str(folder)), "folder not found", "Check the path.") for folder in missing
+                Finding(Location.of_file(folder), "folder not found", "Check the path.") for folder in missing
             )
         self._read: dict[Path, ModelDocument | InputError] = {}
 

@@ -17,22 +17,35 @@ from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, Protocol
 
-from kennfeld.errors import InputError
-from kennfeld.measurement.source import MeasurementFile
+from kennfeld.errors import InputError, Location
 from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory, limit_time, memory_bound
 from kennfeld.windows_job import WindowsJob
 
 if TYPE_CHECKING:
     import subprocess
 
-_COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.measurement.library_process import main; main()"
+_COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.library_process import main; main()"
 _TIME, _TIME_PER_BYTE = 20.0, 1e-6  # s of computing for any file, and for each of its bytes
 _COUNT = struct.Struct("<Q")
 _REMEDY = "Copy or export it again."
 
 Work = Callable[..., Any]
+
+
+class SourceFile(Protocol):
+    """A file to read: its size in bytes, and its location in findings."""
+
+    @property
+    def size(self) -> int: ...
+
+    @property
+    def location(self) -> Location: ...
+
+
+class LibraryFailure(Exception):  # noqa: N818 - of the library, not of this program
+    """A library crashed, did not come to an end, or asked for too much memory; the text says which."""
 
 
 class LibraryProcess:
@@ -50,12 +63,20 @@ class LibraryProcess:
         """State of the process: true once the library is loaded."""
         return self._process is not None and self._owner == os.getpid()
 
-    def call(self, work: Work, source: MeasurementFile, *arguments: Any) -> Any:
+    def call(self, work: Work, source: SourceFile, *arguments: Any) -> Any:
         """Return `work(source, *arguments)`, a function of a module, evaluated in the process.
 
         Raises:
-            InputError: the function raised it, or the library crashed or asked for too much memory.
+            InputError: the function raised it, or the library failed on a damaged file.
         """
+        try:
+            return self.attempt(work, source, *arguments)
+        except LibraryFailure as failure:
+            message = f"the {self._kind} file is damaged: {failure}"
+            raise InputError.of(source.location, message, _REMEDY) from None
+
+    def attempt(self, work: Work, source: SourceFile, *arguments: Any) -> Any:
+        """Return the same as `call`, but raise `LibraryFailure` if the library fails."""
         if getattr(sys, "frozen", False) or not sys.executable:  # there is no interpreter to start
             return work(source, *arguments)
         with self._lock:
@@ -67,7 +88,7 @@ class LibraryProcess:
                 good, answer = _receive(process.stdout)
             except (EOFError, OSError):
                 self._end()
-                raise self._crash(source, process.returncode) from None
+                raise LibraryFailure(_reason(process.returncode, source.size)) from None
             except BaseException:  # such as Ctrl-C: the answer would be taken for that of the next file
                 self._end()
                 raise
@@ -106,24 +127,19 @@ class LibraryProcess:
             with suppress(OSError):
                 stream.close()  # type: ignore[union-attr]
 
-    def _crash(self, source: MeasurementFile, status: int) -> InputError:
-        if status == MEMORY_EXCEEDED:
-            return _too_large(source, self._kind)
-        if status == -getattr(signal, "SIGXCPU", 0):
-            message = f"the {self._kind} file is damaged: the library that reads it does not come to an end"
-            return InputError.of(source.location, message, _REMEDY)
-        name = next((member.name for member in signal.Signals if member == -status), f"exit status {status}")
-        message = f"the {self._kind} file is damaged: the library that reads it crashed ({name})"
-        return InputError.of(source.location, message, _REMEDY)
+
+def _reason(status: int, size: int) -> str:
+    """Return why the process ended with an exit status while it read a file of so many bytes."""
+    if status == MEMORY_EXCEEDED:
+        return _too_large(size)
+    if status == -getattr(signal, "SIGXCPU", 0):
+        return "the library that reads it does not come to an end"
+    name = next((member.name for member in signal.Signals if member == -status), f"exit status {status}")
+    return f"the library that reads it crashed ({name})"
 
 
-def _too_large(source: MeasurementFile, kind: str) -> InputError:
-    size = source.size
-    message = (
-        f"the {kind} file is damaged: reading its {size / 1e6:.3g} MB takes more than "
-        f"{memory_bound(size) / 1e6:.0f} MB of memory"
-    )
-    return InputError.of(source.location, message, _REMEDY)
+def _too_large(size: int) -> str:
+    return f"reading its {size / 1e6:.3g} MB takes more than {memory_bound(size) / 1e6:.0f} MB of memory"
 
 
 def main() -> None:
@@ -139,7 +155,7 @@ def main() -> None:
 
 
 def _answer(
-    module: str, name: str, source: MeasurementFile, arguments: tuple[Any, ...], bound: int, folder: Path
+    module: str, name: str, source: SourceFile, arguments: tuple[Any, ...], bound: int, folder: Path
 ) -> tuple[bool, Any]:
     """Return whether the work was done, and its result or error; `folder` is that of relative paths."""
     work: Work = getattr(import_module(module), name)
@@ -149,7 +165,7 @@ def _answer(
         limit_time(_TIME + _TIME_PER_BYTE * source.size)
         return True, work(source, *arguments)
     except MemoryError:
-        return False, _too_large(source, source.kind.value)
+        return False, LibraryFailure(_too_large(source.size))
     except InputError as error:
         return False, error
     except Exception as error:  # a fault of the program, which the other process shows with its place there

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.library_process import LibraryProcess, memory_bound
+from kennfeld.library_process import LibraryProcess
 from kennfeld.measurement.source import MeasurementFile, locate
+from kennfeld.process_limits import memory_bound
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")
 
