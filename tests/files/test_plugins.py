@@ -28,6 +28,9 @@ files = ["drive.acme"]
 [[criterion]]
 node = "torque"
 target = "y"
+
+[parameters.k]
+initial = 1.0
 """
 
 

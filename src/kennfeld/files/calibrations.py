@@ -77,6 +77,7 @@ CVX = FileFormat(
     "CVX",
     (".csv",),
     reads_as("calibration values v"),
+    description="a CVX calibration file",
     calibration=_convert_by("cvx.reader:read_cvx", "cvx.writer:write_cvx", _CVX, "CVX (INCA's CSV)"),
 )
 CDFX = FileFormat(
@@ -89,6 +90,7 @@ DCM = FileFormat(
     "DCM",
     (".dcm",),
     lambda head: _DCM_LINE.search(head.text) is not None,
+    description="a DCM calibration file",
     calibration=_convert_by("dcm.reader:read_dcm", "dcm.update:write_dcm", _DCM),
 )
 IMAGE = FileFormat(
@@ -111,6 +113,7 @@ PAR = FileFormat(
     "PAR",
     (".par",),
     _matches(_PAR_TITLE),
+    description="a parameter file of CANape",
     calibration=_convert_by("par.reader:read_par", "par.update:write_par", label="PAR (CANape)"),
 )
 ESDL = FileFormat(

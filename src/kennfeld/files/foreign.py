@@ -215,7 +215,7 @@ OF_OTHER_TOOLS = (
         _UNPACK,
     ),
     _pattern("packed", r"\A(?:\x28\xb5\x2f\xfd|7z\xbc\xaf)", "a compressed file", _UNPACK),
-    _pattern("PDF", r"\A%PDF", "a PDF document", "Save the table in it as .xlsx or CSV."),
+    _pattern("PDF", r"\A%PDF", "a PDF file", "Save the table in it as .xlsx or CSV."),
 )
 # formats of other tools, by their ending
 BY_ENDING = (

@@ -13,6 +13,7 @@ from kennfeld.files.recordings import CSV
 from kennfeld.files.unpacking import only_member
 
 _READABLE = (Role.RECORDING, Role.CALIBRATION)  # when compressed
+_CONTAINED = (CSV, ZIP_ARCHIVE)  # formats that others resemble
 _PACKAGE = 100_000_000  # bytes of an OLE package that are searched for its directory
 
 
@@ -75,7 +76,8 @@ def identify_head(head: FileHead, role: Role | None = None) -> Identity:
 def _candidates(head: FileHead) -> Iterator[FileFormat]:
     """Yield the formats that a file may be of, the most likely one first.
 
-    Any text resembles a table; it may be one only if nothing but a guess speaks for another format.
+    Any text resembles a table, and many formats are ZIP archives: a file is one of these only if nothing but a guess
+    speaks for another format.
     """
     certain = [known for known in certain_formats() if _recognises(known, head)][:1]
     named = named_format(head.ending)
@@ -84,7 +86,7 @@ def _candidates(head: FileHead) -> Iterator[FileFormat]:
     yield from certain
     is_taken = bool(certain)
     for known, is_guess in uncertain_formats():
-        if not _recognises(known, head) or (known is CSV and is_taken):
+        if not _recognises(known, head) or (known in _CONTAINED and is_taken):
             continue
         is_taken = is_taken or not is_guess
         yield known

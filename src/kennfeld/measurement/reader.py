@@ -184,7 +184,7 @@ def _check(source: MeasurementFile) -> None:
     known = source.format
     if known.recording is None:
         readable = ", ".join(each.name for each in recording_formats())
-        tail = "" if known.description else ", which cannot be read as a measurement"
+        tail = "" if known.remedy else ", which cannot be read as a measurement"
         remedy = known.remedy or f"Export it as MDF (.mf4) or CSV; {readable} can be read."
         raise InputError.of(source.location, f"this is {known.phrase}{tail}", remedy)
     if source.sheet is not None and not known.recording.has_sheets:
