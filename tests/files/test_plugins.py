@@ -107,8 +107,8 @@ def test_a_broken_format_is_named_and_left_out(packages, tmp_path, code, message
 
 def test_a_recogniser_that_fails_recognises_nothing(packages, tmp_path):
     code = (
-        "from kennfeld.files import FileFormat, RecordingReader\n"
-        "FORMAT = FileFormat('lost', ('.x',), lambda head: 1 / 0, RecordingReader(dataset=lambda path: None))\n"
+        "from kennfeld.files import FileFormat, MeasurementReader\n"
+        "FORMAT = FileFormat('lost', ('.x',), lambda head: 1 / 0, MeasurementReader(dataset=lambda path: None))\n"
     )
     install(packages, "failing", code, "failing = failing:FORMAT")
     path = tmp_path / "drive.csv"
@@ -119,8 +119,8 @@ def test_a_recogniser_that_fails_recognises_nothing(packages, tmp_path):
 
 def test_what_is_no_recording_is_refused(packages, tmp_path):
     code = (
-        "from kennfeld.files import FileFormat, RecordingReader\n"
-        "reader = RecordingReader(dataset=lambda path: [])\n"
+        "from kennfeld.files import FileFormat, MeasurementReader\n"
+        "reader = MeasurementReader(dataset=lambda path: [])\n"
         "FORMAT = FileFormat('list', ('.l',), lambda head: head.raw[:1] == b'[', reader)\n"
     )
     install(packages, "lists", code, "lists = lists:FORMAT")

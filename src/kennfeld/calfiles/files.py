@@ -219,7 +219,7 @@ def _summarise(member: Parameter, others: Sequence[Item]) -> ParameterSummary:
 def _read_content(path: Path, a2l: str | Path | None = None) -> ReadResult:
     identity = identify(path, Role.CALIBRATION)
     converter = identity.format.calibration
-    if converter is None or identity.role is not Role.CALIBRATION:
+    if converter is None or identity.role is not Role.CALIBRATION or not identity.head.raw.strip():
         raise InputError([_other_file(identity)])
     source = _source(identity.head, None if a2l is None else Path(a2l))
     with no_collection():

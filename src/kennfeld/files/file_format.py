@@ -18,7 +18,7 @@ Reference = str | Callable[..., Any]  # `module:function`, loaded when it is fir
 
 
 class Role(Enum):
-    """What a file is for."""
+    """The purpose of a file."""
 
     RECORDING = "recording"
     CALIBRATION = "calibration"
@@ -33,8 +33,8 @@ class Role(Enum):
 
 
 @dataclass(frozen=True)
-class RecordingReader:
-    """How recordings of a format are read.
+class MeasurementReader:
+    """The functions that read recordings of a format.
 
     Attributes:
         tables: `read_tables(source, selection)`, which returns the tables of a file. Formats of other packages may
@@ -62,7 +62,7 @@ class RecordingReader:
 
 @dataclass(frozen=True)
 class CalibrationConverter:
-    """How calibration files of a format are read and written.
+    """The functions that read and write calibration files of a format.
 
     Attributes:
         read: `read(source)`, which returns a `ReadResult`.
@@ -105,7 +105,7 @@ class FileFormat:
     name: str
     endings: tuple[str, ...] = ()
     recognises: Recogniser | None = None
-    recording: RecordingReader | None = None
+    recording: MeasurementReader | None = None
     calibration: CalibrationConverter | None = None
     holds_calibration: Reference = ""
     role: Role = Role.NONE
@@ -115,12 +115,12 @@ class FileFormat:
 
     @property
     def phrase(self) -> str:
-        """What a file of this format is, with its article: `an MDF file`."""
+        """A file of this format in words, with the article: `an MDF file`."""
         return self.description or f"{'an' if self.name.startswith(_SPOKEN) else 'a'} {self.name} file"
 
     @property
     def roles(self) -> frozenset[Role]:
-        """All that files of this format may be for."""
+        """The purposes that files of this format may have."""
         roles = {Role.RECORDING} if self.recording is not None else set()
         roles |= {Role.CALIBRATION} if self.calibration is not None else set()
         return frozenset(roles | ({self.role} if self.role is not Role.NONE or not roles else set()))
@@ -150,10 +150,11 @@ def reads_as(*words: str) -> Recogniser:
     return lambda head: head.words.startswith(words)
 
 
-def read_recording(module: str, *, rasters: bool = False, **settings: Any) -> RecordingReader:
+def read_recording(module: str, *, rasters: bool = False, **settings: Any) -> MeasurementReader:
     """Return the reader that a module of `kennfeld.measurement` defines."""
     name = f"kennfeld.measurement.{module}"
-    return RecordingReader(f"{name}:read_tables", descriptions=f"{name}:describe_tables" if rasters else "", **settings)
+    descriptions = f"{name}:describe_tables" if rasters else ""
+    return MeasurementReader(f"{name}:read_tables", descriptions=descriptions, **settings)
 
 
 def call(reference: Reference, *arguments: Any) -> Any:

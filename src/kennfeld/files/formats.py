@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import cache
 
 from kennfeld.files import calibrations, containers, descriptions, foreign, functions, recordings
-from kennfeld.files.file_format import FileFormat, RecordingReader, Role
+from kennfeld.files.file_format import FileFormat, MeasurementReader, Role
 from kennfeld.files.head import ZIP
 from kennfeld.files.plugins import formats_of_plugins
 from kennfeld.files.xml_root import xml_root
@@ -78,7 +78,7 @@ ZIP_ARCHIVE = FileFormat(
     "ZIP archive",
     (".zip",),
     lambda head: head.raw.startswith(ZIP) and not head.member,
-    RecordingReader(),  # of the file in it
+    MeasurementReader(),  # of the file in it
     description="a ZIP archive, such as .xlsx, .slx or .fmu",
 )
 XML = FileFormat("XML", (".xml",), lambda head: head.words.startswith("<?xml") or xml_root(head.text) != "")
@@ -122,6 +122,13 @@ def named_format(ending: str) -> FileFormat | None:
     """Return the format that an ending alone tells; None for other endings."""
     plugins = (known for known in formats_of_plugins() if known.recognises is None)
     return next((known for known in (*_NAMED, *plugins) if ending in known.endings), None)
+
+
+def usual_format(ending: str) -> FileFormat | None:
+    """Return the format that files of an ending usually have: what an empty file is to become."""
+    if ending in recordings.CSV.endings:
+        return recordings.CSV
+    return next((known for known in (*_NAMED, *calibration_formats(), *_all()) if ending in known.endings), None)
 
 
 def calibration_formats() -> tuple[FileFormat, ...]:

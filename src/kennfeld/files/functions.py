@@ -3,7 +3,7 @@
 import re
 from itertools import islice
 
-from kennfeld.files.file_format import FileFormat, Role
+from kennfeld.files.file_format import FileFormat, Role, call
 from kennfeld.files.head import FileHead
 from kennfeld.files.rows import is_row
 
@@ -44,9 +44,7 @@ def _is_simulink(head: FileHead) -> bool:
 def _is_enumeration(head: FileHead) -> bool:
     if head.ending != ".m" or not _CLASS.search(head.text):
         return False
-    from kennfeld.models.simulink.variables.enumerations import enumeration_of
-
-    return enumeration_of(head.text) is not None
+    return call("kennfeld.models.simulink.variables.enumerations:enumeration_of", head.text) is not None
 
 
 def _is_formula(head: FileHead) -> bool:

@@ -1,4 +1,4 @@
-"""What a file is: the one place that decides it, for all commands, the Python functions and the app."""
+"""Identification of files: the one place that decides what a file is, for commands, Python functions and the app."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import NamedTuple
 from kennfeld.errors import InputError, Location
 from kennfeld.files.file_format import FileFormat, Role
 from kennfeld.files.foreign import BY_ENDING, OLE, identify_foreign, identify_package
-from kennfeld.files.formats import BINARY, ZIP_ARCHIVE, certain_formats, named_format, uncertain_formats
+from kennfeld.files.formats import BINARY, ZIP_ARCHIVE, certain_formats, named_format, uncertain_formats, usual_format
 from kennfeld.files.head import FileHead, read_head
 from kennfeld.files.recordings import CSV
 from kennfeld.files.unpacking import only_member
@@ -80,7 +80,7 @@ def _candidates(head: FileHead) -> Iterator[FileFormat]:
     speaks for another format.
     """
     certain = [known for known in certain_formats() if _recognises(known, head)][:1]
-    named = named_format(head.ending)
+    named = named_format(head.ending) if head.raw.strip() else usual_format(head.ending)
     if named is not None and named not in certain:
         certain.append(named)
     yield from certain

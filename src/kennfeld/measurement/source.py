@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from kennfeld.errors import Location
-from kennfeld.files.file_format import FileFormat, RecordingReader, Role
+from kennfeld.files.file_format import FileFormat, MeasurementReader, Role
 from kennfeld.files.head import FileHead, guarded, open_unpacked, read_head
 from kennfeld.files.identification import identify_head, split_address
 from kennfeld.lazy_dataclass import dataclass
@@ -43,9 +43,9 @@ class MeasurementFile:
         return Path(self.path.stem).stem if self.packed and self.path.suffix == ".gz" else self.path.stem
 
     @property
-    def reader(self) -> RecordingReader:
-        """What reads files of this format; one without functions for files that are no recordings."""
-        return self.format.recording or RecordingReader()
+    def reader(self) -> MeasurementReader:
+        """The functions that read the file; none for a file that is not a recording."""
+        return self.format.recording or MeasurementReader()
 
     @property
     def size(self) -> int:

@@ -14,6 +14,7 @@ from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.files.functions import SURROGATE_KINDS
+from kennfeld.files.functions import recognises_surrogate as recognises_surrogate
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion

@@ -55,9 +55,9 @@ class DescribedFile:
     dbc: Sequence[str] = ()
 
 
-def describe_recording(file: DescribedFile) -> FileInfo:
+def describe_recording(described: DescribedFile) -> FileInfo:
     """Describe a recording: its channels, time and skipped columns."""
-    description = measurement.describe(file.path, file.dbc)
+    description = measurement.describe(described.path, described.dbc)
     groups, file = description.tables, description.file
     several = len(groups) > 1
     notes = [note for group in groups for note in _time_notes(group, file, several)]

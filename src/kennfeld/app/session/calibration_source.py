@@ -103,8 +103,8 @@ def _format(path: Path) -> str:
     try:
         if ending in _RECORDINGS and path.stat().st_size > MAX_AMBIGUOUS:
             return ""
-        if recognise(path) == JSON.name:
-            read(path)
+        if recognise(path) == JSON.name and not read(path):
+            return ""  # settings of another kind
     except (InputError, OSError):
         return ""
     return ending[1:].upper() if ending == _A2L or recognise(path) else ""
