@@ -279,8 +279,7 @@ class TestBadInput:
         ],
     )
     def test_is_named_with_its_place_and_nothing_is_written(self, kind, command, folder, capsys, monkeypatch):
-        monkeypatch.setattr(caching, "_WORTH", {})  # a busy machine keeps what was slow to read
-        monkeypatch.setattr(caching, "_WORTH_ELSE", math.inf)
+        monkeypatch.setattr(caching, "_worth", lambda source: math.inf)  # a busy machine keeps what was slow to read
         spoil, words = SPOILT[kind]
         spoil(folder)
         before = everything_in(folder)

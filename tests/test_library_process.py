@@ -10,7 +10,7 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.library_process import LibraryProcess
-from kennfeld.measurement.file_kind import MeasurementFile, locate
+from kennfeld.measurement.source import MeasurementFile, locate
 from kennfeld.process_limits import memory_bound
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="the faults are those of POSIX")

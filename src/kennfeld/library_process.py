@@ -34,7 +34,7 @@ _REMEDY = "Copy or export it again."
 Work = Callable[..., Any]
 
 
-class SourceFile(Protocol):
+class LibraryInput(Protocol):
     """A file to read: its size in bytes, and its location in findings."""
 
     @property
@@ -63,7 +63,7 @@ class LibraryProcess:
         """State of the process: true once the library is loaded."""
         return self._process is not None and self._owner == os.getpid()
 
-    def call(self, work: Work, source: SourceFile, *arguments: Any) -> Any:
+    def call(self, work: Work, source: LibraryInput, *arguments: Any) -> Any:
         """Return `work(source, *arguments)`, a function of a module, evaluated in the process.
 
         Raises:
@@ -75,7 +75,7 @@ class LibraryProcess:
             message = f"the {self._kind} file is damaged: {failure}"
             raise InputError.of(source.location, message, _REMEDY) from None
 
-    def attempt(self, work: Work, source: SourceFile, *arguments: Any) -> Any:
+    def attempt(self, work: Work, source: LibraryInput, *arguments: Any) -> Any:
         """Return the same as `call`, but raise `LibraryFailure` if the library fails."""
         if getattr(sys, "frozen", False) or not sys.executable:  # there is no interpreter to start
             return work(source, *arguments)
@@ -155,7 +155,7 @@ def main() -> None:
 
 
 def _answer(
-    module: str, name: str, source: SourceFile, arguments: tuple[Any, ...], bound: int, folder: Path
+    module: str, name: str, source: LibraryInput, arguments: tuple[Any, ...], bound: int, folder: Path
 ) -> tuple[bool, Any]:
     """Return whether the work was done, and its result or error; `folder` is that of relative paths."""
     work: Work = getattr(import_module(module), name)

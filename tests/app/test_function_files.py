@@ -139,7 +139,7 @@ def test_a_c_file_is_chosen_before_its_file_of_data_and_read_again_with_its_head
     assert session.settings["model"]["file"] == "idle.c:step"
     assert "line 2" in ask(session, "function-file")["problems"][0]["text"]
     header.write_text("typedef double real;\nextern const volatile double GAIN;\n")
-    assert ask(session, "add-files", files=["idle.h"])["kinds"] == {"idle.h": "header"}
+    assert ask(session, "add-files", files=["idle.h"])["kinds"] == {"idle.h": "companion"}
     own = ask(session, "function-file")
     assert own["whole"]
     assert [each["name"] for each in own["parameters"]] == ["GAIN"]

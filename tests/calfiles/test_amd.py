@@ -2,7 +2,6 @@
 
 import difflib
 import zipfile
-from io import BytesIO
 
 import numpy as np
 import pytest
@@ -10,10 +9,12 @@ from hypothesis import strategies as st
 
 from kennfeld import cli
 from kennfeld.calfiles import describe, losses, read, write
-from kennfeld.calfiles.amd.reader import read_amd, recognises_amd
+from kennfeld.calfiles.amd.reader import read_amd
 from kennfeld.calfiles.amd.update import write_amd
 from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import InputError
+from kennfeld.files.calibrations import AMD
+from kennfeld.files.identification import identify
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar, Text
 from tests.draws import few_or_many
@@ -200,14 +201,14 @@ def test_dcm_and_archive_are_merged(path, tmp_path, capsys):
     assert "gain" in capsys.readouterr().out
 
 
-def test_archives_are_recognised_by_their_content(path):
-    raw = path.read_bytes()
-    assert recognises_amd(CalibrationSource("a.axl", raw))
-    assert recognises_amd(CalibrationSource("a.amd", PLANT.files()["Engine/Plant.data.amd"]))
-    assert not recognises_amd(CalibrationSource("a.axl", b"KONSERVIERUNG_FORMAT 2.0"))
-    empty = BytesIO()
-    zipfile.ZipFile(empty, "w").close()
-    assert not recognises_amd(CalibrationSource("a.zip", empty.getvalue()))
+def test_archives_are_recognised_by_their_content(path, tmp_path):
+    assert identify(path).format is AMD
+    contents = {"a.txt": PLANT.files()["Engine/Plant.data.amd"], "b.axl": b"KONSERVIERUNG_FORMAT 2.0"}
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+    zipfile.ZipFile(tmp_path / "c.zip", "w").close()
+    known = [identify(tmp_path / name).format.name for name in ("a.txt", "b.axl", "c.zip")]
+    assert known == [AMD.name, "DCM", "ZIP archive"]
 
 
 @few_or_many(st.lists(st.floats(-1e12, 1e12), min_size=3, max_size=3), few=10, many=100)

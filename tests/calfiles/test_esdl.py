@@ -7,10 +7,12 @@ import pytest
 from hypothesis import strategies as st
 
 from kennfeld.calfiles import describe, losses, read, write
-from kennfeld.calfiles.esdl.reader import read_esdl, recognises_esdl
+from kennfeld.calfiles.esdl.reader import read_esdl
 from kennfeld.calfiles.esdl.update import write_esdl
 from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import InputError
+from kennfeld.files.calibrations import ESDL
+from kennfeld.files.identification import identify
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Scalar
 from tests.draws import few_or_many
@@ -137,8 +139,7 @@ def test_a_file_with_syntax_errors_is_refused_with_all_of_them(tmp_path):
 
 
 def test_a_file_is_recognised_and_described(path):
-    assert recognises_esdl(TEXT)
-    assert not recognises_esdl("KONSERVIERUNG_FORMAT 2.0")
+    assert identify(path).format is ESDL
     assert describe(path).kind == "ESDL"
     assert losses(read(path), path) == ()
 

@@ -10,9 +10,9 @@ import python_calamine
 import xlsxwriter
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.excel.layout import is_calibration_workbook, sheet_names
-from kennfeld.calfiles.format import CalibrationSource
+from kennfeld.calfiles.excel.layout import holds_calibration, sheet_names
 from kennfeld.errors import InputError
+from kennfeld.files.head import read_head
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 
@@ -169,9 +169,9 @@ def test_a_measurement_is_no_calibration(tmp_path):
     path = tmp_path / "bench.xlsx"
     save(path, {"data": [["time", "n"], [0, 700], [1, 800]]})
     assert "without a sheet Parameters" in refused(path)
-    assert not is_calibration_workbook(CalibrationSource(path.name, path.read_bytes()))
+    assert not holds_calibration(read_head(path))
     write(SET, tmp_path / "a.xlsx")
-    assert is_calibration_workbook(CalibrationSource("a.xlsx", (tmp_path / "a.xlsx").read_bytes()))
+    assert holds_calibration(read_head(tmp_path / "a.xlsx"))
 
 
 def repacked(path, change):

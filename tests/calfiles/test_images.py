@@ -1,11 +1,15 @@
 """Intel HEX and S-records: memory without gaps, findings by line, and files that change in their numbers alone."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import strategies as st
 
-from kennfeld.calfiles.flash.records import read_image, recognises_image
+from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError, InputError
+from kennfeld.files.calibrations import IMAGE
+from kennfeld.files.head import FileHead
 from tests.calfiles.a2l_files import hex_file, hex_record, s_file, s_record
 from tests.draws import few_or_many
 
@@ -127,10 +131,8 @@ def test_s_records_without_an_end_are_told():
 
 
 def test_the_beginning_tells_an_image():
-    assert recognises_image(b":020000040000FA\r\n")
-    assert recognises_image(b"S00600004844521B\n")
-    assert not recognises_image(b"STUETZSTELLENVERTEILUNG a 3")
-    assert not recognises_image(b": what follows")
+    starts = (b":020000040000FA\r\n", b"S00600004844521B\n", b"STUETZSTELLENVERTEILUNG a 3", b": what follows")
+    assert [IMAGE.recognises(FileHead(Path("a"), start)) for start in starts] == [True, True, False, False]
 
 
 def test_a_change_outside_the_memory_is_refused():

@@ -3,6 +3,7 @@
 import struct
 import zlib
 from io import BytesIO
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 import scipy
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.format import CalibrationSource
-from kennfeld.calfiles.matlab_reader import is_calibration_mat, recognises_mat
+from kennfeld.calfiles.matlab_reader import holds_calibration
 from kennfeld.errors import InputError
+from kennfeld.files.containers import MATLAB
+from kennfeld.files.head import FileHead, read_head
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Curve, Map, Scalar, Text
 from tests.models.simulink.simulink_data import Thing, matfile
@@ -151,16 +153,16 @@ def test_a_file_of_7_3_that_claims_gigabytes_is_refused(newest):
 def test_recorded_samples_are_no_calibration(tmp_path):
     path = saved(tmp_path, {"log": {"time": np.arange(100.0), "n": np.ones(100)}})
     assert "contains recorded samples (log.time), not a calibration. Use it as a dataset file." in refused(path)
-    assert not is_calibration_mat(CalibrationSource("a", path.read_bytes()))
+    assert not holds_calibration(read_head(path))
     write(SET, path)
-    assert is_calibration_mat(CalibrationSource("a", path.read_bytes()))
+    assert holds_calibration(read_head(path))
 
 
 def test_the_beginning_of_a_file_tells_what_it_is(tmp_path):
     for version in ("4", "5"):
         raw = saved(tmp_path, {"K": np.ones((200, 200))}, format=version).read_bytes()
-        assert recognises_mat(CalibrationSource("a", raw[:65536]))
-    assert not recognises_mat(CalibrationSource("a", b"\0" * 100))
+        assert MATLAB.recognises(FileHead(Path("a"), raw[:65536]))
+    assert not MATLAB.recognises(FileHead(Path("a"), b"\0" * 100))
 
 
 def packed(content):
@@ -263,7 +265,7 @@ def test_objects_of_parameters_are_read(tmp_path):
 def test_a_stream_is_the_same_as_a_file():
     stream = BytesIO()
     scipy.io.savemat(stream, {"K": 1.0})
-    assert recognises_mat(CalibrationSource("a", stream.getvalue()))
+    assert MATLAB.recognises(FileHead(Path("a"), stream.getvalue()))
 
 
 def test_the_same_set_gives_the_same_bytes(tmp_path, monkeypatch):

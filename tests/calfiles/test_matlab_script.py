@@ -1,11 +1,15 @@
 """MATLAB scripts as people write them, and as Kennfeld writes them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from kennfeld.calfiles import describe, read, write
-from kennfeld.calfiles.matlab_reader import format_comment, parse_comment, recognises_script
+from kennfeld.calfiles.matlab_reader import format_comment, parse_comment
 from kennfeld.errors import InputError
+from kennfeld.files.calibrations import SCRIPT
+from kennfeld.files.head import FileHead
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Cube, Curve, Map, Scalar, Text
 from tests.draws import mostly_slow
@@ -155,7 +159,7 @@ def test_a_changed_group_axis_changes_its_tables(tmp_path):
     "text", ["y = a + b\n", "x[rpm] = 3\n", "import numpy\nx = 3;\n", "time,n\n0,1\n", "", "% K = 1\n"]
 )
 def test_other_texts_are_no_scripts(text):
-    assert not recognises_script(text)
+    assert not SCRIPT.recognises(FileHead(Path("a.txt"), text.encode()))
 
 
 HOSTILE = [

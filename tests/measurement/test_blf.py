@@ -9,7 +9,7 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.blf import read_frames
-from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.source import locate
 from tests.measurement.bus_files import DBC, drive, engine, write_log
 
 

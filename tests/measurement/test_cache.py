@@ -25,8 +25,7 @@ TEXT = "time [s],Speed [rpm],Torque [Nm]\n0,1000,10\n0.1,1100,\n0.2,1200,12\n"
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """A file, and a cache that keeps whatever is read."""
-    monkeypatch.setattr(caching, "_WORTH", {})
-    monkeypatch.setattr(caching, "_WORTH_ELSE", 0.0)
+    monkeypatch.setattr(caching, "_worth", lambda source: 0.0)
     return Shelf(tmp_path, monkeypatch)
 
 

@@ -7,7 +7,7 @@ import pytest
 from kennfeld.errors import InputError
 from kennfeld.measurement import read
 from kennfeld.measurement.claimed_values import check_claimed
-from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.source import locate
 from kennfeld.process_limits import memory_bound
 from tests.measurement import test_diadem as dat
 

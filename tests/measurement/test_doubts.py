@@ -4,8 +4,8 @@ import gzip
 
 import pytest
 
+from kennfeld.files.encoding import detect_encoding
 from kennfeld.measurement import describe, read
-from kennfeld.measurement.encoding import detect_encoding
 
 GERMAN = "Drehzahl [1/min];Last [%]\n950;10\n1.100;20\n1.250;30\n980;40\n"
 

@@ -13,8 +13,8 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from kennfeld.measurement.file_kind import locate
 from kennfeld.measurement.mdf import describe_by_library
+from kennfeld.measurement.source import locate
 
 FILES = [
     "asammdf_ASAP2_Demo_V171.mf4",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kennfeld.measurement import describe, mdf, read
-from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.source import locate
 from kennfeld.measurement.table import Selection
 
 RAW_TYPES = ["u1", "i1", "<u2", ">u2", "<i4", ">i4", "<u8", "<f4", ">f4", "<f8", "<f2"]

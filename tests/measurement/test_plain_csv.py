@@ -7,7 +7,7 @@ import pytest
 
 from kennfeld.measurement import plain_csv, text
 from kennfeld.measurement.bulk_csv import read_bulk
-from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.source import locate
 from kennfeld.measurement.table import Selection
 
 GAPS = ["", "nan", "NaN", "-", "N/A", "null"]

@@ -8,8 +8,8 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import mdf, read
-from kennfeld.measurement.file_kind import locate
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
+from kennfeld.measurement.source import locate
 from kennfeld.measurement.table import Selection
 
 STAMPS = 0.01 * np.arange(5000)

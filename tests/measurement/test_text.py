@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from kennfeld.errors import InputError
 from kennfeld.measurement import read, text
 from kennfeld.measurement.bulk_csv import read_bulk
-from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.source import locate
 from kennfeld.measurement.table import Selection
 from tests.draws import few_or_many
 

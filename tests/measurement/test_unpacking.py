@@ -12,8 +12,8 @@ import pytest
 from pyarrow import parquet
 
 from kennfeld.errors import InputError
+from kennfeld.files import unpacking as module
 from kennfeld.measurement import describe, read
-from kennfeld.measurement import unpacking as module
 
 CSV = b"time,Speed\n0,900\n0.1,950\n"
 

@@ -1,4 +1,4 @@
-"""Reads, writes and describes calibration files; `_FORMATS` lists the formats."""
+"""Reads, writes and describes calibration files of all formats."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -8,46 +8,22 @@ from pathlib import Path
 import numpy as np
 
 from kennfeld.atomic_files import write_whole
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS, fragment_of_a2l, recognises_a2l
-from kennfeld.calfiles.format import HEAD_SIZE, BinaryFormat, CalibrationSource, Format, Item, ReadResult
-from kennfeld.calfiles.unsupported_files import explain_unsupported, identify_content
+from kennfeld.calfiles.format import CalibrationSource, Item, ReadResult, WriteResult
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
-from kennfeld.foreign_content import identify_foreign
+from kennfeld.files.descriptions import A2L, A2L_FRAGMENT, fragment_of_a2l
+from kennfeld.files.file_format import CalibrationConverter, FileFormat, Role, call
+from kennfeld.files.formats import BINARY, XML, calibration_formats
+from kennfeld.files.head import FileHead
+from kennfeld.files.identification import Identity, identify
+from kennfeld.files.recordings import CSV
+from kennfeld.files.unpacking import unpacked
+from kennfeld.files.xml_root import xml_root
 from kennfeld.formatting import nearest
 from kennfeld.garbage_collection import no_collection
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
-
-_SCRIPT = "MATLAB script"
-# the aspects that formats lack, by the keys of `loss_report`; no file of values holds the settings of a calibration
-_SETTINGS = ("bounds", "locks", "free axes")
-_JSON = ("infinities", *_SETTINGS)
-_RICH = ("extrapolation", *_SETTINGS)
-_PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
-_DCM = ("kinds", *_PLAIN)
-_CVX = ("kinds", "descriptions", "group units", *_PLAIN)
-# The script is the last one: it has no signature.
-_FORMATS = (
-    Format("JSON", (".json",), "json", ("json_file", "json_file", "json_file"), _JSON),
-    Format("CVX (INCA's CSV)", (".csv",), "cvx", ("cvx.reader", "cvx.reader", "cvx.writer"), _CVX),
-    Format("CDFX", (".cdfx",), "cdfx", ("cdfx.reader", "cdfx.reader", "cdfx.writer"), _PLAIN),
-    Format("DCM", (".dcm",), "dcm", ("dcm.lines", "dcm.reader", "dcm.update"), _DCM),
-    BinaryFormat(
-        "Intel HEX or S-records with an A2L file",
-        IMAGE_ENDINGS,
-        "flash",
-        ("flash.recognition", "flash.description", "flash.description"),
-    ),
-    Format("MSQ (TunerStudio)", (".msq",), "msq", ("msq.reader", "msq.reader", "msq.update")),
-    Format("PAR (CANape)", (".par",), "par", ("par.lines", "par.reader", "par.update")),
-    Format("ESDL (ASCET)", (".esdl",), "esdl", ("esdl.reader", "esdl.reader", "esdl.update")),
-    BinaryFormat("AXL and AMD (ASCET 6)", (".axl", ".amd"), "amd", ("amd.reader", "amd.reader", "amd.update")),
-    BinaryFormat("Excel", (".xlsx",), "excel", ("excel.layout", "excel.reader", "excel.writer"), _RICH),
-    BinaryFormat("MATLAB data", (".mat",), "mat", ("matlab_reader", "matlab_reader", "matlab_writer"), _RICH),
-    Format(_SCRIPT, (".m",), "script", ("matlab_reader", "matlab_reader", "matlab_writer"), _RICH),
-)
 
 
 @dataclass(frozen=True)
@@ -79,7 +55,7 @@ class CalibrationFile:
 
 def endings() -> tuple[str, ...]:
     """Return the file endings that `write` supports."""
-    return tuple(ending for known in _FORMATS for ending in known.endings)
+    return tuple(ending for known in calibration_formats() for ending in _endings(known))
 
 
 def read(path: str | Path, a2l: str | Path | None = None) -> ParameterSet:
@@ -158,7 +134,7 @@ def write(
     target = Path(path)
     if image is not None:
         parameters = parameters.from_origin(_read_content(Path(image), a2l).parameters.origin)
-    result = _format_for(target).write(parameters, target.name)
+    result = _written(_converter_for(target), parameters, target.name)
     with convert_errors(os.path.realpath(target), "cannot be written", "Choose another path."):
         write_whole(target, result.raw, follow=True)
     return result.findings
@@ -183,7 +159,7 @@ def losses(parameters: ParameterSet, path: str | Path) -> tuple[Finding, ...]:
     """
     from kennfeld.calfiles.loss_report import find_losses
 
-    return find_losses(parameters, _format_for(Path(path)).lacks, Path(path).name)
+    return find_losses(parameters, _converter_for(Path(path)).lacks, Path(path).name)
 
 
 def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
@@ -196,10 +172,10 @@ def unwritable(parameters: ParameterSet, ending: str) -> dict[str, Finding]:
     ['Main Path/Gain:Gain']
     """
     file, reasons = f"parameters{ending}", {}
-    known = _format_for(Path(file))
+    converter = _converter_for(Path(file))
     for member in parameters.values():
         try:
-            known.write(ParameterSet([member]), file)
+            _written(converter, ParameterSet([member]), file)
         except InputError as error:
             reasons[member.name] = error.findings[0]
     return reasons
@@ -212,12 +188,12 @@ def recognise(path: str | Path) -> str:
     ''
     """
     try:
-        source = CalibrationSource(Path(path).name, _bytes(Path(path)), Path(path))
+        identity = identify(path)
     except InputError:
         return ""
-    ending = Path(path).suffix.lower()
-    known = (known for known in _FORMATS if ending in known.endings)
-    return next((each.name for each in known if each.recognises(source)), "")
+    converter = identity.format.calibration
+    is_one = converter is not None and identity.role in (Role.CALIBRATION, Role.PROGRAM)
+    return _label(identity.format) if is_one else ""
 
 
 def describe(path: str | Path, a2l: str | Path | None = None) -> CalibrationFile:
@@ -241,59 +217,75 @@ def _summarise(member: Parameter, others: Sequence[Item]) -> ParameterSummary:
 
 
 def _read_content(path: Path, a2l: str | Path | None = None) -> ReadResult:
-    source = CalibrationSource(path.name, _bytes(path), path, None if a2l is None else Path(a2l))
-    ending = path.suffix.lower()
-    # that of the file's ending first, so that the others need not be loaded
-    for known in sorted(_FORMATS, key=lambda known: ending not in known.endings or known.name == _SCRIPT):
-        if known.recognises(source):
-            with no_collection():
-                content = known.read(source)
-            return replace(content, parameters=content.parameters.read_without(known.unstated))
-    raise InputError([_unrecognised_file(path, source)])
+    identity = identify(path, Role.CALIBRATION)
+    converter = identity.format.calibration
+    if converter is None or identity.role is not Role.CALIBRATION or not identity.head.raw.strip():
+        raise InputError([_other_file(identity)])
+    source = _source(identity.head, None if a2l is None else Path(a2l))
+    with no_collection():
+        content: ReadResult = call(converter.read, source)
+    return replace(content, parameters=content.parameters.read_without(converter.unstated))
 
 
-def _bytes(path: Path) -> bytes:
-    """Read a file; a large one of another kind is refused by its head."""
-    with convert_errors(path, "cannot be read", missing="there is no such file"), path.open("rb") as file:
-        head = CalibrationSource(path.name, file.read(HEAD_SIZE), path)
-        content = identify_foreign(head.raw)
-        if content is not None and explain_unsupported(path) is None:
-            raise InputError.of(Location(path.name), f"this is {content.description}", content.remedy)
-        if head.is_binary and not any(known.recognises(head) for known in _FORMATS if isinstance(known, BinaryFormat)):
-            raise InputError([_unsupported_file(path, head.raw, "holds binary data")])
-        return head.raw + file.read()
+def _source(head: FileHead, a2l: Path | None) -> CalibrationSource:
+    """Return the whole file, unpacked; the files that belong to it are looked for beside it, by its own name."""
+    if not head.packing and not head.member:
+        with convert_errors(head.path, "cannot be read"):
+            return CalibrationSource(head.name, head.path.read_bytes(), head.path, a2l)
+    with unpacked(head, head.member) as (path, _):
+        return CalibrationSource(head.name, path.read_bytes(), head.path.with_name(head.name), a2l)
 
 
-def _unrecognised_file(path: Path, source: CalibrationSource) -> Finding:
-    lines, location = source.text.strip().splitlines(), Location(path.name)
-    if not lines:
-        return Finding(location, "is empty", f"Expected {_describe_formats()}.")
-    fragment = fragment_of_a2l(source.text)
-    if fragment:
-        return Finding(location, *fragment)
-    if recognises_a2l(source.text):
-        message = "is an A2L description, which contains no values"
-        return Finding(location, message, "Pass the image that it describes (.hex, .s19), with --a2l if needed.")
-    return _unsupported_file(path, source.raw, f"begins with {lines[0][:60]!r}")
+def _other_file(identity: Identity) -> Finding:
+    """Return why a file is not read as a calibration: what it is instead."""
+    known, head = identity.format, identity.head
+    location, expected = Location(head.name), f"Expected {_describe_formats()}."
+    if not head.raw.strip():
+        return Finding(location, "is empty", expected)
+    if known is A2L_FRAGMENT:
+        return Finding(location, *(fragment_of_a2l(head.text) or ("", "")))
+    if known is A2L or (known.remedy and known.recording is None):
+        return Finding(location, f"is {known.phrase}", known.remedy)
+    return Finding(location, f"is not a calibration file: it {_impression(identity)}", expected)
 
 
-def _unsupported_file(path: Path, head: bytes, message: str) -> Finding:
-    known = explain_unsupported(path)
-    if known is not None:
-        return known
-    kind = identify_content(head)
-    message = f"is not a calibration file: it {f'looks like {kind}' if kind else message}"
-    return Finding(Location(path.name), message, f"Expected {_describe_formats()}.")
+def _impression(identity: Identity) -> str:
+    known, head = identity.format, identity.head
+    if known is XML:
+        root = xml_root(head.text)
+        return f"looks like XML with the root {root}" if root else "looks like XML"
+    if known is BINARY:
+        return "holds binary data"
+    if known is CSV:
+        return f"begins with {head.text.strip().splitlines()[0][:60]!r}"
+    return f"looks like {known.phrase}"
 
 
 def _describe_formats() -> str:
-    return ", ".join(f"{known.name} ({', '.join(known.endings)})" for known in _FORMATS)
+    return ", ".join(f"{_label(known)} ({', '.join(_endings(known))})" for known in calibration_formats())
 
 
-def _format_for(path: Path) -> Format:
+def _label(known: FileFormat) -> str:
+    return known.calibration.label if known.calibration and known.calibration.label else known.name
+
+
+def _endings(known: FileFormat) -> tuple[str, ...]:
+    """Return the endings of the files of a format that can be written."""
+    converter = known.calibration
+    return (converter.endings or known.endings) if converter is not None and converter.write else ()
+
+
+def _converter_for(path: Path) -> CalibrationConverter:
+    """Return the converter of the format that the ending of a file to be written selects."""
     ending = path.suffix.lower()
-    for known in _FORMATS:
-        if ending in known.endings:
-            return known
+    for known in calibration_formats():
+        if known.calibration is not None and ending in _endings(known):
+            return known.calibration
     guess = nearest(ending, endings())
     raise ArgumentError(f"path={str(path)!r} must end like a calibration file: {_describe_formats()}. {guess}".strip())
+
+
+def _written(converter: CalibrationConverter, parameters: ParameterSet, name: str) -> WriteResult:
+    """Convert a set to a file; raises `InputError` naming what the format cannot store."""
+    result: str | WriteResult = call(converter.write, parameters, name)
+    return WriteResult(result.encode("utf-8", errors="replace")) if isinstance(result, str) else result

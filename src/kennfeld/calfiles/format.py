@@ -1,24 +1,20 @@
 """The common interface of calibration formats: source file, findings, and the results of reading and writing."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from kennfeld.errors import Finding, Findings, Location
+from kennfeld.files.encoding import detect_encoding
+from kennfeld.files.head import HEAD_SIZE
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Parameter, Text
 
 Item = Parameter | Text
 Key = tuple[str, str]  # name and variant
-HEAD_SIZE = 65536  # bytes or characters that tell what a file is
 
-_DECLARED_ENCODING = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')
-# Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
-_CHARACTER_SET = re.compile(r"(utf|cp\d|windows|iso|latin|ascii|us-ascii|gb|big5|shift|euc|koi)", re.IGNORECASE)
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
@@ -64,8 +60,7 @@ class CalibrationSource:
     def text(self) -> str:
         """The decoded text with LF line ends.
 
-        A byte order mark decides first, then a first line `* encoding="..."`, then UTF-8;
-        what is none of these is cp1252, as older INCA and ASCET wrote it.
+        A byte order mark decides first, then a first line `* encoding="..."`, then the bytes: see `detect_encoding`.
         """
         return self._decoded.replace("\r\n", "\n").replace("\r", "\n")
 
@@ -86,15 +81,12 @@ class CalibrationSource:
     def encoding(self) -> str:
         if self.mark:
             return _MARKS[self.mark]
-        match = _DECLARED_ENCODING.match(self.raw)
-        name = match[1].decode("ascii") if match else ""
-        for encoding in (name if _CHARACTER_SET.match(name) else "utf-8", "utf-8", "cp1252"):
-            try:
-                self.raw.decode(encoding)
-            except (LookupError, ValueError):
-                continue
-            return encoding
-        return "latin-1"
+        encoding = detect_encoding(self.raw, whole=True)
+        try:
+            self.raw.decode(encoding)
+        except ValueError:
+            return "latin-1"
+        return encoding
 
     @property
     def is_exact(self) -> bool:
@@ -121,53 +113,6 @@ class WriteResult:
 
     raw: bytes
     findings: tuple[Finding, ...] = ()
-
-
-@dataclass(frozen=True)
-class Format:
-    """One calibration format: how it is recognised, read and written.
-
-    `modules` of this package define the functions `recognises_...`, `read_...` and `write_...`, which end in `key` and
-    are loaded on first use. The recogniser gets the text of a file. The writer returns the text or bytes of a file; its
-    second argument is the file name for findings. `lacks` lists the aspects of a set that a new file does not store, by
-    the keys of `loss_report`.
-    """
-
-    name: str
-    endings: tuple[str, ...]
-    key: str
-    modules: tuple[str, str, str]
-    lacks: tuple[str, ...] = ()
-
-    @property
-    def unstated(self) -> tuple[str, ...]:
-        """The aspects that a file of this format does not state, or, as JSON the extrapolation, may leave out."""
-        return ("extrapolation", *(self.lacks or ("locks", "free axes")))
-
-    def _function(self, verb: str) -> Callable[..., Any]:
-        module = self.modules[("recognises", "read", "write").index(verb)]
-        function: Callable[..., Any] = getattr(import_module(f"kennfeld.calfiles.{module}"), f"{verb}_{self.key}")
-        return function
-
-    def recognises(self, source: CalibrationSource) -> bool:
-        return not source.is_binary and bool(self._function("recognises")(source.text))
-
-    def read(self, source: CalibrationSource) -> ReadResult:
-        """Read a file; raises `InputError` with all findings."""
-        content: ReadResult = self._function("read")(source)
-        return content
-
-    def write(self, parameters: ParameterSet, file: str) -> WriteResult:
-        """Convert a set to a file; raises `InputError` naming what the format cannot store."""
-        result: str | WriteResult = self._function("write")(parameters, file)
-        return WriteResult(result.encode("utf-8", errors="replace")) if isinstance(result, str) else result
-
-
-class BinaryFormat(Format):
-    """A format of which the recogniser gets the source, whose head must suffice."""
-
-    def recognises(self, source: CalibrationSource) -> bool:
-        return bool(self._function("recognises")(source))
 
 
 def build_set(items: dict[Key, Item], axes: Iterable[Axis], origin: object | None = None) -> ParameterSet:

@@ -34,11 +34,6 @@ _KINDS = (*_TABLES, "block", "rbf", *_TEXTS, "axis")
 _AXIS_ATTRIBUTES = ("name", "unit", "input")
 
 
-def recognises_json(text: str) -> bool:
-    """Check whether a text begins like a JSON object."""
-    return text.lstrip().startswith("{")
-
-
 def write_json(parameters: ParameterSet, file: str) -> str:
     """Return the text of a `parameters.json`; bounds and locks are not stored.
 

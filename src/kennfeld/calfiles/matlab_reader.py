@@ -12,9 +12,12 @@ from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, UnreadableObject, Value, holds_samples, parameters_of
 from kennfeld.errors import InputError, Location
 from kennfeld.file_state import note_opened
+from kennfeld.files.calibrations import SCRIPT_TITLE
+from kennfeld.files.head import FileHead
 from kennfeld.matlab import values as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.mat_reader import read_nodes, to_value
+from kennfeld.matlab.mat_v73 import is_matlab_guarded
 from kennfeld.matlab.script_files import Files
 from kennfeld.matlab.script_runner import run_script
 from kennfeld.matlab.simulink_objects import LookupTable, to_calibration_parameter
@@ -22,21 +25,15 @@ from kennfeld.parameters import AXIS_LETTERS
 
 _MAX_DEPTH = 40
 
-TITLE = "% Kennfeld calibration"
-_ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:\[|(?!=)[^;\n]*(?:;|\.\.\.))")
-_HARMLESS = re.compile(r"(?:clear|clc|close|function|format|clearvars)\b[^:]*")
 _COMMENT = re.compile(r"(?:\[([^\[\]]*)\])?[ \t]*(.*)", re.DOTALL)
 _VALUES = frozenset({"value", "values", "data"})
 _MAX_VALUES = 20_000_000  # that a script assigns
 _MAX_FILE_BYTES = 200_000_000  # bytes of a file in its folder
-_HEAD_LINES = 400
-_MAX_COMMAND_LENGTH = 500  # characters of a command that is no assignment
 
+_MAX_SEARCHED = 100_000_000  # bytes of a file that is searched for parameters
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # bytes before the HDF5 part
 _MAX_UNPACKED_BYTES = 200_000_000  # unpacked
-_OLD_TYPES = 6  # of numbers, in version 4
-_OLD_NAME = re.compile(rb"[A-Za-z]\w{0,62}\0")
 
 
 def to_plain_value(value: m.Value, depth: int = 0) -> Value:
@@ -80,20 +77,6 @@ def _to_struct(value: m.MatlabStruct) -> Value:
     return StructValue({**points, **units, "values": content.value, **attributes})
 
 
-def recognises_script(text: str) -> bool:
-    """Check whether a text begins like a script that assigns numbers."""
-    text = text.lstrip("\ufeff")
-    if text.startswith(TITLE):
-        return True
-    for line in text.split("\n", _HEAD_LINES)[:_HEAD_LINES]:
-        line = line.strip()
-        if _ASSIGNMENT.match(line):
-            return True
-        if line and line[0] not in "%#" and not _HARMLESS.fullmatch(line[:_MAX_COMMAND_LENGTH]):
-            return False
-    return False
-
-
 def read_script(source: CalibrationSource) -> ReadResult:
     """Return the parameters that a script assigns: numbers, matrices, texts, structs with axes and values.
 
@@ -107,7 +90,7 @@ def read_script(source: CalibrationSource) -> ReadResult:
     variables = {name: to_plain_value(value) for name, value in outcome.variables.items()}
     _apply_comments(variables, outcome.comments)
     parameters = parameters_of(variables, findings, outcome.lines)
-    if not parameters.chosen and not text.startswith(TITLE):
+    if not parameters.chosen and not text.startswith(SCRIPT_TITLE):
         findings.error(0, "", "assigns no numbers", "A parameter looks like: K = 0.08;")
     return ReadResult("MATLAB script", parameters, findings.finish())
 
@@ -164,28 +147,8 @@ def format_comment(unit: str, description: str) -> str | None:
     return result if plain and parse_comment(result) == (unit, description) else None
 
 
-def recognises_mat(source: CalibrationSource) -> bool:
-    """Check whether a file, of which the beginning may suffice, is a MATLAB data file."""
-    raw = source.raw
-    return raw.startswith(b"MATLAB 5.0 MAT-file") or _is_hdf5(raw) or _is_old(raw)
-
-
 def _is_hdf5(raw: bytes) -> bool:
     return raw.startswith(_HDF5) or raw[_USER_BLOCK : _USER_BLOCK + len(_HDF5)] == _HDF5
-
-
-def _is_old(raw: bytes) -> bool:
-    """Check whether the file begins with a variable of version 4, which has no signature."""
-    if len(raw) < 22:
-        return False
-    for order in "<>":
-        code, rows, columns, is_complex, length = (int(n) for n in np.frombuffer(raw[:20], f"{order}i4"))
-        thousands, rest = divmod(code, 1000)
-        fits = thousands == "<>".index(order) and rest < 10 * _OLD_TYPES and rest % 10 < 3
-        plain = is_complex in (0, 1) and min(rows, columns) >= 0 and 1 < length < 65
-        if fits and plain and _OLD_NAME.fullmatch(raw[20 : 20 + length]):
-            return True
-    return False
 
 
 def read_mat(source: CalibrationSource) -> ReadResult:
@@ -202,10 +165,15 @@ def read_mat(source: CalibrationSource) -> ReadResult:
     return ReadResult(f"MATLAB {version}", parameters_of(variables, findings), findings.finish())
 
 
-def is_calibration_mat(source: CalibrationSource) -> bool:
+def holds_calibration(head: FileHead) -> bool:
     """Check whether a data file holds a calibration rather than recorded samples."""
+    if not (head.packing or head.member) and head.path.stat().st_size > _MAX_SEARCHED:
+        return False
+    content = head.whole(_MAX_SEARCHED)
+    if _is_hdf5(content) and not is_matlab_guarded(content):
+        return False
     try:
-        variables = _variables(source)[1]
+        variables = _variables(CalibrationSource(head.name, content))[1]
     except InputError:
         return False
     plain = any(isinstance(value, (StructValue, np.ndarray)) for value in variables.values())

@@ -10,15 +10,16 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, Value
-from kennfeld.calfiles.matlab_reader import TITLE, format_comment
+from kennfeld.calfiles.matlab_reader import format_comment
 from kennfeld.calfiles.storable import USE_JSON, report_repeated_variables
+from kennfeld.files.calibrations import SCRIPT_TITLE
 from kennfeld.matlab.variable_names import KEYWORDS, variable_name
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, LABELS, Text
 
 _RESERVED_NAMES = KEYWORDS | {INFO, "Inf", "NaN", "reshape", "char", "ans"}
 
-_HEAD = f"""{TITLE}
+_HEAD = f"""{SCRIPT_TITLE}
 % A number or a matrix is a parameter. A struct with x, y and values is a curve or a map: values have a row for each x.
 """
 _MAT_TITLE = b"MATLAB 5.0 MAT-file, written by Kennfeld".ljust(116)

@@ -13,7 +13,6 @@ from kennfeld.lazy_dataclass import dataclass
 
 SEPARATOR = "\x1f"  # of the texts of equal elements that were joined; no XML can hold it
 
-_PROLOG = 20_000  # characters before the root
 _MAX_LEVELS = 100  # levels; calibration files have about twenty
 _SEPARATORS = (b"|", b"~", b"^", b"`", b"\\", b"$", b"@")
 _MAX_GAPS = 50
@@ -53,12 +52,6 @@ class Element:
         child = self.first(tag)
         text = "" if child is None else child.text
         return " ".join(text.split()) if "\n" in text else text
-
-
-def has_root(text: str, tag: str) -> bool:
-    """Check whether a text begins like XML with a root of this tag, after declaration, document type and comments."""
-    root = rf"<(?:[\w.-]+:)?{tag}[\s/>]"
-    return text.lstrip("\ufeff \n\t").startswith("<") and re.search(root, text[:_PROLOG]) is not None
 
 
 def parse_xml(raw: bytes, findings: FileFindings, joined: str = "") -> Element | None:

@@ -146,7 +146,8 @@ class Interpreter:
             case "input":
                 return columns[payload]
             case "state":
-                return memory[payload]
+                held: Float = memory[payload]
+                return held
             case "position":
                 return position(args[0], self._points(payload), payload.extrapolation)
             case "density":

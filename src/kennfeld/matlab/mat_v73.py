@@ -33,7 +33,7 @@ def load(path: Path | BinaryIO, max_bytes: int = n.MAX_BYTES) -> dict[str, n.Nod
 
 
 @dataclass(frozen=True)
-class _Content:
+class _FileBytes:
     """The bytes of a file, which the caller names in its own findings."""
 
     content: bytes
@@ -50,14 +50,29 @@ class _Content:
 def load_guarded(content: bytes, max_bytes: int = n.MAX_BYTES, max_nodes: int = n.MAX_NODES) -> n.MatFileContent:
     """Read the same as `load_all` in a process that may crash; then the whole file is lost."""
     try:
-        loaded: n.MatFileContent = LIBRARY.attempt(_load_content, _Content(content), max_bytes, max_nodes)
+        loaded: n.MatFileContent = LIBRARY.attempt(_load_content, _FileBytes(content), max_bytes, max_nodes)
     except LibraryFailure as failure:
         loaded = n.MatFileContent()
         loaded.lose(str(failure))
     return loaded
 
 
-def _load_content(source: _Content, max_bytes: int, max_nodes: int) -> n.MatFileContent:
+def is_matlab_guarded(content: bytes) -> bool:
+    """Return the same as `is_matlab`, found in a process that may crash; False also for a damaged file."""
+    try:
+        return bool(LIBRARY.attempt(_is_matlab_content, _FileBytes(content)))
+    except LibraryFailure:
+        return False
+
+
+def _is_matlab_content(source: _FileBytes) -> bool:
+    try:
+        return is_matlab(BytesIO(source.content))
+    except Exception:  # of many kinds: the library trusts what it reads
+        return False
+
+
+def _load_content(source: _FileBytes, max_bytes: int, max_nodes: int) -> n.MatFileContent:
     return load_all(BytesIO(source.content), max_bytes, max_nodes)
 
 
@@ -89,7 +104,7 @@ def _describe(error: Exception) -> str:
     return f"it is truncated or corrupt ({' '.join(str(error).split())[:160] or type(error).__name__})"
 
 
-def is_matlab(path: Path) -> bool:
+def is_matlab(path: Path | BinaryIO) -> bool:
     """Return True if an HDF5 file was written by MATLAB."""
     import h5py
 

@@ -6,11 +6,11 @@ from concurrent.futures import Executor
 import pyarrow as pa
 from pyarrow import csv
 
+from kennfeld.files.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.arrow_numbers import numbers_of
 from kennfeld.measurement.cells import MISSING, TRUTH
 from kennfeld.measurement.csv_body import CsvBody, count_lines
 from kennfeld.measurement.csv_dialect import Dialect
-from kennfeld.measurement.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.table import BLOCK, Column, ColumnBuilder
 from kennfeld.threads import available_cores

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.formatting import join_names
 from kennfeld.measurement.bus_frames import Frames, joined
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 
 _FILE = struct.Struct("<4sL")  # signature and size of the header
 _OBJECT = struct.Struct("<4sHHLL")  # signature, sizes of the header, its version, size of all, kind

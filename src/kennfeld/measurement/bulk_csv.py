@@ -11,14 +11,14 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.files.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.cells import TRUTH, parse_number
 from kennfeld.measurement.csv_body import CsvBody
 from kennfeld.measurement.csv_dialect import Dialect, is_comment, split_line
-from kennfeld.measurement.encoding import GUESSED_ENCODINGS
 from kennfeld.measurement.exact_numbers import has_many_digits
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
 from kennfeld.measurement.plain_csv import read_numbers
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.unit_text import may_be_time
 from kennfeld.threads import available_cores

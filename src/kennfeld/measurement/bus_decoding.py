@@ -25,7 +25,7 @@ from kennfeld.measurement.bus_frames import Frames, Sender, group_number
 from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch
 from kennfeld.measurement.bus_texts import missing_texts, without_texts
 from kennfeld.measurement.channel_names import TIME, unique_forms
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 

@@ -7,7 +7,6 @@ is the hash of the entry itself, so that a damaged one is ignored. If anything f
 
 import contextlib
 import json
-import math
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,23 +23,18 @@ from kennfeld.code_digest import code_digest
 from kennfeld.dataset import Channel, Clock, Dataset
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_state import FileState, digest
+from kennfeld.files.recordings import MDF
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.arrow_numbers import array_of, view_of
 from kennfeld.measurement.bus_databases import DatabaseFile
 from kennfeld.measurement.companions import files_of
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.reader import read_leniently
+from kennfeld.measurement.source import MeasurementFile, locate
 
 _NOTES = b"kennfeld"
 _STORED = ("name", "channels", "time", "starts", "clock", "findings", "start_time")  # what is written of a dataset
 _ADDED = ("files",)  # by whoever reads the entry
 
-_WORTH = {
-    FileKind.PARQUET: math.inf,
-    FileKind.FEATHER: math.inf,
-    FileKind.CSV: 0.5,
-}  # s of reading that make an entry worthwhile
-_WORTH_ELSE = 0.2
 _MAX_SIZE = 2_000_000_000  # bytes of a folder
 _STALE = 3600.0  # s; older temporary files belong to a process that has ended
 _ERRORS = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError)
@@ -168,7 +162,7 @@ class Cache:
             return stored
         before, began = _stats(source), time.perf_counter()
         dataset = read_leniently(path, channels, raster, units or {}, databases)
-        if time.perf_counter() - began >= _worth(source.kind):
+        if time.perf_counter() - began >= _worth(source):
             with contextlib.suppress(*_ERRORS):
                 self._store(source, before, _key(source, channels, raster, units), dataset)
         return dataset
@@ -197,7 +191,7 @@ class Cache:
     ) -> None:
         """Store the channel names of a file that lacks some of these channels."""
         source = replace(locate(path), databases=databases)
-        if source.kind is not FileKind.MDF and not databases:  # other kinds are listed quickly
+        if source.format is not MDF and not databases:  # other kinds are listed quickly
             return
         with contextlib.suppress(*_ERRORS):
             known = self._known(source) or _Note.of(source)
@@ -289,14 +283,14 @@ def _stats(source: MeasurementFile) -> dict[str, os.stat_result]:
     return {}
 
 
-def _worth(kind: FileKind) -> float:
+def _worth(source: MeasurementFile) -> float:
     """Return the time of reading in s that makes an entry worthwhile."""
-    if kind is FileKind.MDF:
+    if source.format is MDF:
         from kennfeld.measurement.mdf import library_is_loaded
 
         if library_is_loaded():
             return 0.0  # loading that library again takes longer than reading the entry
-    return _WORTH.get(kind, _WORTH_ELSE)
+    return source.reader.costly
 
 
 def _read_entry(entry: Path, name: str) -> Dataset | None:
@@ -321,7 +315,7 @@ def _key(
     names = None if channels is None else list(dict.fromkeys(channels))
     step = None if raster is None else float(raster).hex()
     databases = [[_content_of(file), file.path.name, file.bus, file.network] for file in source.databases]
-    key = [code_digest(), source.kind.value, source.sheet, names, step, sorted((units or {}).items()), databases]
+    key = [code_digest(), source.format.name, source.sheet, names, step, sorted((units or {}).items()), databases]
     return digest(json.dumps(key).encode())
 
 

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.files.can_csv_columns import can_csv_separator, column_names
 from kennfeld.formatting import count_noun
 from kennfeld.measurement.bus_frames import Frames, from_rows
-from kennfeld.measurement.can_csv_columns import can_csv_separator, column_names
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.stamps import is_stamp, parse_stamps
 
 _TIMES = ("timestampepoch", "timestamp", "timestamps", "time")
@@ -78,7 +78,7 @@ def _read_rows(source: MeasurementFile) -> tuple[list[str], list[int], list[list
     table: list[list[str]] = []
     with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8-sig", errors="replace", newline="") as text:
         head = text.readline()
-        separator = can_csv_separator(head.encode()) or ","
+        separator = can_csv_separator(head) or ","
         reader = csv.reader((line.replace("\0", "") for line in text), delimiter=separator, skipinitialspace=True)
         while True:
             try:

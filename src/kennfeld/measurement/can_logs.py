@@ -14,21 +14,23 @@ from typing import Any
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.files.encoding import decode
+from kennfeld.files.recordings import ASC, ASC_HEADER, BLF, CAN_CSV, CANDUMP, TRC
 from kennfeld.formatting import count_noun
 from kennfeld.measurement import blf, can_csv
 from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
 from kennfeld.measurement.channel_names import choose
-from kennfeld.measurement.file_kind import ASC_HEADER, FileKind, MeasurementFile
 from kennfeld.measurement.log_start_time import asc_start_time, blf_start_time
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription
 from kennfeld.optional_packages import optional_package
 
-_READERS = {FileKind.ASC: "ASCReader", FileKind.TRC: "TRCReader", FileKind.CANDUMP: "CanutilsLogReader"}
-_FROM_ZERO = (FileKind.ASC,)  # kinds whose channels the library counts from 0
-_START_TIMES = {FileKind.ASC: asc_start_time, FileKind.BLF: blf_start_time}
-_RESUMABLE = (FileKind.ASC, FileKind.CANDUMP)  # kinds of which the library can read on after a damaged line
+_READERS = {ASC: "ASCReader", TRC: "TRCReader", CANDUMP: "CanutilsLogReader"}
+_FROM_ZERO = (ASC,)  # kinds whose channels the library counts from 0
+_START_TIMES = {ASC: asc_start_time, BLF: blf_start_time}
+_RESUMABLE = (ASC, CANDUMP)  # kinds of which the library can read on after a damaged line
 _MOST_DAMAGED = 1000  # lines
 _RELATIVE_TIME = "each time stamp counts from the event before, and events that are not frames are skipped with theirs"
 _ABSOLUTE = "Export the log with absolute time stamps."
@@ -38,13 +40,13 @@ _MOST_BYTES = 64
 _NO_END = "the last line has no line break: the log seems to be cut off; the frames before its end are read"
 _EPOCH = 1e8  # s; larger times count from 1970
 _DIGITS = 6  # of such times in s: they are not known to more
-_RELATIVE = b"relative"
+_RELATIVE = "relative"
 
 
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each message that holds a requested signal."""
     log = _read_log(source)
-    begin = _START_TIMES[source.kind](source.start()) if source.kind in _START_TIMES else None
+    begin = _START_TIMES[source.format](source.start()) if source.format in _START_TIMES else None
     tables = log.tables(choose(source, log.named_channels(), selection, log.explain))
     return [replace(table, start_time=begin) for table in tables]
 
@@ -56,8 +58,8 @@ def describe_tables(source: MeasurementFile) -> Iterator[TableDescription]:
 
 
 def _read_log(source: MeasurementFile) -> BusLog:
-    own = {FileKind.BLF: blf.read_frames, FileKind.CAN_CSV: can_csv.read_frames}
-    frames, findings = own.get(source.kind, _read_text)(source)
+    own = {BLF: blf.read_frames, CAN_CSV: can_csv.read_frames}
+    frames, findings = own.get(source.format, _read_text)(source)
     if not any(map(len, frames)):
         raise InputError.of(source.location, "holds no data frames of a CAN bus", "Is it the right file?")
     return BusLog(source, frames, findings)
@@ -116,14 +118,14 @@ def _read_text(source: MeasurementFile) -> tuple[list[Frames], list[Finding]]:
     reader_class = _load(source)
     header: dict[str, str] = {}
     is_relative = False
-    if source.kind is FileKind.ASC:
+    if source.format is ASC:
         base, is_relative = _asc_header(source)
         header = {"base": base}
-    columns, problems = _Columns(source.kind in _FROM_ZERO), list[str]()
+    columns, problems = _Columns(source.format in _FROM_ZERO), list[str]()
     with source.open() as raw, io.TextIOWrapper(raw, encoding="utf-8", errors="replace") as text:
         reader = reader_class(text, **header)
         while not (done := _collect(reader, columns, problems)):
-            if source.kind not in _RESUMABLE or len(problems) >= _MOST_DAMAGED:
+            if source.format not in _RESUMABLE or len(problems) >= _MOST_DAMAGED:
                 break
     frames = [columns.frames(is_relative=is_relative)] if columns.time else []
     findings = [Finding(source.location, _RELATIVE_TIME, _ABSOLUTE, severity="warning")] if is_relative else []
@@ -162,14 +164,14 @@ def _load(source: MeasurementFile) -> Any:
     with optional_package(source.location, "bus"):
         import can
     logging.getLogger("can").setLevel(logging.CRITICAL + 1)
-    reader = getattr(can, _READERS[source.kind])
+    reader = getattr(can, _READERS[source.format])
     # its own search for the header takes the first frame for a line of it, also after a damaged line
-    return type("Reader", (reader,), {"_extract_header": lambda self: None}) if source.kind is FileKind.ASC else reader
+    return type("Reader", (reader,), {"_extract_header": lambda self: None}) if source.format is ASC else reader
 
 
 def _asc_header(source: MeasurementFile) -> tuple[str, bool]:
     """Return the base of the numbers in an ASC log, `hex` or `dec`, and whether its time stamps are relative."""
-    match = ASC_HEADER.search(source.start().removeprefix(b"\xef\xbb\xbf"))
+    match = ASC_HEADER.search(decode(source.start(), whole=False))
     if match is None:
         return "hex", False
-    return match["base"].decode().lower(), (match["stamps"] or b"").lower() == _RELATIVE
+    return match["base"].lower(), (match["stamps"] or "").lower() == _RELATIVE

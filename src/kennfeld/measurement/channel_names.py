@@ -7,7 +7,7 @@ from typing import Protocol, Self, TypeVar
 
 from kennfeld.errors import Findings
 from kennfeld.formatting import join_names, nearest
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection
 
 TIME = "time"

@@ -1,7 +1,7 @@
 """Refuses files that claim more values than they can hold, before any memory is asked for."""
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.process_limits import memory_bound
 
 _VALUE = 8  # bytes of a double

@@ -1,13 +1,11 @@
 """The files of a recording: the one that is named, and those beside it that hold its values."""
 
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile
-
-_READERS = {FileKind.DIADEM: "diadem", FileKind.TDM: "tdm_header"}  # each offers companions(source)
+from kennfeld.files.file_format import call
+from kennfeld.measurement.source import MeasurementFile
 
 
 def files_of(source: MeasurementFile) -> list[Path]:
@@ -17,7 +15,7 @@ def files_of(source: MeasurementFile) -> list[Path]:
         OSError: it cannot be read.
     """
     files = [source.path]
-    if source.kind in _READERS:
+    if source.reader.companions:
         with suppress(InputError, ValueError):  # reported when it is read
-            files += import_module(f"kennfeld.measurement.{_READERS[source.kind]}").companions(source)
+            files += call(source.reader.companions, source)
     return files

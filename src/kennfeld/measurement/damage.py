@@ -1,7 +1,7 @@
 """The error for a file that a library cannot read; libraries trust what they read, and fail in many ways."""
 
 from kennfeld.errors import InputError
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 
 _MAX_REASON = 160  # characters
 

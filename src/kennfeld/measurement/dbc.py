@@ -12,7 +12,7 @@ from pathlib import Path
 
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
-from kennfeld.foreign_content import identify_foreign
+from kennfeld.files.foreign import identify_foreign
 from kennfeld.formatting import count_noun, join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.bus_messages import BusDatabase, BusMessage, BusSignal, Switch, bits_of

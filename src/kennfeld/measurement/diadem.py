@@ -17,9 +17,8 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
+from kennfeld.files.encoding import detect_encoding
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.encoding import detect_encoding
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
     RecordedGroup,
@@ -28,6 +27,7 @@ from kennfeld.measurement.recorded_groups import (
     file_beside,
     tables_of,
 )
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import split_name

@@ -6,8 +6,8 @@ import numpy as np
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import nearest
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import find_header, header_remarks
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table
 from kennfeld.workbooks import UnsavedFormulas, Workbook, column_letters, open_workbook
 

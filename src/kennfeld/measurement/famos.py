@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds
@@ -36,11 +36,6 @@ _COPY_AGAIN = "Copy or export it again."
 
 class FamosError(ValueError):
     """A file is damaged; the text describes the damage."""
-
-
-def recognises_famos(head: bytes) -> bool:
-    """Return whether a file that begins so is one of FAMOS."""
-    return head.startswith((b"|CF,1,", b"|CF,2,"))
 
 
 @dataclass

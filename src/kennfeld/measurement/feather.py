@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.errors import InputError
 from kennfeld.measurement.arrow_columns import column_of, header_of, is_numeric, text_column
 from kennfeld.measurement.damage import damaged
-from kennfeld.measurement.file_kind import MeasurementFile
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 
 _FILE = b"ARROW1"

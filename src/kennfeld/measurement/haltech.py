@@ -12,11 +12,11 @@ from dataclasses import field, replace
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.files.encoding import detect_encoding
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.encoding import detect_encoding
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table
 from kennfeld.measurement.text import RowCollector, iterate_lines, row_findings
 

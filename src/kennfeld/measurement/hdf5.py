@@ -18,7 +18,6 @@ from kennfeld.matlab import mat_v73
 from kennfeld.measurement import matlab
 from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.exact_numbers import rest_of_integers
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.pandas_frames import DateOrigin, frame_channels, is_stored_frame
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
@@ -27,6 +26,7 @@ from kennfeld.measurement.recorded_groups import (
     unnamed_matrices,
     with_clock,
 )
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import may_be_time, split_name

@@ -11,11 +11,11 @@ import numpy as np
 
 from kennfeld.arrays import Bool
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.files.encoding import detect_encoding
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.csv_dialect import split_line
-from kennfeld.measurement.encoding import detect_encoding
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.text import NumberedLine, RowCollector, iterate_lines

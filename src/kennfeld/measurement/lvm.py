@@ -12,11 +12,11 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.files.encoding import detect_encoding
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
-from kennfeld.measurement.encoding import detect_encoding
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import unique_names
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table, limit_findings
 from kennfeld.measurement.text import NumberedLine, iterate_lines
 

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from kennfeld.errors import Findings, InputError
+from kennfeld.files.containers import HDF5
 from kennfeld.formatting import join_names, size_text
 from kennfeld.matlab import mat_v4, mat_v5, mat_v73
 from kennfeld.matlab.mat_nodes import MatFileError, Node
 from kennfeld.matlab.mcos import resolve_objects
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate
 from kennfeld.measurement.header import unique_names
 from kennfeld.measurement.matlab_signals import MatlabSignals, RecordedSignal, TimeBase, find_signals
+from kennfeld.measurement.source import MeasurementFile, locate
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 
@@ -41,7 +42,7 @@ def _evaluated(work: Callable[..., Any], source: MeasurementFile, *arguments: An
 
 
 def _needs_library(source: MeasurementFile) -> bool:
-    return source.kind is FileKind.HDF5 or source.start(9) == b"MATLAB 7."
+    return source.format is HDF5 or source.start(9) == b"MATLAB 7."
 
 
 def _tables(source: MeasurementFile, signals: MatlabSignals, selection: Selection) -> list[Table]:
@@ -85,7 +86,7 @@ def _holds_samples(source: MeasurementFile) -> bool:
 
 
 def _find_signals(source: MeasurementFile) -> MatlabSignals:
-    file = "HDF5 file" if source.kind is FileKind.HDF5 else "MATLAB file"
+    file = "HDF5 file" if source.format is HDF5 else "MATLAB file"
     try:
         return find_signals(_variables(source))
     except MatFileError as error:

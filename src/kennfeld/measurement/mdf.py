@@ -25,13 +25,13 @@ from kennfeld.library_process import LibraryProcess
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
 from kennfeld.measurement.channel_names import TIME, choose, unique_forms, without_indices
 from kennfeld.measurement.claimed_values import check_claimed
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.library_conversions import conversion_of
 from kennfeld.measurement.mdf_blocks import check_links
 from kennfeld.measurement.mdf_bus import event_of, is_of_event, read_frames
 from kennfeld.measurement.mdf_conversions import ConversionKind, MdfConversion, UnsupportedConversionError
 from kennfeld.measurement.mdf_start_time import HeaderTime, start_time_of_texts
 from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, plain_unit

@@ -19,8 +19,8 @@ from kennfeld.errors import Findings, InputError, Location
 from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.claimed_values import check_claimed
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import MAX_MARKS, Column, Selection, Table, describe_marks
 from kennfeld.measurement.time_column import time_in_seconds
 from kennfeld.measurement.unit_text import time_unit

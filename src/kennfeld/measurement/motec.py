@@ -5,7 +5,6 @@ channels, each with address, number and type of its samples and its rate. All nu
 value is (raw * 10^-decimals / scale + shift) * multiplier.
 """
 
-import re
 import struct
 from collections.abc import Iterator
 from functools import partial
@@ -17,9 +16,9 @@ from kennfeld.arrays import Float
 from kennfeld.errors import InputError
 from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.mlg import plain_text
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 
@@ -31,12 +30,6 @@ _INTEGERS = {2: "<i2", 4: "<i4"}
 _FLOATING, _WHOLE = (7,), (0, 3, 5)
 _MOST_CHANNELS = 100_000
 _COPY_AGAIN = "Copy it again from the logger."
-
-
-def recognises_motec(head: bytes) -> bool:
-    """Return whether a file that begins so is a log of MoTeC: a marker, and a date as text."""
-    date = re.match(rb"\d{1,2}/\d{1,2}/\d{4}\0", head[_DATE])
-    return head.startswith(b"\x40\0\0\0") and date is not None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
 from kennfeld.measurement.damage import damaged
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
     RecordedGroup,
@@ -18,6 +17,7 @@ from kennfeld.measurement.recorded_groups import (
     unnamed_matrices,
     with_clock,
 )
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.variable_attributes import (

@@ -9,8 +9,8 @@ from kennfeld.errors import InputError
 from kennfeld.measurement.arrow_columns import column_of, header_of, is_numeric, text_column
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.damage import damaged
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 
 _AT_ONCE = 1 << 22  # values; each reading goes through the names of all columns

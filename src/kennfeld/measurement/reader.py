@@ -4,65 +4,27 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from kennfeld.dataset import Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.file_spans import FileSpans
+from kennfeld.files.file_format import Role, call
+from kennfeld.files.formats import ZIP_ARCHIVE, recording_formats
+from kennfeld.files.head import FileHead
+from kennfeld.files.identification import identify_head
+from kennfeld.files.unpacking import choose_member, unpacked
 from kennfeld.formatting import join_names, nearest
 from kennfeld.measurement.bus_databases import AnyDatabase, DatabaseFile, to_databases
 from kennfeld.measurement.channel_groups import join_groups, split_timelines
+from kennfeld.measurement.dataset_tables import table_of
 from kennfeld.measurement.epochs import with_epochs
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile, locate, refuse_foreign, run_guarded
 from kennfeld.measurement.fine_clocks import with_fine_clocks
 from kennfeld.measurement.fraction_columns import with_fractions
+from kennfeld.measurement.source import MeasurementFile, locate, locate_head, run_guarded
 from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
 from kennfeld.measurement.table_conversion import Description, assemble, describe_table
 from kennfeld.measurement.time_column import drop_untimed, with_unread_time
-from kennfeld.measurement.unpacking import unpacked
-
-# each module offers read_tables(source, selection)
-_READERS = {
-    FileKind.CSV: "text",
-    FileKind.EXCEL: "excel",
-    FileKind.PARQUET: "parquet",
-    FileKind.FEATHER: "feather",
-    FileKind.TDMS: "tdms",
-    FileKind.NETCDF: "netcdf",
-    FileKind.DIADEM: "diadem",
-    FileKind.TDM: "tdm_header",
-    FileKind.MDF: "mdf",
-    FileKind.MATLAB: "matlab",
-    FileKind.HDF5: "hdf5",
-    FileKind.MLG: "mlg",
-    FileKind.MSL: "text",
-    FileKind.HPTUNERS: "hptuners",
-    FileKind.LVM: "lvm",
-    FileKind.VBO: "vbo",
-    FileKind.HALTECH: "haltech",
-    FileKind.MOTEC: "motec",
-    FileKind.FAMOS: "famos",
-    FileKind.ASC: "can_logs",
-    FileKind.BLF: "can_logs",
-    FileKind.TRC: "can_logs",
-    FileKind.CANDUMP: "can_logs",
-    FileKind.CAN_CSV: "can_logs",
-}
-_BUS_LOGS = {FileKind.ASC, FileKind.BLF, FileKind.TRC, FileKind.CANDUMP, FileKind.CAN_CSV}
-# kinds whose readers unpack gzip
-_TEXT = {
-    FileKind.CSV, FileKind.MSL, FileKind.HPTUNERS, FileKind.LVM, FileKind.VBO, FileKind.HALTECH,
-    FileKind.ASC, FileKind.TRC, FileKind.CANDUMP, FileKind.CAN_CSV,
-}  # fmt: skip
-_LOGS = {FileKind.MLG, FileKind.MSL}  # kinds whose records may lack a time stamp
-# kinds whose tables are rasters of one recording; their modules offer describe_tables(source)
-_RASTERS = {
-    FileKind.MDF, FileKind.MATLAB, FileKind.HDF5, FileKind.HPTUNERS, FileKind.TDMS, FileKind.NETCDF,
-    FileKind.DIADEM, FileKind.TDM, FileKind.MOTEC, FileKind.FAMOS, *_BUS_LOGS,
-}  # fmt: skip
-_SPOKEN = ("A", "E", "I", "O", "MDF", "MLG", "MSL", "HTML", "HP", "HDF", "FMU", "XML")  # begin with a vowel
 
 
 def read(
@@ -137,10 +99,10 @@ def _read(
     tables = [table.with_units(units) for table in _read_tables(source, selection)]
     if strict:
         _check_stated(source, tables, selection)
-    if source.kind not in _RASTERS:
+    if not source.reader.descriptions:
         tables = split_timelines(_single_table(source, tables), selection)
     tables = with_fine_clocks(tables, selection)
-    if source.kind not in _RASTERS and len(tables) == 1:
+    if not source.reader.descriptions and len(tables) == 1:
         return assemble(tables[0], source.stem, selection, raster)
     return join_groups(source.location, tables, source.stem, selection, raster)
 
@@ -166,15 +128,15 @@ def describe(path: str | Path, dbc: AnyDatabase | Iterable[AnyDatabase] = ()) ->
 
 
 def _describe(source: MeasurementFile) -> Description:
-    if source.kind in _RASTERS:
-        descriptions = run_guarded(source.name, lambda: tuple(_reader(source).describe_tables(source)))
-        return Description(source.name, source.kind.value, descriptions)
+    if source.reader.descriptions:
+        descriptions = run_guarded(source.name, lambda: tuple(call(source.reader.descriptions, source)))
+        return Description(source.name, source.format.name, descriptions)
     tables = _read_tables(source, Selection())
     errors = [error for table in tables for error in table.errors]
     if errors:
         raise InputError(errors)
     parts = [p for table in tables for p in with_fine_clocks(split_timelines(table, Selection()), Selection())]
-    return Description(source.name, source.kind.value, tuple(describe_table(part) for part in parts))
+    return Description(source.name, source.format.name, tuple(describe_table(part) for part in parts))
 
 
 def list_columns(path: str | Path) -> list[str] | None:
@@ -184,9 +146,9 @@ def list_columns(path: str | Path) -> list[str] | None:
         InputError: the file cannot be read or holds no table.
     """
     with _readable(path, None) as source:
-        if source.kind not in (FileKind.CSV, FileKind.MSL):
+        if not source.reader.columns:
             return None
-        names: list[str] = run_guarded(source.name, lambda: _reader(source).list_columns(source))
+        names: list[str] = run_guarded(source.name, lambda: call(source.reader.columns, source))
         return names
 
 
@@ -195,39 +157,56 @@ def _readable(
     path: str | Path, sheet: str | None, databases: tuple[DatabaseFile, ...] = ()
 ) -> Iterator[MeasurementFile]:
     """Yield a file that a reader can open; raise `InputError` if there is none for its kind."""
-    whole = run_guarded(Path(path).name, lambda: locate(path, sheet))
-    with unpacked(whole, whole.kind in _TEXT) as source:
-        _check_kind(source)
-        yield replace(source, databases=databases)
+    whole, head = locate_head(path, sheet)
+    is_archive = whole.format is ZIP_ARCHIVE
+    if not is_archive and (not head.packing or (whole.packed and whole.reader.unpacks)):
+        _check(whole)
+        yield replace(whole, databases=databases)
+        return
+    member = (whole.sheet or "") if is_archive else ""
+    with unpacked(head, member, with_others=is_archive and _has_companions(head, member)) as (inner, label):
+        source = replace(locate(inner, None if is_archive else whole.sheet), label=label, databases=databases)
+        if source.packed or source.format is ZIP_ARCHIVE:
+            message = f"{inner.name} in it is compressed as well"
+            raise InputError.of(whole.location, message, "Unpack it first.")
+        _check(source)
+        yield source
 
 
-def _check_kind(source: MeasurementFile) -> None:
-    kind = source.kind.value
-    kind_with_article = f"{'an' if kind.startswith(_SPOKEN) else 'a'} {kind}"
-    refuse_foreign(source)
-    if source.kind not in _READERS:
-        message = f"this is {kind_with_article} file, which cannot be read as a measurement"
-        remedy = f"{', '.join(each.value for each in _READERS)} can."
-        if source.kind is FileKind.OTHER:
-            remedy = f"Export it as MDF (.mf4) or CSV; {remedy}"
-        raise InputError.of(source.location, message, remedy)
-    if source.sheet is not None and source.kind is not FileKind.EXCEL:
-        message = f"sheet {source.sheet} is requested, but {kind_with_article} file has no sheets"
+def _has_companions(archive: FileHead, member: str) -> bool:
+    """Return whether the values of the recording in an archive are in other files beside it."""
+    reader = identify_head(archive.head_of(choose_member(archive, member)), Role.RECORDING).format.recording
+    return reader is not None and bool(reader.companions)
+
+
+def _check(source: MeasurementFile) -> None:
+    """Raise `InputError` if a file is of a format that holds no recordings, or if it lacks the sheet."""
+    known = source.format
+    if known.recording is None:
+        readable = ", ".join(each.name for each in recording_formats())
+        tail = "" if known.remedy else ", which cannot be read as a measurement"
+        remedy = known.remedy or f"Export it as MDF (.mf4) or CSV; {readable} can be read."
+        raise InputError.of(source.location, f"this is {known.phrase}{tail}", remedy)
+    if source.sheet is not None and not known.recording.has_sheets:
+        message = f"sheet {source.sheet} is requested, but {known.phrase} has no sheets"
         raise InputError.of(source.location, message, "Omit the sheet.")
 
 
-def _reader(source: MeasurementFile) -> Any:
-    return import_module(f"kennfeld.measurement.{_READERS[source.kind]}")
-
-
 def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
-    tables: list[Table] = run_guarded(source.name, lambda: _reader(source).read_tables(source, selection))
+    tables: list[Table] = run_guarded(source.name, lambda: _tables_of(source, selection))
     tables = [with_word_warnings(without_infinite(table)) for table in tables]
-    if source.kind in _LOGS:
+    if source.reader.may_lack_time:
         tables = [drop_untimed(table) for table in tables]
-    if source.kind in _RASTERS:
+    if source.reader.descriptions:
         return tables
     return [with_unread_time(with_fractions(with_epochs(table, selection))) for table in tables]
+
+
+def _tables_of(source: MeasurementFile, selection: Selection) -> list[Table]:
+    if source.reader.dataset:
+        return [table_of(call(source.reader.dataset, source.path), source)]
+    tables: list[Table] = call(source.reader.tables, source, selection)
+    return tables
 
 
 def _single_table(source: MeasurementFile, tables: Sequence[Table]) -> Table:

@@ -15,8 +15,8 @@ from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.claimed_values import check_claimed
 from kennfeld.measurement.epochs import with_epochs
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, Selection, Table
 from kennfeld.measurement.time_column import find_time
 from kennfeld.measurement.unit_text import in_seconds, time_unit

@@ -23,7 +23,6 @@ from kennfeld.errors import InputError
 from kennfeld.file_errors import nearest_file
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.damage import damaged
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import (
     RecordedChannel,
     RecordedGroup,
@@ -32,6 +31,7 @@ from kennfeld.measurement.recorded_groups import (
     file_beside,
     tables_of,
 )
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import plain_unit, split_name

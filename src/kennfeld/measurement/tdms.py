@@ -13,8 +13,8 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
 from kennfeld.measurement.damage import damaged
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
 from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, may_be_time, split_name

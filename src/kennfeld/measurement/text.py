@@ -18,13 +18,14 @@ from itertools import islice
 import numpy as np
 
 from kennfeld.errors import Finding, InputError, Location
+from kennfeld.files.encoding import GUESSED_ENCODINGS, detect_encoding
+from kennfeld.files.recordings import MSL
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.cells import Decimal, parse_number
 from kennfeld.measurement.clock_numbers import decode_clock
 from kennfeld.measurement.csv_dialect import Dialect, find_dialect, is_comment, split_line
-from kennfeld.measurement.encoding import GUESSED_ENCODINGS, detect_encoding
-from kennfeld.measurement.file_kind import FileKind, MeasurementFile
 from kennfeld.measurement.header import header_remarks
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import (
     BLOCK,
     MAX_MARKS,
@@ -60,7 +61,7 @@ NumberedLine = tuple[int, str]  # number of the line from 1 on, and its text
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return the single table of a text file."""
     dialect = detect_dialect(source)
-    if source.kind is FileKind.MSL:
+    if source.format is MSL:
         table = _read_msl(source, dialect, selection)
     else:
         table = _read_bulk(source, dialect, selection) or read_exactly(source, dialect, selection)

@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.errors import Finding, InputError
+from kennfeld.files.encoding import detect_encoding
 from kennfeld.measurement.cells import Decimal
 from kennfeld.measurement.clock_numbers import seconds_of_clock
 from kennfeld.measurement.csv_dialect import split_line
-from kennfeld.measurement.encoding import detect_encoding
-from kennfeld.measurement.file_kind import MeasurementFile
 from kennfeld.measurement.header import Header, unique_names
+from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Column, ColumnBuilder, Selection, Table
 from kennfeld.measurement.text import NumberedLine, RowCollector, iterate_lines, row_findings
 from kennfeld.measurement.unit_text import plain_unit

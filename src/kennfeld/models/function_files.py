@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from kennfeld.errors import Findings, InputError, Location
+from kennfeld.files import functions as formats
+from kennfeld.files.file_format import FileFormat
 from kennfeld.formatting import join_names
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
@@ -19,7 +21,7 @@ class FunctionKind(NamedTuple):
 
     Attributes:
         label: the kind in messages.
-        suffixes: endings of its files.
+        format: the record of its files.
         reader: `module:function` that reads a file, called as `read_function_file` calls it.
         named: True if the name of the function follows a colon, as in `engine.py:torque`.
         runs: True if the file holds code that the user's machine runs.
@@ -32,7 +34,7 @@ class FunctionKind(NamedTuple):
     """
 
     label: str
-    suffixes: tuple[str, ...]
+    format: FileFormat
     reader: str
     named: bool
     runs: bool
@@ -42,11 +44,16 @@ class FunctionKind(NamedTuple):
     companions: str = ""
     translated: bool = False
 
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Endings of its files."""
+        return self.format.endings
+
 
 KINDS: tuple[FunctionKind, ...] = (
     FunctionKind(
         "an FMU",
-        (".fmu",),
+        formats.FMU,
         "kennfeld.models.fmu.importing:read_fmu",
         named=False,
         runs=True,
@@ -54,7 +61,7 @@ KINDS: tuple[FunctionKind, ...] = (
     ),
     FunctionKind(
         "a C file",
-        (".c",),
+        formats.C,
         "kennfeld.models.c_code.importing:read_function",
         named=True,
         runs=False,
@@ -62,7 +69,7 @@ KINDS: tuple[FunctionKind, ...] = (
     ),
     FunctionKind(
         "a Python file",
-        (".py",),
+        formats.PYTHON,
         "kennfeld.models.python_code.importing:read_function",
         named=True,
         runs=True,
@@ -73,7 +80,7 @@ KINDS: tuple[FunctionKind, ...] = (
     ),
     FunctionKind(
         "an ONNX network",
-        (".onnx",),
+        formats.ONNX,
         "kennfeld.models.onnx_network.importing:read_function",
         named=False,
         runs=False,

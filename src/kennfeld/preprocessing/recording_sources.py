@@ -17,7 +17,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_state import note_opened, while_unchanged
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.companions import files_of
-from kennfeld.measurement.file_kind import locate
+from kennfeld.measurement.source import locate
 from kennfeld.preprocessing.recordings import find_recordings
 
 _MARK = "://"

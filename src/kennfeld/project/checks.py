@@ -13,9 +13,9 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles import unwritable
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_spans import short_names
+from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.formatting import join_names, quoted
 from kennfeld.graph import Graph
 from kennfeld.graph.external_function import CodeNotRunError, function_remarks

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from kennfeld.calfiles import read_several
 from kennfeld.calfiles.flash.origin import FlashOrigin
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.files.calibrations import IMAGE_ENDINGS
+from kennfeld.files.functions import recognises_surrogate
 from kennfeld.formatting import nearest, size_text
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
@@ -140,8 +141,6 @@ def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ..
 def _is_surrogate(path: Path) -> bool:
     with path.open("rb") as file:
         head = file.read(200).decode("utf-8", errors="replace")
-    from kennfeld.surrogate.surrogate_file import recognises_surrogate
-
     return recognises_surrogate(head)
 
 

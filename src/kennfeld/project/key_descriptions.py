@@ -7,7 +7,7 @@ from dataclasses import Field
 from functools import singledispatch
 from typing import Any
 
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
+from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.project.document import format_toml
 from kennfeld.project.forms import (
     ChoiceForm,

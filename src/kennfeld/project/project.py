@@ -317,7 +317,7 @@ class Project:
             InputError: the file cannot be read.
         """
         from kennfeld.calfiles import read
-        from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
+        from kennfeld.files.calibrations import IMAGE_ENDINGS
 
         path, calibration = Path(path), self.file.calibration
         own = path.with_suffix(".a2l")

@@ -14,11 +14,11 @@ from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import compare, unwritable
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
 from kennfeld.calfiles.label_list import write_label_list
 from kennfeld.errors import Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.free_axes import free_axes
 from kennfeld.output_paths import below
 from kennfeld.parameter_set import ParameterSet

@@ -11,6 +11,9 @@ from typing import Any, Literal
 
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.file_keys import KeyProblem, key
+from kennfeld.files import functions
+from kennfeld.files.calibrations import AMD
+from kennfeld.files.calibrations import ESDL as ESDL_CLASS
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.recipe import DatasetEntry
 from kennfeld.project.forms import (
@@ -44,10 +47,10 @@ from kennfeld.project.value_forms import (
 from kennfeld.search_settings import SearchSettings
 from kennfeld.watch_folder import DEFAULT_LIMIT
 
-SIMULINK = (".slx", ".mdl")
-PROTECTED = ".slxp"
-COMPONENTS = (".axl", ".amd")
-ESDL = (".esdl", ".app", *COMPONENTS)
+SIMULINK = functions.SIMULINK.endings
+[PROTECTED] = functions.PROTECTED.endings
+COMPONENTS = AMD.endings
+ESDL = (*ESDL_CLASS.endings, *functions.APPLICATION.endings, *COMPONENTS)
 DEFAULT_PARTITION = 1_000_000  # samples, on a cluster
 _INNER = "calculated"
 _REDUCTION = IntegerForm(least=1)

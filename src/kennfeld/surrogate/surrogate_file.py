@@ -13,6 +13,8 @@ from kennfeld.atomic_files import write_whole
 from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.files.functions import SURROGATE_KINDS
+from kennfeld.files.functions import recognises_surrogate as recognises_surrogate
 from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
@@ -22,11 +24,6 @@ from kennfeld.surrogate.uncertainty import Uncertainty
 from kennfeld.surrogate.validity import Validity
 
 VERSIONS = {"gaussian": 1, "matern52": 2}  # by kernel: readers of version 1 know Gaussian bells only
-KINDS = {
-    "static": "kennfeld-static-surrogate",
-    "dynamic": "kennfeld-dynamic-surrogate",
-    "filtered": "kennfeld-filtered-surrogate",
-}
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
 UNCERTAINTY = ("signal", "noise", "nugget")
@@ -55,11 +52,6 @@ def write_surrogate(surrogate: Surrogate, path: str | Path) -> None:
         write_whole(Path(path), _text(_tables(surrogate)), follow=True)
 
 
-def recognises_surrogate(head: str) -> bool:
-    """Return whether a text begins as a stored surrogate does."""
-    return any(f'"{kind}"' in head[:200] for kind in KINDS.values())
-
-
 def read_surrogate(path: str | Path) -> Surrogate:
     """Read a file that `write_surrogate` or `kennfeld surrogate train` wrote.
 
@@ -81,14 +73,14 @@ def read_surrogate(path: str | Path) -> Surrogate:
     findings = Findings()
     reader = _TableReader(_content(file), Location(file.name), findings)
     kind = reader.text("kind")
-    if kind and kind not in KINDS.values():
-        reader.report("kind", f"unknown kind {kind!r}", nearest(kind, KINDS.values()) or REWRITE)
+    if kind and kind not in SURROGATE_KINDS.values():
+        reader.report("kind", f"unknown kind {kind!r}", nearest(kind, SURROGATE_KINDS.values()) or REWRITE)
     version = reader.number("version")
     if version is not None and version not in VERSIONS.values():
         known = " and ".join(map(str, VERSIONS.values()))
         reader.report("version", f"version {version:g} is not supported, only {known}", "Update kennfeld.")
     findings.finish()
-    make, further = _READERS.get(kind, _READERS[KINDS["static"]])
+    make, further = _READERS.get(kind, _READERS[SURROGATE_KINDS["static"]])
     values = _shared(reader) | further(reader)
     findings.finish()
     try:
@@ -284,9 +276,9 @@ def _filtered(reader: _TableReader) -> dict[str, Any]:
 
 
 _READERS: dict[str, tuple[type[Any], Callable[[_TableReader], dict[str, Any]]]] = {
-    KINDS["static"]: (StaticSurrogate, _static),
-    KINDS["dynamic"]: (DynamicSurrogate, _dynamic),
-    KINDS["filtered"]: (FilteredSurrogate, _filtered),
+    SURROGATE_KINDS["static"]: (StaticSurrogate, _static),
+    SURROGATE_KINDS["dynamic"]: (DynamicSurrogate, _dynamic),
+    SURROGATE_KINDS["filtered"]: (FilteredSurrogate, _filtered),
 }
 
 

@@ -17,7 +17,7 @@ from kennfeld.formatting import count_noun, join_names, number_text, size_text
 from kennfeld.graph.events import events
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
-from kennfeld.terminal.model_selection import EsdlSelection, SimulinkSelection
+from kennfeld.terminal.model_selection import WHOLE, ModelSelection
 from kennfeld.terminal.output import align, separate
 
 if TYPE_CHECKING:
@@ -45,8 +45,19 @@ class FileInfo:
         return separate(filter(None, blocks))
 
 
-def describe_measurement(description: measurement.Description) -> FileInfo:
+@dataclass(frozen=True)
+class DescribedFile:
+    """A file to describe, and what the command line says about it."""
+
+    path: Path
+    a2l: str | Path | None = None
+    selection: ModelSelection = WHOLE
+    dbc: Sequence[str] = ()
+
+
+def describe_recording(described: DescribedFile) -> FileInfo:
     """Describe a recording: its channels, time and skipped columns."""
+    description = measurement.describe(described.path, described.dbc)
     groups, file = description.tables, description.file
     several = len(groups) > 1
     notes = [note for group in groups for note in _time_notes(group, file, several)]
@@ -96,8 +107,9 @@ def _content_notes(table: measurement.TableDescription) -> list[str]:
     return notes
 
 
-def describe_calibration(file: calfiles.CalibrationFile) -> FileInfo:
+def describe_calibration(described: DescribedFile) -> FileInfo:
     """Describe a calibration file: its parameters, group axes and texts."""
+    file = calfiles.describe(described.path, described.a2l)
     head = ("parameter", "kind", "size", "unit", "minimum", "maximum", "description", "functions", "variants")
     rows = [
         (
@@ -127,8 +139,9 @@ def describe_calibration(file: calfiles.CalibrationFile) -> FileInfo:
     return FileInfo(summary, tables, remarks, as_json)
 
 
-def describe_a2l(file: "calfiles.A2lFile") -> FileInfo:
+def describe_a2l_file(described: DescribedFile) -> FileInfo:
     """Describe an A2L file: its labels."""
+    file = calfiles.describe_a2l(described.path)
     a2l, labels = file.a2l, file.labels
     rows = [("label", "kind", "size", "unit", "lower", "upper", "address", "function", "description")]
     rows += [
@@ -155,8 +168,9 @@ def describe_a2l(file: "calfiles.A2lFile") -> FileInfo:
     return FileInfo(summary, [rows], remarks, as_json)
 
 
-def describe_surrogate_file(path: Path) -> FileInfo:
+def describe_surrogate_file(file: DescribedFile) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
+    path = file.path
     from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
     from kennfeld.surrogate.surrogate_file import read_surrogate, surrogate_notes
     from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
@@ -185,7 +199,14 @@ def describe_surrogate_file(path: Path) -> FileInfo:
     return FileInfo(summary, [quality_table(surrogate), ranges], surrogate_notes(surrogate), as_json)
 
 
-def describe_training(path: Path) -> FileInfo:
+def describe_toml(file: DescribedFile) -> FileInfo:
+    """Describe a project file or a training file."""
+    from kennfeld.project.toml_file import is_training, read_toml
+
+    return (_describe_training if is_training(read_toml(file.path)) else _describe_project)(file.path)
+
+
+def _describe_training(path: Path) -> FileInfo:
     """Describe a training file: its datasets and the surrogate to train."""
     from kennfeld.project.surrogate_training import read_training  # which loads all that training needs
 
@@ -206,8 +227,17 @@ def _dataset_rows(datasets: Sequence["DatasetEntry"]) -> Table:
     return [("dataset", "use", "files"), *((d.name, d.use, ", ".join(d.files)) for d in datasets)]
 
 
-def describe_formula(path: Path, model: Model) -> FileInfo:
+def describe_formula_file(file: DescribedFile) -> FileInfo:
     """Describe formula text: its inputs, parameters and nodes."""
+    from kennfeld.models import formula as formulas
+
+    path, surrogates = file.path, formulas.surrogates_beside(file.path)
+    if path.suffix.lower() == ".kf":
+        return _describe_formula(path, formulas.read(path, surrogates=surrogates))
+    return _describe_formula(path, formulas.formula(formulas.text_of(path), path.name, surrogates=surrogates))
+
+
+def _describe_formula(path: Path, model: Model) -> FileInfo:
     graph = model.graph
     outputs, units = set(graph.outputs), graph.units
     nodes = [(name, units.get(name, ""), "output" if name in outputs else "") for name in graph.names]
@@ -252,8 +282,9 @@ def _surrogate_notes(model: Model) -> list[str]:
     return [f"{surrogate.name}.json: {describe_surrogate(surrogate)}" for surrogate in model.surrogates]
 
 
-def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
+def describe_simulink(file: DescribedFile) -> FileInfo:
     """Describe a Simulink model: its interface, and what can be calibrated and what prevents it."""
+    path, part = file.path, file.selection.simulink
     from kennfeld.models.simulink.outline import summarize_model
     from kennfeld.terminal import simulink
 
@@ -278,8 +309,9 @@ def describe_simulink(path: Path, part: SimulinkSelection) -> FileInfo:
     return FileInfo(simulink.model_summary(outline), tables, notes, _plain(as_json))
 
 
-def describe_esdl(path: Path, part: EsdlSelection) -> FileInfo:
+def describe_esdl(file: DescribedFile) -> FileInfo:
     """Describe a class or an application of an ASCET project: what can be calibrated and what prevents it."""
+    path, part = file.path, file.selection.esdl
     from kennfeld.models.ascet.importing import classes_of, import_esdl
     from kennfeld.terminal import esdl
 
@@ -311,25 +343,24 @@ def _language(path: Path) -> str:
     return "ESDL" if path.suffix.lower() == ".esdl" else "6 components"
 
 
-def describe_components(path: Path, part: EsdlSelection) -> FileInfo:
+def describe_components(file: DescribedFile) -> FileInfo:
     """Describe ASCET 5 or 6 components: their methods, their values, and one of them as a model if it is selected."""
-    is_values = path.name.lower().endswith(".data.amd") and not any(part)
-    if is_values:
-        return describe_calibration(calfiles.describe(path))
-    model = describe_esdl(path, part)
-    if path.suffix.lower() == ".amd" or "import" in model.as_json:
+    if file.path.name.lower().endswith(".data.amd") and not any(file.selection.esdl):
+        return describe_calibration(file)
+    model = describe_esdl(file)
+    if file.path.suffix.lower() == ".amd" or "import" in model.as_json:
         return model
-    values = describe_calibration(calfiles.describe(path))
+    values = describe_calibration(file)
     remedy = "name one by --class, and its methods by --method, to see it as a model"
     return FileInfo(values.summary, [*model.tables, *values.tables], [*values.notes, remedy], values.as_json)
 
 
-def describe_dictionary(path: Path) -> FileInfo:
+def describe_dictionary(file: DescribedFile) -> FileInfo:
     """Describe a Simulink data dictionary: its variables."""
     from kennfeld.models.simulink.variables.data_dictionary import read_dictionary
     from kennfeld.terminal import simulink
 
-    dictionary = read_dictionary(path, follow=False)
+    dictionary = read_dictionary(file.path, follow=False)
     notes = [f"{name} is not readable: {why}" for name, why in dictionary.data.unreadable.items()]
     as_json = _json(
         "data dictionary",
@@ -342,8 +373,9 @@ def describe_dictionary(path: Path) -> FileInfo:
     return FileInfo(simulink.dictionary_summary(dictionary), [simulink.dictionary_table(dictionary)], notes, as_json)
 
 
-def describe_enumeration(path: Path) -> FileInfo:
+def describe_enumeration(file: DescribedFile) -> FileInfo:
     """Describe the class file of an enumeration of MATLAB: its members."""
+    path = file.path
     from kennfeld.models.simulink.variables.enumerations import enumeration_of
 
     name, members = enumeration_of(path.read_text(encoding="utf-8", errors="replace")) or ("", {})
@@ -362,7 +394,7 @@ def _describe_variable(name: str, entry: "StoredVariable") -> dict[str, Any]:
     return {"name": name, "class": entry.kind, "size": size, **attributes}
 
 
-def describe_project(path: Path) -> FileInfo:
+def _describe_project(path: Path) -> FileInfo:
     """Describe a project file: its datasets, criteria and parameters with settings."""
     from kennfeld.project import Project
 

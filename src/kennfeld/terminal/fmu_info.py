@@ -7,13 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kennfeld.formatting import join_names, number_text
-from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
+from kennfeld.terminal.describers import PARAMETER_KINDS, DescribedFile, FileInfo, Table
 
 if TYPE_CHECKING:
     from kennfeld.models.fmu.description import FmuDescription
     from kennfeld.models.fmu.fmu_parameters import ParameterGroup
 
 _MOST_PLATFORMS = 8
+
+
+def describe_fmu_file(file: DescribedFile) -> FileInfo:
+    """Describe an FMU by the interface that is used."""
+    return describe_fmu(file.path)
 
 
 def describe_fmu(path: Path, interface: str = "") -> FileInfo:

@@ -5,15 +5,16 @@ from pathlib import Path
 from kennfeld.formatting import count_noun, number_text, size_text
 from kennfeld.models.function_files import list_functions, read_function_file
 from kennfeld.parameters import Parameter
-from kennfeld.terminal.describers import PARAMETER_KINDS, FileInfo, Table
+from kennfeld.terminal.describers import PARAMETER_KINDS, DescribedFile, FileInfo, Table
 
 
-def describe_functions(path: Path) -> FileInfo:
+def describe_functions(file: DescribedFile) -> FileInfo:
     """Describe the functions of a file: their arguments and results as the file declares them.
 
     Raises:
         InputError: the file cannot be read.
     """
+    path = file.path
     functions = list_functions(path)
     rows = [(f.name, ", ".join(f.arguments), ", ".join(f.results), f.problem) for f in functions]
     as_json = {

@@ -1,7 +1,6 @@
 """Contents of an ONNX network, which is read but not run."""
 
 from collections import Counter
-from pathlib import Path
 
 from kennfeld.errors import Finding, InputError
 from kennfeld.formatting import count_noun, size_text
@@ -9,15 +8,16 @@ from kennfeld.models.model_function import ModelFunction
 from kennfeld.models.onnx_network.importing import network_function
 from kennfeld.models.onnx_network.network import Network, NetworkPort
 from kennfeld.models.onnx_network.reading import read_network
-from kennfeld.terminal.describers import FileInfo, Table
+from kennfeld.terminal.describers import DescribedFile, FileInfo, Table
 
 
-def describe_network(path: Path) -> FileInfo:
+def describe_network(file: DescribedFile) -> FileInfo:
     """Describe an ONNX network: inputs, outputs, layers, operators, and all that is not supported.
 
     Raises:
         InputError: the package onnx is missing, or the file is damaged.
     """
+    path = file.path
     network = read_network(path)
     function, findings = _function(network)
     blocks = [] if function is None else function.values.parameters

@@ -1,5 +1,6 @@
 """Files that are dropped onto the page: what they are decides what becomes of them in the project."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,11 @@ from kennfeld.app.session.esdl_source import EsdlSource
 from kennfeld.app.session.function_source import completed_reference, has_no_functions
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys
-from kennfeld.calfiles import endings, recognise
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
-from kennfeld.errors import ArgumentError
-from kennfeld.models import function_files
+from kennfeld.errors import ArgumentError, Findings, InputError, Location
+from kennfeld.files.calibrations import IMAGE_ENDINGS
+from kennfeld.files.file_format import Role
+from kennfeld.files.identification import identify
 from kennfeld.project.schema import is_esdl_file
-
-FUNCTIONS = (".kf", ".slx", ".mdl")
-BOTH = (".csv", ".json", ".xlsx", ".mat", ".m")  # recordings as well as calibration files
 
 
 def add_files(session: Session, given: Given) -> Answer:
@@ -34,33 +32,36 @@ def add_files(session: Session, given: Given) -> Answer:
     present = EsdlSource.of(session.settings, folder)
     programs = [name for name in names if is_esdl_file(name)]
     placed = place_by_package(folder, folder if present is None else present.root, programs)
-    kinds = {name: kind_of(folder / name) for name in (*placed, *(name for name in names if name not in programs))}
+    kinds = kinds_of(folder, (*placed, *(name for name in names if name not in programs)))
     settings = session.settings
     changes = [*_datasets(settings, kinds), *_function(folder, kinds), *_initial(settings, kinds)]
     if placed and (present is None or not present.path.is_file()) and (main := main_program(folder, placed)):
         changes.append((("model", "file"), main))
     if changes:
         session.do(SetKeys(f"Added {', '.join([*kinds][:3])}", session.path.name, changes))
-    if placed or "header" in kinds.values():
+    if placed or Role.COMPANION.value in kinds.values():
         session.refresh()  # packages or included files that were missing
     return Answer({"kinds": kinds})
 
 
-def kind_of(path: Path) -> str:
-    """Return what a file is for: recording, database, function, header, program, calibration or description."""
-    ending = path.suffix.lower()
-    if is_esdl_file(path.name):
-        return "program"
-    if ending in FUNCTIONS or function_files.kind_of(path.name) is not None:
-        return "function"
-    if ending == ".h":
-        return "header"
-    if ending == ".a2l":
-        return "description"
-    if ending == ".dbc":
-        return "database"
-    known = ending in endings() and (ending not in BOTH or recognise(path) != "")
-    return "calibration" if known else "recording"
+def kinds_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Return what files are for, as `Role` names it; raise `InputError` with all that are for nothing here."""
+    kinds, findings = {}, Findings()
+    for name in names:
+        try:
+            identity = identify(folder / name)
+        except InputError as error:
+            findings.add(*error.findings)
+            continue
+        role = Role.CALIBRATION if identity.role is Role.SURROGATE else identity.role
+        kinds[name] = role.value
+        if role in (Role.NONE, Role.PROJECT):
+            remedy = identity.format.remedy or (
+                "Open it instead." if role is Role.PROJECT else "Export it as MDF or CSV."
+            )
+            findings.error(Location(name), f"is {identity.format.phrase}, which cannot be added to a project", remedy)
+    findings.finish()
+    return kinds
 
 
 def _named(kinds: dict[str, str], kind: str) -> list[str]:

@@ -14,9 +14,9 @@ from kennfeld.app.session.calibration_source import is_image
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
 from kennfeld.project import Project

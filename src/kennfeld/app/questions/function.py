@@ -18,11 +18,13 @@ from kennfeld.app.session.simulink_source import SimulinkSource
 from kennfeld.app.session.state import Command, SetKeys, SetText, Several
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
+from kennfeld.files.file_format import Role
+from kennfeld.files.formats import endings_of
 from kennfeld.formatting import most_similar, nearest
 from kennfeld.graph.traversal import named_lookups, named_sources
 from kennfeld.models.formula import expression
 from kennfeld.models.formula.functions import FUNCTIONS as FUNCTION_NAMES
-from kennfeld.models.function_files import KINDS, kind_of
+from kennfeld.models.function_files import kind_of
 from kennfeld.project.schema import is_esdl_file, is_simulink_file
 
 if TYPE_CHECKING:  # half a second, for Simulink models only
@@ -32,7 +34,7 @@ if TYPE_CHECKING:  # half a second, for Simulink models only
 
 SIMULINK_KEYS = ("subsystem", "parameters", "bind")  # of [model], for Simulink models only
 ESDL_KEYS = ("class", "methods", "startup", "task")  # for ASCET models only
-FUNCTIONS = (".kf", ".slx", ".mdl", *(suffix for kind in KINDS for suffix in kind.suffixes))
+FUNCTIONS = endings_of(Role.FUNCTION)
 _WORD = re.compile(r"[A-Za-z_][\w.]*")
 NEW_FUNCTION = "# A line a node: name[unit] = expression\n"
 

@@ -10,6 +10,8 @@ from kennfeld.app.questions.pictures import thumbnail
 from kennfeld.app.session.live_model import LiveDataset
 from kennfeld.app.session.session import Session, View
 from kennfeld.errors import Finding, Location
+from kennfeld.files.file_format import Role
+from kennfeld.files.formats import endings_of
 from kennfeld.graph import Graph
 from kennfeld.models.function_files import kind_of
 
@@ -107,11 +109,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
-BUS_LOGS = (".asc", ".blf", ".trc", ".log")
-RECORDINGS = (
-    *(".csv", ".mf4", ".mdf", ".dat", ".xlsx", ".parquet", ".feather", ".mat", ".h5", ".nc", ".tdms", ".tdm"),
-    *(".mlg", ".msl", ".vbo", ".ld", ".raw", *BUS_LOGS),
-)
+RECORDINGS = endings_of(Role.RECORDING)
+FUNCTIONS = (*endings_of(Role.FUNCTION), *endings_of(Role.PROGRAM))
 SCREENS = {
     "dataset": "data",
     "channels": "data",
@@ -132,7 +131,7 @@ SCREENS = {
 
 def _screen_of(location: Location) -> str:
     """Return the screen on which a problem is solved."""
-    if location.file.lower().endswith((".kf", ".slx", ".mdl", ".esdl", ".app")) or kind_of(location.file) is not None:
+    if location.file.lower().endswith(FUNCTIONS) or kind_of(location.file) is not None:
         return "function"
     if location.file.lower().endswith(RECORDINGS) and not location.path:
         return "data"

@@ -6,28 +6,29 @@ from pathlib import Path
 from typing import Any
 
 from kennfeld.app.answer import Answer, Given
-from kennfeld.app.questions.overview import RECORDINGS, SCREENS
+from kennfeld.app.questions.overview import FUNCTIONS, RECORDINGS, SCREENS
 from kennfeld.app.questions.recordings import channel_names, recording_names
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import describe, endings
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import InputError
 from kennfeld.file_state import while_unchanged
+from kennfeld.files.calibrations import IMAGE_ENDINGS
+from kennfeld.files.file_format import Role
+from kennfeld.files.formats import endings_of
 from kennfeld.models.function_files import KINDS
 from kennfeld.project.key_descriptions import describe_sections
-from kennfeld.project.schema import ESDL, SIMULINK
 from kennfeld.project.schemas import ENDING
 
 MAX_FILES = 2000  # of the folder that are listed
 _FILES = {
-    "function file": (".kf", *SIMULINK, *ESDL, *(suffix for kind in KINDS for suffix in kind.suffixes)),
+    "function file": FUNCTIONS,
     "file of functions": tuple(suffix for kind in KINDS for suffix in kind.suffixes),
-    "surrogate file": (".json",),
+    "surrogate file": endings_of(Role.SURROGATE),
     "recording": RECORDINGS,
-    "CAN database": (".dbc",),
+    "CAN database": endings_of(Role.DATABASE),
     "calibration file": tuple(ending for ending in endings() if ending not in IMAGE_ENDINGS),
     "image": IMAGE_ENDINGS,
-    "A2L file": (".a2l",),
+    "A2L file": endings_of(Role.DESCRIPTION),
 }
 
 

@@ -1,16 +1,18 @@
 """Sets of values that can be compared: the present ones, the start, a run, or a calibration file of the folder."""
 
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from kennfeld.app.folders import confined
 from kennfeld.app.session.session import Session
 from kennfeld.calfiles import endings, read, read_several, recognise
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS
 from kennfeld.errors import ArgumentError, Finding, InputError
 from kennfeld.file_state import while_unchanged
+from kennfeld.files.calibrations import IMAGE_ENDINGS, JSON
+from kennfeld.files.descriptions import A2L
+from kennfeld.files.file_format import Role
+from kennfeld.files.formats import endings_of
 from kennfeld.graph.interpolation import regrid
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
@@ -20,7 +22,8 @@ from kennfeld.project.checkpoints import FOLDER as SAVES
 MAX_FILES = 300
 MAX_DEPTH = 3  # folders below that of the project
 MAX_AMBIGUOUS = 20_000_000  # bytes of a file that may be a recording, too
-AMBIGUOUS = (".csv", ".json", ".xlsx", ".mat", ".m")
+_RECORDINGS = endings_of(Role.RECORDING)
+[_A2L] = A2L.endings
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,7 @@ def _candidates(folder: Path, depth: int) -> Iterator[Path]:
         entries = sorted(folder.iterdir(), key=lambda path: (path.is_dir(), path.name.casefold()))
     except OSError:
         return
-    known = (*endings(), ".a2l")
+    known = (*endings(), _A2L)
     for path in entries:
         if path.name.startswith(".") or path.is_symlink():
             continue
@@ -93,26 +96,18 @@ def _candidates(folder: Path, depth: int) -> Iterator[Path]:
             yield from _candidates(path, depth + 1)
 
 
-def _format(path: Path) -> str:
-    ending = path.suffix.lower()
-    if ending == ".a2l":
-        return "A2L"
-    if ending not in AMBIGUOUS:
-        return ending[1:].upper()
-    try:
-        return _recognised(path) if path.stat().st_size <= MAX_AMBIGUOUS else ""
-    except OSError:
-        return ""
-
-
 @while_unchanged(1024)
-def _recognised(path: Path) -> str:
-    known = recognise(path)
-    if known == "JSON":
-        with suppress(InputError):
-            return known if read(path) else ""
+def _format(path: Path) -> str:
+    """Return the format of a file as the page shows it; empty if it holds no calibration."""
+    ending = path.suffix.lower()
+    try:
+        if ending in _RECORDINGS and path.stat().st_size > MAX_AMBIGUOUS:
+            return ""
+        if recognise(path) == JSON.name and not read(path):
+            return ""  # settings of another kind
+    except (InputError, OSError):
         return ""
-    return path.suffix[1:].upper() if known else ""
+    return ending[1:].upper() if ending == _A2L or recognise(path) else ""
 
 
 def is_image(name: str) -> bool:

@@ -16,9 +16,7 @@ from kennfeld.arrays import Float
 from kennfeld.ascet.amd.components import ComponentElement
 from kennfeld.ascet.amd.data_sets import DataEntry, DataValue, read_data_sets
 from kennfeld.ascet.amd.files import (
-    ARCHIVE,
     DATA,
-    ENDING,
     IMPLEMENTATION,
     MAIN,
     AmdFiles,
@@ -30,13 +28,12 @@ from kennfeld.ascet.amd.files import (
 from kennfeld.ascet.amd.library import ComponentLibrary, qualified_name
 from kennfeld.ascet.amd.ranges import PhysicalRange, read_ranges
 from kennfeld.ascet.amd.xml_document import parse_amd
-from kennfeld.calfiles.format import HEAD_SIZE, CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
+from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Scalar, Text, parameter
 
-_ROOTS: Final = (b"<ComponentData", b"<ComponentMain", b"<ComponentImplementation", b"<Specifications", b"<Project ")
 _ZIP: Final = b"PK\x03\x04"
 _DEFAULT: Final = "default"
 
@@ -89,14 +86,6 @@ class AmdReference:
         origin = read_amd(source).parameters.origin
         assert isinstance(origin, AmdOrigin)
         return replace(origin, owner=self.owner)
-
-
-def recognises_amd(source: CalibrationSource) -> bool:
-    """Check whether a file is an archive of `.amd` files, or one of them."""
-    head = source.raw[:HEAD_SIZE]
-    if head.startswith(_ZIP):
-        return ENDING.encode() in head and (source.name.lower().endswith(ARCHIVE) or b".main.amd" in head)
-    return head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"<") and any(root in head for root in _ROOTS)
 
 
 def read_amd(source: CalibrationSource) -> ReadResult:

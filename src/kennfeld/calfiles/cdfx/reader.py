@@ -15,7 +15,7 @@ from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
 from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
-from kennfeld.calfiles.xml_tree import Element, has_root, parse_xml
+from kennfeld.calfiles.xml_tree import Element, parse_xml
 from kennfeld.formatting import count_labels, count_noun, size_text
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import AXIS_LETTERS, Axis, Block, Parameter, Text, TextKind, parameter
@@ -27,11 +27,6 @@ _BLOCKS = ("VAL_BLK", "VALUE_ARRAY", "BOOLEAN_ARRAY")
 _TABLES = {"CURVE": 1, "CURVE_AXIS": 1, "MAP": 2, "CUBOID": 3, "CUBE_4": 4}
 _MAX_DIMENSIONS = 4
 _CORRECT = "Correct its breakpoints."
-
-
-def recognises_cdfx(text: str) -> bool:
-    """Check whether a text is XML whose root is that of CDFX."""
-    return has_root(text, "MSRSW")
 
 
 def read_cdfx(source: CalibrationSource) -> ReadResult:

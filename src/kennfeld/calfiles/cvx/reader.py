@@ -21,7 +21,6 @@ from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import Axis, Block, Parameter, Text, TextKind, parameter
 
-_TITLE = "CALIBRATION VALUES V"
 _HEADER = re.compile(r"CALIBRATION VALUES V(\d+\.\d+)(?:([^\d\n])(?:([.,])\2([^\n]*?)\2\s*([^\n])\5)?)?")
 _AXES = ("X_AXIS_PTS", "Y_AXIS_PTS", "AXIS_PTS")
 _SKIPPED_TYPES = ("CUBOID", "Z_AXIS_PTS", "RESCALE_AXIS_PTS")
@@ -117,11 +116,6 @@ class _Dialect:
         return list(map(parse_float, cells))
 
 
-def recognises_cvx(text: str) -> bool:
-    """Check whether a text begins with the title of a CVX file."""
-    return text.lstrip("\ufeff \t\n").startswith(_TITLE)
-
-
 def read_cvx(source: CalibrationSource) -> ReadResult:
     """Return the parameters of a CVX file; identifiers are compared without regard to case, as the specification asks.
 
@@ -146,7 +140,7 @@ def read_cvx(source: CalibrationSource) -> ReadResult:
 def _dialect(text: str, findings: FileFindings) -> _Dialect:
     match = _HEADER.match(text.lstrip())
     if match is None:
-        findings.error(1, "", "the first line states no version", f"It must begin like {_TITLE}2.1,.,*")
+        findings.error(1, "", "the first line states no version", "It must begin like CALIBRATION VALUES V2.1,.,*")
         return _Dialect("")
     version, separator, point, comment, quote = match.groups()
     separator = separator or ","

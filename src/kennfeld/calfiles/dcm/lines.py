@@ -29,9 +29,6 @@ _SIZE = re.compile(r"[1-9]\d{0,9}")
 _BLOCK_HEADER = re.compile(r"(\S+)\s+(\d+)(?:\s*@\s*(\d+))?\s*$")
 _WORD = re.compile(r'"([^"]*)"|([^\s"]+)')
 _ESCAPED = re.compile(r'\\(["\\])')
-_RECOGNISED = re.compile(
-    rf"^[ \t]*(?:{'|'.join(sorted(_BLOCKS | _LIST_KEYWORDS | _SINGLE_LINES))})(?:\s|$)", re.MULTILINE
-)
 _MAX_GUESSES = 20  # a garbled file must not spend its time on guessing keywords
 
 
@@ -81,11 +78,6 @@ def unquote(rest: str) -> str:
         return rest.strip()
     inner = rest[first + 1 : last if last > first else None]
     return _ESCAPED.sub(r"\1", inner) if "\\" in inner else inner
-
-
-def recognises_dcm(text: str) -> bool:
-    """Check whether any line of a text opens a DCM block or states its version."""
-    return _RECOGNISED.search(text) is not None
 
 
 class DcmLines:

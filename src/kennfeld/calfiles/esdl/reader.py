@@ -4,7 +4,6 @@ A table has its breakpoints and its values, a row for each x, in braces: `{{x, .
 braces are value blocks. Enumerations and structs are skipped: their types may be in other files.
 """
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import field
@@ -20,7 +19,6 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Axis, Block, Parameter, Scalar, parameter
 
-_HEAD = re.compile(r"(?:\s|\ufeff|//[^\n]*|/\*.*?\*/)*package\s+[\w.]+\s*;", re.DOTALL)
 Number = e.Number | e.Truth | e.Unary
 
 
@@ -51,11 +49,6 @@ class EsdlOrigin:
         """Yield a name as it is, and without the package and the class."""
         yield name
         yield from (name[len(prefix) :] for prefix in self.prefixes if name.startswith(prefix))
-
-
-def recognises_esdl(text: str) -> bool:
-    """Check whether a text begins with the package of an ESDL file."""
-    return _HEAD.match(text) is not None
 
 
 def read_esdl(source: CalibrationSource) -> ReadResult:

@@ -19,8 +19,9 @@ from io import BytesIO
 from math import isfinite, nan
 
 from kennfeld.calfiles.content import parse_float
-from kennfeld.calfiles.format import CalibrationSource, FileFindings
+from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import InputError, Location
+from kennfeld.files.head import FileHead
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameters import TextKind
 from kennfeld.workbooks import Workbook, column_letters, open_workbook
@@ -140,28 +141,18 @@ def number_fault(value: object) -> str:
     return "" if isinstance(value, (int, float)) else f"must be a number, got {str(value)[:60]!r}"
 
 
-def recognises_excel(source: CalibrationSource) -> bool:
-    """Check whether a file, of which the beginning may suffice, is an .xlsx."""
-    if not source.raw.startswith(_ZIP):
+def holds_calibration(head: FileHead) -> bool:
+    """Check whether a workbook holds parameters rather than measured data: it has the index that lists them."""
+    if not head.raw.startswith(_ZIP):
         return False
+    raw = head.whole()
     try:
-        with zipfile.ZipFile(BytesIO(source.raw)) as archive:
-            return "xl/workbook.xml" in archive.namelist()
-    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
-        return b"xl/" in source.raw or source.raw[30:49] == b"[Content_Types].xml"
-
-
-def is_calibration_workbook(source: CalibrationSource) -> bool:
-    """Check whether an .xlsx holds parameters rather than measured data: it has the index that lists them."""
-    if not source.raw.startswith(_ZIP):
-        return False
-    try:
-        with zipfile.ZipFile(BytesIO(source.raw)) as archive, archive.open("xl/workbook.xml") as stream:
+        with zipfile.ZipFile(BytesIO(raw)) as archive, archive.open("xl/workbook.xml") as stream:
             names = _SHEET_NAME.findall(stream.read(_MAX_SHEET_LIST))
         if INDEX.encode() not in names:
             return False
-        book = open_workbook(source.name, source.raw)
-        return index_heading(sheet_of(book, INDEX, FileFindings(source.name))) is not None
+        book = open_workbook(head.name, raw)
+        return index_heading(sheet_of(book, INDEX, FileFindings(head.name))) is not None
     except (InputError, KeyError, zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError):
         return False
 

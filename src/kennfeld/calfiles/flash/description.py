@@ -5,11 +5,12 @@ from pathlib import Path
 
 from kennfeld.calfiles.a2l.objects import A2l, Described, summarise_labels
 from kennfeld.calfiles.flash.origin import FlashOrigin
-from kennfeld.calfiles.flash.recognition import IMAGE_ENDINGS, fragment_of_a2l
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult, WriteResult
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.file_state import note_opened
+from kennfeld.files.calibrations import IMAGE_ENDINGS
+from kennfeld.files.descriptions import fragment_of_a2l
 from kennfeld.formatting import join_names
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet

@@ -240,11 +240,6 @@ class IntelHexReader(RecordReader):
             yield Record(begin, data[room:], digits + 2 * room, checksum, line.number)
 
 
-def recognises_image(head: bytes) -> bool:
-    """Check whether a file begins like Intel HEX or S-records."""
-    return _INTEL.match(head) is not None or _MOTOROLA.match(head) is not None
-
-
 def read_image(raw: bytes, name: str, findings: FileFindings) -> Image:
     """Return the image in a file; reports each line that is wrong.
 

@@ -20,7 +20,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
-from kennfeld.calfiles.xml_tree import has_root, parse_xml
+from kennfeld.calfiles.xml_tree import parse_xml
 from kennfeld.file_state import note_opened
 from kennfeld.formatting import count_noun, size_text
 from kennfeld.lazy_dataclass import dataclass
@@ -188,11 +188,6 @@ class Msq:
     constants: Mapping[str, Constant]
     items: Mapping[str, Item]
     axes: Mapping[str, Axis]
-
-
-def recognises_msq(text: str) -> bool:
-    """Check whether a text is XML whose root is that of a tune."""
-    return has_root(text, "msq")
 
 
 def read_msq(source: CalibrationSource) -> ReadResult:

@@ -70,11 +70,6 @@ class ParLabel:
         return self.type in ("INT", "UINT")
 
 
-def recognises_par(text: str) -> bool:
-    """Check whether a text begins as a CANape parameter file."""
-    return _SIGNATURE.match(text) is not None
-
-
 def displayed_value(text: str) -> float:
     """Return the physical value that a text displays, decimal or hexadecimal; NaN for words.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.file_state import note_opened
+from kennfeld.files.functions import recognises_surrogate
 from kennfeld.graph import Graph
 from kennfeld.graph.builder import GraphBuilder
 from kennfeld.graph.call_columns import called_in_loops
@@ -285,8 +286,6 @@ def _file(path: Path, name: str) -> Path | None:
     note_opened(file)
     if file == path or not file.is_file():
         return None
-    from kennfeld.surrogate.surrogate_file import recognises_surrogate
-
     try:
         with file.open("rb") as stream:
             head = stream.read(200).decode("utf-8", errors="replace")

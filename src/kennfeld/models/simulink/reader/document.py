@@ -15,6 +15,7 @@ import numpy as np
 
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.files.functions import CLASSIC, PART_BEGIN
 from kennfeld.models.simulink.reader.block_reader import BlockReader, read_mask
 from kennfeld.models.simulink.reader.chart_reader import read_charts
 from kennfeld.models.simulink.reader.model_package import (
@@ -24,7 +25,6 @@ from kennfeld.models.simulink.reader.model_package import (
     zip_package,
 )
 from kennfeld.models.simulink.reader.model_tree import ModelDocument, StoredSolver, StoredWorkspace, System
-from kennfeld.models.simulink.reader.recognition import CLASSIC, is_text_package
 from kennfeld.models.simulink.reader.section_tree import (
     FileRejectedError,
     ReadDiagnostics,
@@ -178,7 +178,7 @@ def read_document(path: str | Path) -> ModelDocument:
 def document(raw: bytes, path: Path) -> ModelDocument:
     """Read a model from bytes; `path` is only its name. Raises `InputError` like `read_document`."""
     diagnostics = ReadDiagnostics(path.name)
-    read, parse = None, _packed if is_zip(raw) or is_text_package(raw) else _classic
+    read, parse = None, _packed if is_zip(raw) or PART_BEGIN.encode() in raw else _classic
     with contextlib.suppress(FileRejectedError):
         read = parse(raw, path, diagnostics)
     diagnostics.raise_if_errors()
@@ -196,7 +196,7 @@ def _bytes(path: Path) -> bytes:
 
 
 def _classic(raw: bytes, path: Path, diagnostics: ReadDiagnostics) -> ModelDocument | None:
-    if not CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf")):
+    if not CLASSIC.match(raw[:_HEAD].removeprefix(b"\xef\xbb\xbf").decode("latin-1")):
         raise diagnostics.refuse("", "is not a Simulink file", _EXTENSION_REMEDY)
     top = brace_sections(brace_text(raw.removeprefix(b"\xef\xbb\xbf")), diagnostics)
     model = next((section for section in top if section.kind in _DIAGRAMS), None)

@@ -6,24 +6,17 @@ _DATA = {"databytes", "data", "d0", "d1"}
 _PREFIX = "candataframe."
 
 
-def can_csv_separator(head: bytes) -> str:
+def can_csv_separator(line: str) -> str:
     """Return the separator of a log of CAN frames in CSV with this first line; empty if it is another file.
 
-    >>> can_csv_separator(b"Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"), can_csv_separator(b"time,ID")
+    >>> can_csv_separator("Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"), can_csv_separator("time,ID")
     (',', '')
     """
-    line = head.decode("utf-8", "replace")
     for separator in (",", ";", "\t"):
         names = set(column_names(line.split(separator)))
         if names & _IDENTIFIERS and names & _DATA and names & _LENGTHS:
             return separator
     return ""
-
-
-def recognises_can_csv(head: bytes) -> bool:
-    """Return whether a file that begins so is a log of CAN frames in CSV."""
-    lines = head.removeprefix(b"\xef\xbb\xbf").splitlines()
-    return bool(lines) and bool(can_csv_separator(lines[0]))
 
 
 def column_names(cells: list[str]) -> list[str]:

@@ -1,12 +1,17 @@
 """Encoding of a text file, detected from its first bytes."""
 
 import codecs
+import re
 from collections.abc import Container
 
 from kennfeld.lazy_dataclass import dataclass
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_DECLARED = re.compile(rb'\s*\*\s*encoding\s*=\s*"?([A-Za-z0-9_.:-]+)')  # in the first line of a calibration file
+# Python also knows codecs that are no character sets (zip, unicode_escape, ...); a file must not reach them.
+_CHARACTER_SET = re.compile(r"(utf|cp\d|windows|iso|latin|ascii|us-ascii|gb|big5|shift|euc|koi)", re.IGNORECASE)
 _MOST_COMMON = 0.8  # of the characters of two bytes
+_SAMPLE = 65536  # bytes in which they are counted
 
 
 @dataclass(frozen=True)
@@ -32,8 +37,8 @@ GUESSED_ENCODINGS = {"gb18030": "GB18030 (Chinese)", "cp932": "Shift JIS (Japane
 def detect_encoding(start: bytes, whole: bool) -> str:
     """Return the encoding of a file that begins with these bytes.
 
-    By its mark; else UTF-8 if it is valid; else GB18030 or Shift JIS if it is valid and most characters are common
-    ones, for nearly any bytes are valid there; else cp1252.
+    By its mark; else as a first line `* encoding="..."` says; else UTF-8 if it is valid; else GB18030 or Shift JIS if
+    it is valid and most characters are common ones, for nearly any bytes are valid there; else cp1252.
 
     >>> detect_encoding("Öl [°C]".encode("cp1252"), True), detect_encoding("Öl [°C]".encode(), True)
     ('cp1252', 'utf-8')
@@ -43,16 +48,32 @@ def detect_encoding(start: bytes, whole: bool) -> str:
     for mark, name in _MARKS:
         if start.startswith(mark):
             return name
+    declared = declared_encoding(start)
+    if declared and _is_valid(start, declared, whole):
+        return declared
     if _is_valid(start, "utf-8", whole):
         return "utf-8"
     likely = (e.name for e in _DOUBLE_BYTE if _is_valid(start, e.name, whole) and _has_common_characters(start, e))
     return next(likely, "cp1252")
 
 
+def declared_encoding(start: bytes) -> str:
+    """Return the encoding that the first line of a file states, as INCA writes it; empty if there is none."""
+    match = _DECLARED.match(start)
+    name = match[1].decode("ascii") if match else ""
+    return name if _CHARACTER_SET.match(name) else ""
+
+
+def decode(start: bytes, *, whole: bool) -> str:
+    """Return a text, or the beginning of one, with LF line ends and without its mark."""
+    text = start.decode(detect_encoding(start, whole), errors="replace")
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+
+
 def _is_valid(start: bytes, encoding: str, whole: bool) -> bool:
     try:
         codecs.getincrementaldecoder(encoding)().decode(start, final=whole)
-    except UnicodeDecodeError:
+    except (UnicodeDecodeError, LookupError):
         return False
     return True
 
@@ -60,7 +81,7 @@ def _is_valid(start: bytes, encoding: str, whole: bool) -> bool:
 def _has_common_characters(start: bytes, encoding: _DoubleByteEncoding) -> bool:
     """Return whether most characters of two bytes are common ones."""
     common = total = at = 0
-    while at + 1 < len(start):
+    while at + 1 < min(len(start), _SAMPLE):
         lead, trail = start[at], start[at + 1]
         if lead < 0x80 or lead in encoding.single:
             at += 1

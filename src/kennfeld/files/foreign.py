@@ -1,8 +1,10 @@
-"""Recognises files of no format that is read by their first bytes: pointers, web pages, pictures, programs."""
+"""Files that cannot be read: pointers, web pages, pictures and programs, and formats of other tools."""
 
 import re
 import struct
 from typing import NamedTuple
+
+from kennfeld.files.file_format import FileFormat
 
 _HEAD = 4096  # bytes that settle it
 _POINTER = re.compile(
@@ -41,7 +43,7 @@ _NAMES = (  # streams of OLE packages, as their directory spells them
     ("__nameid_version1.0", "an Outlook message", "Save its attachment."),
 )
 _WORKBOOKS = ("Workbook", "Book", "WORKBOOK", "BOOK", "EncryptedPackage")  # the last one is refused when it is opened
-_OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 
 
 class ForeignContent(NamedTuple):
@@ -70,7 +72,7 @@ def identify_package(content: bytes) -> ForeignContent | None:
     Args:
         content: all bytes of the file; the directory may be anywhere in it.
     """
-    if not content.startswith(_OLE):
+    if not content.startswith(OLE):
         return None
     names = (each for each in _NAMES if each[0].encode("utf-16-le") in content)
     _, description, remedy = next(names, ("", "", ""))
@@ -142,3 +144,88 @@ def _encrypted(head: bytes) -> ForeignContent | None:
     if is_zip or head.startswith(_SECRETS):
         return ForeignContent("an encrypted archive" if is_zip else "an encrypted file", "Unpack it first.")
     return None
+
+
+def _pattern(name: str, pattern: str, description: str, remedy: str) -> FileFormat:
+    """Return a format that a pattern in the first bytes tells."""
+    compiled = re.compile(pattern.encode(), re.IGNORECASE | re.MULTILINE)
+    return FileFormat(
+        name,
+        (),
+        lambda head: compiled.search(_plain_text(head.raw[:_HEAD])) is not None,
+        description=description,
+        remedy=remedy,
+    )
+
+
+def _ending(ending: str, name: str, description: str, remedy: str, *, binary: bool = False) -> FileFormat:
+    """Return a format that the ending tells."""
+    return FileFormat(
+        name,
+        (ending,),
+        lambda head: head.ending == ending and (head.is_binary or not binary),
+        description=description,
+        remedy=remedy,
+    )
+
+
+_UNPACK = "Unpack it first; gzip, bzip2, xz and ZIP can be read."
+_NOT_READ = "which cannot be read"
+_RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
+_EXPORT = "Export it from that tool as DCM (.dcm) or CDFX (.cdfx)."
+_IMAGE = "Convert it to Intel HEX (.hex) or S-records (.s19), and pass the A2L file that describes it."
+_DATABASE = "a database of bus messages: it describes signals and holds no samples of them"
+# formats of other tools, by their first bytes
+OF_OTHER_TOOLS = (
+    _pattern(
+        "LIN database",
+        r"\A\s*(?:/\*.*?\*/\s*)?LIN_description_file\s*;",
+        f"a LIN database (LDF), {_DATABASE}",
+        _RECORDING,
+    ),
+    _pattern(
+        "TDMS index",
+        r"\ATDSh(?s:.)\0",
+        "an index of a TDMS file, which holds no samples",
+        "Name the .tdms file beside it.",
+    ),
+    _pattern(
+        "AiM log",
+        r"\A<h(?s:[A-Z]{3}.{6})>",
+        "a log of AiM (.xrk)",
+        "Export it as CSV from RaceStudio, or convert it to Parquet by the Python package libxrk.",
+    ),
+    _pattern(
+        "CDF-5",
+        r"\ACDF\x05",
+        "a netCDF file of 64-bit data (CDF-5)",
+        "Convert it: nccopy -k netCDF-4 old.nc new.nc.",
+    ),
+    _pattern("HDF4", r"\A\x0e\x03\x13\x01", "an HDF4 file", "Convert it to HDF5: h4toh5 old.hdf new.h5."),
+    _pattern(
+        "Feather 1",
+        r"\AFEA1[^\t\r\n -~]",
+        "a Feather file of version 1",
+        "Write it again, as version 2 or as Parquet.",
+    ),
+    _pattern(
+        "packed",
+        r"\A(?:Rar!\x1a|\x04\x22\x4d\x18|\x1f\x9d)|\A(?s:.{257})ustar",
+        "a compressed file or archive",
+        _UNPACK,
+    ),
+    _pattern("packed", r"\A(?:\x28\xb5\x2f\xfd|7z\xbc\xaf)", "a compressed file", _UNPACK),
+    _pattern("PDF", r"\A%PDF", "a PDF file", "Save the table in it as .xlsx or CSV."),
+)
+# formats of other tools, by their ending
+BY_ENDING = (
+    _ending(".par", "parameter file", f"a parameter file (.par) that does not begin as those of CANape, {_NOT_READ}",
+        _EXPORT),
+    _ending(".cdm", "CDM", f"an INCA calibration data file (.cdm), {_NOT_READ}", _EXPORT),
+    _ending(
+        ".lab", "list of labels", "a list of labels (.lab), which contains no values",
+        "Pass the calibration file with their values.",
+    ),
+    _ending(".bin", "memory dump", "a raw memory dump (.bin), which contains no addresses", _IMAGE, binary=True),
+    _ending(".elf", "program", "a program (.elf)", _IMAGE, binary=True),
+)  # fmt: skip

@@ -1,0 +1,140 @@
+"""Formats of calibration files; workbooks and MATLAB's data files are among the containers."""
+
+import re
+
+from kennfeld.files.file_format import CalibrationConverter, FileFormat, Recogniser, Role, reads_as
+from kennfeld.files.head import FileHead
+from kennfeld.files.rows import is_row
+from kennfeld.files.xml_root import xml_root
+
+IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
+SCRIPT_TITLE = "% Kennfeld calibration"
+
+# what formats lack, by the keys of `calfiles.loss_report`; no file of values holds the settings of a calibration
+_SETTINGS = ("bounds", "locks", "free axes")
+_PLAIN = ("inputs", "extrapolation", "line breaks", *_SETTINGS)
+_DCM = ("kinds", *_PLAIN)
+_CVX = ("kinds", "descriptions", "group units", *_PLAIN)
+
+_DCM_LINE = re.compile(
+    r"^[ \t]*(?:KONSERVIERUNG_FORMAT|(?:FEST|GRUPPEN)?KENN(?:LINIE|FELD)|FESTWERT(?:EBLOCK)?|STUETZSTELLENVERTEILUNG"
+    r"|TEXTSTRING|FUNKTIONEN|VARIANTENKODIERUNG|MODULKOPF)(?:\s|$)",
+    re.MULTILINE,
+)
+_IMAGE_RECORD = re.compile(r"\s*(?::[0-9A-Fa-f]{10}|S[0-9][0-9A-Fa-f]{6})")
+_PAR_TITLE = re.compile(r"\s*CANape PAR V\d")
+_ESDL_PACKAGE = re.compile(r"(?:\s++|//[^\n]*+|/\*.*?\*/)*+package\s+[\w.]+\s*;", re.DOTALL)
+_AMD_ROOTS = ("ComponentData", "ComponentMain", "ComponentImplementation", "Specifications", "Project")
+_ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:\[|(?!=)[^;\n]*(?:;|\.\.\.))")
+_HARMLESS = re.compile(r"(?:clear|clc|close|function|format|clearvars)\b[^:]*")
+_BRACKETS = re.compile(r"\[[^\]]*\]")
+_SCRIPT_LINES = 400  # in which a script assigns its first value
+_COMMAND = 500  # characters of a command that is no assignment
+
+
+def _matches(pattern: re.Pattern[str]) -> Recogniser:
+    return lambda head: pattern.match(head.text) is not None
+
+
+def _has_root(*names: str) -> Recogniser:
+    return lambda head: xml_root(head.text) in names
+
+
+def _is_amd(head: FileHead) -> bool:
+    """Return whether a file is an archive of ASCET's components, or one of them."""
+    if head.members:
+        parts = [member for member in head.members if member.endswith(".amd")]
+        return bool(parts) and (head.ending == ".axl" or any(member.endswith(".main.amd") for member in parts))
+    return xml_root(head.text) in _AMD_ROOTS
+
+
+def _is_script(head: FileHead) -> bool:
+    """Return whether a text begins like a script that assigns numbers."""
+    if head.text.startswith(SCRIPT_TITLE):
+        return True
+    if head.ending != ".m" and any(map(is_row, _BRACKETS.sub("", head.text).split("\n"))):
+        return False
+    for line in map(str.strip, head.text.split("\n", _SCRIPT_LINES)[:_SCRIPT_LINES]):
+        if _ASSIGNMENT.match(line):
+            return True
+        if line and line[0] not in "%#" and not _HARMLESS.fullmatch(line[:_COMMAND]):
+            return False
+    return False
+
+
+def _convert_by(read: str, write: str, lacks: tuple[str, ...] = (), label: str = "") -> CalibrationConverter:
+    """Return the converter whose functions are in modules of `kennfeld.calfiles`."""
+    return CalibrationConverter(f"kennfeld.calfiles.{read}", f"kennfeld.calfiles.{write}", lacks, label=label)
+
+
+JSON = FileFormat(
+    "JSON",
+    (".json",),
+    reads_as("{"),
+    calibration=_convert_by("json_file:read_json", "json_file:write_json", ("infinities", *_SETTINGS)),
+)
+CVX = FileFormat(
+    "CVX",
+    (".csv",),
+    reads_as("calibration values v"),
+    description="a CVX calibration file",
+    calibration=_convert_by("cvx.reader:read_cvx", "cvx.writer:write_cvx", _CVX, "CVX (INCA's CSV)"),
+)
+CDFX = FileFormat(
+    "CDFX",
+    (".cdfx",),
+    _has_root("MSRSW"),
+    calibration=_convert_by("cdfx.reader:read_cdfx", "cdfx.writer:write_cdfx", _PLAIN),
+)
+DCM = FileFormat(
+    "DCM",
+    (".dcm",),
+    lambda head: _DCM_LINE.search(head.text) is not None,
+    description="a DCM calibration file",
+    calibration=_convert_by("dcm.reader:read_dcm", "dcm.update:write_dcm", _DCM),
+)
+IMAGE = FileFormat(
+    "Intel HEX or S-records",
+    IMAGE_ENDINGS,
+    _matches(_IMAGE_RECORD),
+    calibration=_convert_by(
+        "flash.description:read_flash",
+        "flash.description:write_flash",
+        label="Intel HEX or S-records with an A2L file",
+    ),
+)
+MSQ = FileFormat(
+    "MSQ",
+    (".msq",),
+    _has_root("msq"),
+    calibration=_convert_by("msq.reader:read_msq", "msq.update:write_msq", label="MSQ (TunerStudio)"),
+)
+PAR = FileFormat(
+    "PAR",
+    (".par",),
+    _matches(_PAR_TITLE),
+    description="a parameter file of CANape",
+    calibration=_convert_by("par.reader:read_par", "par.update:write_par", label="PAR (CANape)"),
+)
+ESDL = FileFormat(
+    "ESDL",
+    (".esdl",),
+    _matches(_ESDL_PACKAGE),
+    calibration=_convert_by("esdl.reader:read_esdl", "esdl.update:write_esdl", label="ESDL (ASCET)"),
+    role=Role.PROGRAM,
+    describe="kennfeld.terminal.describers:describe_esdl",
+)
+AMD = FileFormat(
+    "ASCET component",
+    (".axl", ".amd"),
+    _is_amd,
+    calibration=_convert_by("amd.reader:read_amd", "amd.update:write_amd", label="AXL and AMD (ASCET 6)"),
+    role=Role.PROGRAM,
+    describe="kennfeld.terminal.describers:describe_components",
+)
+SCRIPT = FileFormat(
+    "MATLAB script",
+    (".m",),
+    _is_script,
+    calibration=_convert_by("matlab_reader:read_script", "matlab_writer:write_script", ("extrapolation", *_SETTINGS)),
+)

@@ -1,0 +1,82 @@
+"""Formats of files that describe others: databases of bus messages, and what control units store."""
+
+import re
+
+from kennfeld.files.file_format import FileFormat, Role
+from kennfeld.files.head import HEAD_SIZE
+from kennfeld.files.xml_root import xml_root
+
+_A2L_BLOCK = re.compile(
+    r"/begin\s+(PROJECT|MODULE|MOD_PAR|MOD_COMMON|CHARACTERISTIC|AXIS_PTS|MEASUREMENT|COMPU_METHOD|COMPU_TAB|COMPU_VTAB"
+    r"|COMPU_VTAB_RANGE|RECORD_LAYOUT|FUNCTION|GROUP|FRAME|UNIT|USER_RIGHTS|VARIANT_CODING|INSTANCE|TYPEDEF_\w+|BLOB"
+    r"|TRANSFORMER|IF_DATA|A2ML)\b"
+)
+_DBC_LINE = re.compile(r"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)", re.MULTILINE)
+_SYM_TITLE = re.compile(r"\s*FormatVersion\s*=", re.IGNORECASE)
+_SAMPLES = "a database of bus messages: it describes signals and holds no samples of them"
+_DESCRIBE_A2L = "kennfeld.terminal.describers:describe_a2l_file"
+_HOW_TO_DECODE = "Name a bus log and the database that decodes it: `kennfeld info drive.mf4 --dbc engine.dbc`."
+
+
+def recognises_a2l(text: str) -> bool:
+    """Return whether a text begins like an A2L file or a part of one, after comments."""
+    return "ASAP2_VERSION" in text or _A2L_BLOCK.search(text) is not None
+
+
+def fragment_of_a2l(text: str) -> tuple[str, str] | None:
+    """Return what is wrong with a part of an A2L file, and the remedy; None for any other text."""
+    text = text[:HEAD_SIZE]
+    first = _A2L_BLOCK.search(text)
+    if first is None or "ASAP2_VERSION" in text or first[1] in ("PROJECT", "MODULE"):
+        return None
+    message = f"is a fragment of an A2L file: it starts with {first[1]}, without an enclosing PROJECT and MODULE"
+    return message, "Pass the A2L file that includes it."
+
+
+def _database(article: str, name: str, ending: str, root: str) -> FileFormat:
+    return FileFormat(
+        name,
+        (ending,),
+        lambda head: xml_root(head.text) == root,
+        role=Role.DATABASE,
+        description=f"{article} {name} ({ending.removeprefix('.').upper()}), {_SAMPLES}",
+        remedy=_HOW_TO_DECODE,
+    )
+
+
+A2L_FRAGMENT = FileFormat(
+    "A2L fragment",
+    (),
+    lambda head: fragment_of_a2l(head.text) is not None,
+    role=Role.DESCRIPTION,
+    describe=_DESCRIBE_A2L,
+    description="a fragment of an A2L description, which says where the control unit keeps values and holds none",
+    remedy="Name the recording, or the image with the A2L file that includes it.",
+)
+A2L = FileFormat(
+    "A2L",
+    (".a2l",),
+    lambda head: recognises_a2l(head.text),
+    role=Role.DESCRIPTION,
+    describe=_DESCRIBE_A2L,
+    description="an A2L description, which contains no values",
+    remedy="Pass the image that it describes (.hex, .s19), with --a2l if needed.",
+)
+DBC = FileFormat(
+    "CAN database",
+    (".dbc",),
+    lambda head: _DBC_LINE.search(head.text) is not None,
+    role=Role.DATABASE,
+    description=f"a CAN database (DBC), {_SAMPLES}",
+    remedy=_HOW_TO_DECODE,
+)
+ARXML = _database("an", "AUTOSAR description", ".arxml", "AUTOSAR")
+KCD = _database("a", "Kayak database", ".kcd", "NetworkDefinition")
+SYM = FileFormat(
+    "PEAK database",
+    (".sym",),
+    lambda head: _SYM_TITLE.match(head.text) is not None,
+    role=Role.DATABASE,
+    description=f"a PEAK database (SYM), {_SAMPLES}",
+    remedy=_HOW_TO_DECODE,
+)

@@ -1,0 +1,115 @@
+"""Formats of functions, of what is read with them, and of projects."""
+
+import re
+from itertools import islice
+
+from kennfeld.files.file_format import FileFormat, Role, call
+from kennfeld.files.head import FileHead
+from kennfeld.files.rows import is_row
+
+PART_BEGIN = "__MWOPC_PART_BEGIN__"  # of a Simulink model that is stored as text
+CLASSIC = re.compile(r"\s*(?:#[^\n]*\n\s*)*(?:Model|Library|Subsystem)\s*\{")
+SURROGATE_KINDS = {
+    "static": "kennfeld-static-surrogate",
+    "dynamic": "kennfeld-dynamic-surrogate",
+    "filtered": "kennfeld-filtered-surrogate",
+}
+_SURROGATE_HEAD = 200  # characters in which a surrogate states its kind
+_CLASS = re.compile(r"^\s*classdef\b", re.MULTILINE)
+_SECTION = re.compile(
+    r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
+)
+_FORMULA_LINES = 20  # that tell formula text
+_FORMULA_LINE = re.compile(
+    r"\s*(?:(?:\d+\s+)?(?:[A-Za-z_]\w*|%[^%]+%)\s*(?:\[[^\]]*\])?\s*=[^=]"
+    r"|(?:input|output|scalar|curve|map|cube|rbf|step|solver|def)\s+\S)"
+)
+
+
+def recognises_surrogate(text: str) -> bool:
+    """Return whether a text begins as a stored surrogate does."""
+    return any(f'"{kind}"' in text[:_SURROGATE_HEAD] for kind in SURROGATE_KINDS.values())
+
+
+def recognises_simulink(text: str) -> bool:
+    """Return whether a text begins as a Simulink model that is no archive."""
+    return CLASSIC.match(text) is not None or PART_BEGIN in text
+
+
+def _is_simulink(head: FileHead) -> bool:
+    members = {"simulink/blockdiagram.xml", "simulink/blockDiagram.json"}
+    return not members.isdisjoint(head.members) or recognises_simulink(head.text)
+
+
+def _is_enumeration(head: FileHead) -> bool:
+    if head.ending != ".m" or not _CLASS.search(head.text):
+        return False
+    return call("kennfeld.models.simulink.variables.enumerations:enumeration_of", head.text) is not None
+
+
+def _is_formula(head: FileHead) -> bool:
+    """Return whether most lines are statements of formula text, and none is a row of numbers."""
+    lines = (line.strip() for line in head.text.split("\n"))
+    first = list(islice((line for line in lines if line and not line.startswith("#")), _FORMULA_LINES))
+    statements = sum(_FORMULA_LINE.match(line) is not None for line in first)
+    return 2 * statements > len(first) and not any(map(is_row, first))
+
+
+def _function(name: str, *endings: str, **settings: object) -> FileFormat:
+    return FileFormat(name, endings, role=Role.FUNCTION, **settings)  # type: ignore[arg-type]
+
+
+_DESCRIBERS = "kennfeld.terminal.describers"
+FORMULA = _function("formula text", ".kf", describe=f"{_DESCRIBERS}:describe_formula_file")
+SIMULINK = _function(
+    "Simulink model", ".slx", ".mdl", recognises=_is_simulink, describe=f"{_DESCRIBERS}:describe_simulink"
+)
+PROTECTED = _function("protected Simulink model", ".slxp", describe=f"{_DESCRIBERS}:describe_simulink")
+FMU = _function(
+    "FMU",
+    ".fmu",
+    recognises=lambda head: "modelDescription.xml" in head.members,
+    describe="kennfeld.terminal.fmu_info:describe_fmu_file",
+)
+ONNX = _function("ONNX network", ".onnx", describe="kennfeld.terminal.network_info:describe_network")
+C = _function("C source", ".c", describe="kennfeld.terminal.function_info:describe_functions")
+PYTHON = _function("Python source", ".py", describe="kennfeld.terminal.function_info:describe_functions")
+APPLICATION = FileFormat("ASCET application", (".app",), role=Role.PROGRAM, describe=f"{_DESCRIBERS}:describe_esdl")
+HEADER = FileFormat("C header", (".h",), role=Role.COMPANION, description="a C header", remedy="Name the C file.")
+DICTIONARY = FileFormat(
+    "Simulink data dictionary",
+    (".sldd",),
+    role=Role.COMPANION,
+    describe=f"{_DESCRIBERS}:describe_dictionary",
+    description="a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",
+    remedy="Convert the model: `kennfeld convert engine.slx engine.kf` writes its values to engine.json.",
+)
+ENUMERATION = FileFormat(
+    "enumeration class of MATLAB",
+    (".m",),
+    _is_enumeration,
+    role=Role.COMPANION,
+    describe=f"{_DESCRIBERS}:describe_enumeration",
+)
+SURROGATE = FileFormat(
+    "surrogate",
+    (".json",),
+    lambda head: recognises_surrogate(head.text),
+    role=Role.SURROGATE,
+    describe=f"{_DESCRIBERS}:describe_surrogate_file",
+)
+PROJECT = FileFormat(
+    "project file",
+    (".toml",),
+    role=Role.PROJECT,
+    describe=f"{_DESCRIBERS}:describe_toml",
+)
+# texts without a signature, under another ending
+PROJECT_TEXT = FileFormat(
+    PROJECT.name,
+    (),
+    lambda head: _SECTION.search(head.text) is not None,
+    role=PROJECT.role,
+    describe=PROJECT.describe,
+)
+FORMULA_TEXT = FileFormat(FORMULA.name, (), _is_formula, role=FORMULA.role, describe=FORMULA.describe)

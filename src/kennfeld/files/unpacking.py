@@ -1,0 +1,134 @@
+"""Files within compressed files and ZIP archives, unpacked to a temporary file while they are read."""
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import BinaryIO, NamedTuple
+
+from kennfeld.archives import find_oversized
+from kennfeld.errors import InputError, Location
+from kennfeld.files.head import COPY, DAMAGED, ZIP_ERRORS, FileHead, open_unpacked, read_head
+from kennfeld.formatting import join_names, nearest
+
+_CHUNK = 1 << 20  # bytes
+_HARMLESS = 1_000_000_000  # bytes; unpacked content up to this size is never refused
+_MAX_RATIO = 200  # of unpacked to packed size beyond that; recordings shrink to a thirtieth at best
+_MAX_LISTED = 8  # members in a message
+_ENCRYPTED = 1  # flag of a member
+_UNPACK = "Unpack it first."
+
+
+class Unpacked(NamedTuple):
+    """A file on disk that was unpacked, and its name in messages."""
+
+    path: Path
+    label: str
+
+
+@contextmanager
+def unpacked(head: FileHead, member: str = "", *, with_others: bool = False) -> Iterator[Unpacked]:
+    """Yield the file within a compressed file or a ZIP archive, unpacked to a temporary folder.
+
+    Args:
+        head: the compressed file, the archive, or a member of it.
+        member: the member of an archive, its only one by default.
+        with_others: unpack the other members in its folder beside it, too.
+
+    Raises:
+        InputError: the content is damaged or suspiciously large, or several members may be meant.
+    """
+    location = Location(head.path.name)
+    with TemporaryDirectory(prefix="kennfeld-", ignore_cleanup_errors=True) as folder:
+        if head.packing:
+            path = Path(folder) / (head.path.stem or head.path.name)
+            _write(head.path, open_unpacked(head.path, head.packing), path)
+            yield Unpacked(path, head.path.name)
+            return
+        if head.member:
+            head, member = read_head(head.path), head.member
+        chosen = choose_member(head, member)
+        path = Path(folder) / PurePosixPath(chosen).name
+        try:
+            with zipfile.ZipFile(head.path) as archive:
+                if oversized := find_oversized(archive):
+                    raise InputError.of(location, f"suspicious archive: {oversized}", _UNPACK)
+                if archive.getinfo(chosen).flag_bits & _ENCRYPTED:
+                    raise InputError.of(location, f"{chosen} in it is encrypted", _UNPACK)
+                size = _write(head.path, _open(archive, chosen), path)
+                for other in _neighbours(head, chosen) if with_others else ():
+                    size += _write(head.path, _open(archive, other), path.with_name(PurePosixPath(other).name), size)
+        except ZIP_ERRORS:
+            raise InputError.of(location, DAMAGED, COPY) from None
+        yield Unpacked(path, f"{head.path.name}#{path.name}")
+
+
+def files_in(head: FileHead) -> list[str]:
+    """Return the members of a ZIP archive that are files, without the notes of operating systems."""
+    return [name for name in head.members if not name.endswith("/") and not _is_hidden(name)]
+
+
+def only_member(head: FileHead, member: str) -> str:
+    """Return the member of a ZIP archive that an address names, or its only one; empty if several may be meant."""
+    names = files_in(head)
+    matches = [each for each in names if not member or member in (each, PurePosixPath(each).name)]
+    return matches[0] if len(matches) == 1 else ""
+
+
+def choose_member(head: FileHead, member: str) -> str:
+    """Return the member of a ZIP archive that is meant; raise `InputError` if that is not one."""
+    location, names = Location(head.path.name), files_in(head)
+    chosen = only_member(head, member)
+    if chosen:
+        return chosen
+    if not head.members:
+        message = "this ZIP archive (an Excel file, perhaps) is damaged or cut off"
+        raise InputError.of(location, message, COPY)
+    if not names:
+        raise InputError.of(location, "the archive holds no files", "Is it the right file?")
+    if not member:
+        message = f"the archive holds {len(names)} files: {join_names(names, _MAX_LISTED)}"
+        raise InputError.of(location, message, f"Name one: {head.path.name}#{names[0]}.")
+    count = sum(member in (each, PurePosixPath(each).name) for each in names)
+    remedy = nearest(member, names) or f"It has {join_names(names, _MAX_LISTED)}."
+    raise InputError.of(location, f"the archive has {count or 'no'} files named {member}", remedy)
+
+
+def _neighbours(head: FileHead, member: str) -> list[str]:
+    own = PurePosixPath(member)
+    return [name for name in files_in(head) if PurePosixPath(name).parent == own.parent and name != member]
+
+
+def _is_hidden(member: str) -> bool:
+    return any(part.startswith((".", "__MACOSX")) for part in PurePosixPath(member).parts)
+
+
+def _open(archive: zipfile.ZipFile, member: str) -> BinaryIO:
+    return archive.open(member)  # type: ignore[return-value]
+
+
+def _write(packed: Path, stream: BinaryIO, path: Path, before: int = 0) -> int:
+    """Write the content of a stream to a file and return its size; raise `InputError` if it is damaged or too large.
+
+    The `before` bytes of other files that were unpacked count too.
+    """
+    location, packed_size = Location(packed.name), packed.stat().st_size
+    limit = max(_HARMLESS, _MAX_RATIO * packed_size)
+    size = 0
+    try:
+        with stream, path.open("wb") as file:
+            while chunk := stream.read(_CHUNK):
+                size += len(chunk)
+                if before + size > limit:
+                    message = f"its {packed_size / 1e6:.1f} MB unpack to more than {limit / 1e6:.0f} MB"
+                    raise InputError.of(location, message, "Unpack it first if you trust it.")
+                file.write(chunk)
+    except InputError:
+        raise
+    except Exception as error:  # of many kinds: one for each way to compress
+        if isinstance(error, OSError) and error.errno is not None:
+            message = f"cannot be unpacked ({error.strerror})"
+            raise InputError.of(location, message, "Make room for temporary files, or unpack it first.") from None
+        raise InputError.of(location, DAMAGED, COPY) from None
+    return size

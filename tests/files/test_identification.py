@@ -1,0 +1,119 @@
+"""Every file gets one answer, whoever asks: the command line, Python or the app."""
+
+import gzip
+import zipfile
+
+import pytest
+from fuzz_samples import samples
+
+import kennfeld as kf
+from kennfeld.app.questions.additions import kinds_of
+from kennfeld.calfiles.cvx.writer import write_cvx
+from kennfeld.errors import InputError
+from kennfeld.files import Role, identify
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Scalar
+from kennfeld.terminal.file_info import describe_file
+
+CONTENTS = {"measurement": "recording", "calibration": "calibration", "formula": "function", "project": "project"}
+TEXTS = {
+    "drive.csv": "time,Speed\n0,1000\n0.1,1010\n0.2,1020\n",
+    "start.dcm": "KONSERVIERUNG_FORMAT 2.0\n\nFESTWERT Gain\n   WERT 12.5\nEND\n",
+    "bare.dcm": "FESTWERT Gain\n   WERT 12.5\nEND\n",
+    "start.csv": write_cvx(ParameterSet([Scalar("Gain", 12.5)]), "start.csv"),
+    "start.json": '{"Gain": {"kind": "scalar", "unit": "", "value": 12.5}}',
+    "start.m": "% gains\nGain = 12.5;  % [Nm] at idle\n",
+    "sensor.kf": "# a sensor\ny[Nm] = Gain * x\nscalar Gain\n",
+    "drive.asc": "date Sat Nov 28 10:00:00 2026\nbase hex  timestamps absolute\n 0.1 1 100 Rx d 1 00\n",
+    "drive.msl": '"MS3"\n"Captured"\nTime\tRPM\n0\t900\n0.1\t910\n',
+    "control.a2l": 'ASAP2_VERSION 1 61\n/begin PROJECT P ""\n/end PROJECT\n',
+    "engine.dbc": 'VERSION ""\n\nBO_ 256 Engine: 8 Vector__XXX\n SG_ Speed : 0|16@1+ (1,0) [0|0] "rpm" X\n',
+    "pump.esdl": "package engine;\nstatic class Pump { characteristic real gain = 2.0; }\n",
+}
+
+
+def answers(path):
+    """The role of a file as the command line, the app and `identify` tell it, and whether Python reads it as that."""
+    role = identify(path).role
+    try:
+        content = CONTENTS.get(describe_file(path).as_json.get("content", ""), role.value)
+    except InputError:  # of a file that describes others, or that names files which are not there
+        content = role.value
+    try:
+        dropped = kinds_of(path.parent, [path.name])[path.name]
+    except InputError:
+        dropped = "none"
+    expected = "none" if role is Role.PROJECT else "calibration" if role is Role.SURROGATE else role.value
+    return role.value, content, role.value if dropped == expected else dropped
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("form", ["plain", "mark", "utf-16", "gzip", "zip", "other ending", "no ending"])
+def test_a_file_gets_one_answer_in_every_form(tmp_path, name, form):
+    text = TEXTS[name]
+    names = {"gzip": f"{name}.gz", "zip": f"{name}.zip", "other ending": "a.txt", "no ending": "a"}
+    path = tmp_path / names.get(form, name)
+    content = text.encode({"mark": "utf-8-sig", "utf-16": "utf-16"}.get(form, "utf-8"))
+    if form == "zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr(name, content)
+    else:
+        path.write_bytes(gzip.compress(content) if form == "gzip" else content)
+    (tmp_path / "plain").mkdir()
+    (tmp_path / "plain" / name).write_text(text, encoding="utf-8")
+    role = identify(tmp_path / "plain" / name).role
+    if form in ("gzip", "zip") and role not in (Role.RECORDING, Role.CALIBRATION):
+        with pytest.raises(InputError, match="which is read only if it is not compressed"):
+            identify(path)
+        return
+    assert answers(path) == (role.value,) * 3
+    if role is Role.CALIBRATION:
+        assert kf.read_parameters(path)["Gain"].value == 12.5
+        with pytest.raises(InputError):
+            kf.read(path)
+
+
+@pytest.mark.parametrize("form", ["plain", "no ending"])
+def test_samples_of_every_format_get_one_answer(tmp_path, form):
+    seen = {}
+    for sample in samples(5):
+        if sample.kind in seen:
+            continue
+        for name, content in sample.files.items():
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / name).write_bytes(content)
+        path = tmp_path / sample.name
+        role = identify(path).role
+        if form == "no ending" and role in (Role.RECORDING, Role.CALIBRATION):
+            path = path.rename(tmp_path / "a")
+            assert identify(path).role is role, sample.kind
+        seen[sample.kind] = role
+        assert len(set(answers(path))) == 1, (sample.kind, answers(path))
+    assert len(seen) > 30
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Title = Drive 3\nDate = 2024-01-02\ntime,a\n0,1\n1,2\n2,3\n3,4\n",
+        "name=bench;car=7;\ntime;a\n0;1\n1;2\n",
+        "Rig = 4\ntime\ta\n0\t1\n1\t2\n2\t3\n",
+    ],
+)
+def test_settings_above_a_table_make_no_formula_and_no_script_of_it(tmp_path, text):
+    path = tmp_path / "drive.txt"
+    path.write_text(text, encoding="utf-8")
+    assert identify(path).format.name == "CSV"
+    assert kf.read(path).samples >= 2
+
+
+def test_the_ending_tells_what_content_does_not(tmp_path):
+    for name, role in {"net.onnx": "function", "lag.c": "function", "my.py": "function", "Gear.app": "program"}.items():
+        (tmp_path / name).write_text("nothing that is known\n", encoding="utf-8")
+        assert identify(tmp_path / name).role.value == role
+
+
+def test_content_overrules_the_ending(tmp_path):
+    path = tmp_path / "drive.kf"
+    path.write_bytes(b"MDF     4.10" + bytes(200))
+    assert identify(path).format.name == "MDF"

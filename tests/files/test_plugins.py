@@ -1,0 +1,129 @@
+"""A format of another package works as those of Kennfeld do; one that is broken is named and left out."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kennfeld as kf
+from kennfeld.app.questions.additions import kinds_of
+from kennfeld.errors import InputWarning
+from kennfeld.files import identify
+from kennfeld.files.plugins import formats_of_plugins
+from kennfeld.terminal.file_info import describe_file
+
+PAGE = Path(__file__).parents[2] / "docs" / "adding-a-format.md"
+LOG = "ACME1\ntime x/V y/Nm\n0 1 2.1\n0.1 2 3.9\n0.2 3 6\n0.3 4 8.2\n"
+PROJECT = """
+[model]
+file = "gain.kf"
+
+[[dataset]]
+files = ["drive.acme"]
+
+[[criterion]]
+node = "torque"
+target = "y"
+
+[parameters.k]
+initial = 1.0
+"""
+
+
+def install(folder, module, code, entry):
+    """Put a package with one entry point into a folder, as an installer does."""
+    (folder / f"{module}.py").write_text(code, encoding="utf-8")
+    facts = folder / f"{module}-1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n", encoding="utf-8")
+    (facts / "entry_points.txt").write_text(f"[kennfeld.formats]\n{entry}\n", encoding="utf-8")
+
+
+@pytest.fixture
+def packages(tmp_path, monkeypatch):
+    folder = tmp_path / "packages"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    formats_of_plugins.cache_clear()
+    yield folder
+    formats_of_plugins.cache_clear()
+
+
+@pytest.fixture
+def acme(packages):
+    """The package of the documentation."""
+    code = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    install(packages, "acme_logs", code, "acme = acme_logs:FORMAT")
+    return packages
+
+
+def test_the_package_of_the_documentation_reads_its_logs(acme, tmp_path):
+    path = tmp_path / "drive.acme"
+    path.write_text(LOG, encoding="utf-8")
+    assert identify(path).format.name == "ACME log"
+    recording = kf.read(path, ["y"], raster=0.05)
+    assert recording["y"].unit == "Nm"
+    assert recording["y"].values == pytest.approx([2.1, 3, 3.9, 4.95, 6, 7.1, 8.2])
+    assert describe_file(path).summary == "drive.acme: measurement (ACME log), 3 channels over 4 samples"
+    assert kinds_of(tmp_path, ["drive.acme"]) == {"drive.acme": "recording"}
+
+
+def test_a_project_is_calibrated_on_such_a_log(acme, tmp_path):
+    (tmp_path / "drive.acme").write_text(LOG, encoding="utf-8")
+    (tmp_path / "gain.kf").write_text("torque[Nm] = k * x\nscalar k\n", encoding="utf-8")
+    (tmp_path / "kennfeld.toml").write_text(PROJECT, encoding="utf-8")
+    command = [sys.executable, "-m", "kennfeld", "calibrate", str(tmp_path / "kennfeld.toml")]
+    paths = os.pathsep.join([str(acme), *filter(None, [os.environ.get("PYTHONPATH", "")])])
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=120, env={**os.environ, "PYTHONPATH": paths}
+    )
+    assert "converged" in done.stdout
+    x, y = np.array([1, 2, 3, 4.0]), np.array([2.1, 3.9, 6, 8.2])
+    fitted = kf.read_parameters(tmp_path / "results" / "parameters.json")
+    assert fitted["k"].value == pytest.approx(x @ y / (x @ x))
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("import nothing_of_this_name\n", "ModuleNotFoundError: No module named 'nothing_of_this_name'"),
+        ("FORMAT = 3\n", "broken:FORMAT is of the type int, not FileFormat"),
+        ("", "has no attribute 'FORMAT'"),
+    ],
+)
+def test_a_broken_format_is_named_and_left_out(packages, tmp_path, code, message):
+    install(packages, "broken", code, "lost = broken:FORMAT")
+    sys.modules.pop("broken", None)
+    path = tmp_path / "drive.csv"
+    path.write_text("time,a\n0,1\n1,2\n", encoding="utf-8")
+    with pytest.warns(InputWarning, match="the format lost of the package broken cannot be loaded") as caught:
+        assert kf.read(path).samples == 2
+    assert message in str(caught[0].message)
+
+
+def test_a_recogniser_that_fails_recognises_nothing(packages, tmp_path):
+    code = (
+        "from kennfeld.files import FileFormat, MeasurementReader\n"
+        "FORMAT = FileFormat('lost', ('.x',), lambda head: 1 / 0, MeasurementReader(dataset=lambda path: None))\n"
+    )
+    install(packages, "failing", code, "failing = failing:FORMAT")
+    path = tmp_path / "drive.csv"
+    path.write_text("time,a\n0,1\n1,2\n", encoding="utf-8")
+    with pytest.warns(InputWarning, match="the format lost cannot recognise files"):
+        assert kf.read(path).samples == 2
+
+
+def test_what_is_no_recording_is_refused(packages, tmp_path):
+    code = (
+        "from kennfeld.files import FileFormat, MeasurementReader\n"
+        "reader = MeasurementReader(dataset=lambda path: [])\n"
+        "FORMAT = FileFormat('list', ('.l',), lambda head: head.raw[:1] == b'[', reader)\n"
+    )
+    install(packages, "lists", code, "lists = lists:FORMAT")
+    (tmp_path / "a.l").write_text("[1]", encoding="utf-8")
+    with pytest.raises(kf.errors.InputError, match="the format list returned a value of the type list, not Dataset"):
+        kf.read(tmp_path / "a.l")
