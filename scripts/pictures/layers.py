@@ -16,7 +16,7 @@ BANDS = (
     ("optimize", "calibration", GOOD),
     ("preprocessing", "data", GOOD),
     ("models", "functions", GOOD),
-    ("native", "evaluation,\nfiles", GOOD),
+    ("native", "evaluation,\nformats", GOOD),
     ("free_axes", "domain types", LIMIT),
     ("data_frames", "helpers", EDGE),
 )
