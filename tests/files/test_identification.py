@@ -117,3 +117,29 @@ def test_content_overrules_the_ending(tmp_path):
     path = tmp_path / "drive.kf"
     path.write_bytes(b"MDF     4.10" + bytes(200))
     assert identify(path).format.name == "MDF"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<!---->",
+        "<!--",
+        "<!DOCTYPE[",
+        "<?xml ",
+        "[",
+        "/*",
+        "//x\n",
+        " \n",
+        "\t",
+        "; \n",
+        '"\n',
+        "<!DOCTYPE svg>",
+        "classdef A ",
+    ],
+    ids=repr,
+)
+def test_repeated_text_is_looked_through_once(tmp_path, text):
+    """A pattern that tries all ways to divide such a text never ends."""
+    path = tmp_path / "a.m"
+    path.write_text(text * (65536 // len(text)), encoding="utf-8")
+    assert identify(path).head.path == path

@@ -18,7 +18,6 @@ from kennfeld.files.head import FileHead
 from kennfeld.files.identification import Identity, identify
 from kennfeld.files.recordings import CSV
 from kennfeld.files.unpacking import unpacked
-from kennfeld.files.xml_root import xml_root
 from kennfeld.formatting import nearest
 from kennfeld.garbage_collection import no_collection
 from kennfeld.lazy_dataclass import dataclass
@@ -252,8 +251,7 @@ def _other_file(identity: Identity) -> Finding:
 def _impression(identity: Identity) -> str:
     known, head = identity.format, identity.head
     if known is XML:
-        root = xml_root(head.text)
-        return f"looks like XML with the root {root}" if root else "looks like XML"
+        return f"looks like XML with the root {head.root}" if head.root else "looks like XML"
     if known is BINARY:
         return "holds binary data"
     if known is CSV:

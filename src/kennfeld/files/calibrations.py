@@ -5,7 +5,6 @@ import re
 from kennfeld.files.file_format import CalibrationConverter, FileFormat, Recogniser, Role, reads_as
 from kennfeld.files.head import FileHead
 from kennfeld.files.rows import is_row
-from kennfeld.files.xml_root import xml_root
 
 IMAGE_ENDINGS = (".hex", ".s19", ".s37", ".srec", ".mot", ".ihex", ".s28")
 SCRIPT_TITLE = "% Kennfeld calibration"
@@ -27,7 +26,7 @@ _ESDL_PACKAGE = re.compile(r"(?:\s++|//[^\n]*+|/\*.*?\*/)*+package\s+[\w.]+\s*;"
 _AMD_ROOTS = ("ComponentData", "ComponentMain", "ComponentImplementation", "Specifications", "Project")
 _ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:\[|(?!=)[^;\n]*(?:;|\.\.\.))")
 _HARMLESS = re.compile(r"(?:clear|clc|close|function|format|clearvars)\b[^:]*")
-_BRACKETS = re.compile(r"\[[^\]]*\]")
+_BRACKETS = re.compile(r"\[[^\[\]]*+\]")
 _SCRIPT_LINES = 400  # in which a script assigns its first value
 _COMMAND = 500  # characters of a command that is no assignment
 
@@ -37,7 +36,7 @@ def _matches(pattern: re.Pattern[str]) -> Recogniser:
 
 
 def _has_root(*names: str) -> Recogniser:
-    return lambda head: xml_root(head.text) in names
+    return lambda head: head.root in names
 
 
 def _is_amd(head: FileHead) -> bool:
@@ -45,7 +44,7 @@ def _is_amd(head: FileHead) -> bool:
     if head.members:
         parts = [member for member in head.members if member.endswith(".amd")]
         return bool(parts) and (head.ending == ".axl" or any(member.endswith(".main.amd") for member in parts))
-    return xml_root(head.text) in _AMD_ROOTS
+    return head.root in _AMD_ROOTS
 
 
 def _is_script(head: FileHead) -> bool:

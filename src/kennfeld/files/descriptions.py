@@ -4,7 +4,6 @@ import re
 
 from kennfeld.files.file_format import FileFormat, Role
 from kennfeld.files.head import HEAD_SIZE
-from kennfeld.files.xml_root import xml_root
 
 _A2L_BLOCK = re.compile(
     r"/begin\s+(PROJECT|MODULE|MOD_PAR|MOD_COMMON|CHARACTERISTIC|AXIS_PTS|MEASUREMENT|COMPU_METHOD|COMPU_TAB|COMPU_VTAB"
@@ -37,7 +36,7 @@ def _database(article: str, name: str, ending: str, root: str) -> FileFormat:
     return FileFormat(
         name,
         (ending,),
-        lambda head: xml_root(head.text) == root,
+        lambda head: head.root == root,
         role=Role.DATABASE,
         description=f"{article} {name} ({ending.removeprefix('.').upper()}), {_SAMPLES}",
         remedy=_HOW_TO_DECODE,

@@ -12,11 +12,11 @@ _POINTER = re.compile(
 )
 _ANNEX = re.compile(rb"\A(?:\.\./)*(?:\.git)?/?annex/objects/\S+-s(\d+)-", re.MULTILINE)
 _PAGE = re.compile(
-    rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<(?:!doctype\s+html|html|head|body|script|style|meta|title|div|table)\b",
+    rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!--(?>.*?-->)\s*+)*+<(?:!doctype\s+html|html|head|body|script|style|meta|title|div|table)\b",
     re.IGNORECASE | re.DOTALL,
 )
 _DRAWING = re.compile(
-    rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!(?:--.*?--|doctype svg[^>]*)>\s*)*<svg[\s>]", re.IGNORECASE | re.DOTALL
+    rb"\A\s*(?:<\?xml[^>]*>\s*)?(?:<!(?>--.*?-->|doctype svg[^>]*+>)\s*+)*+<svg[\s>]", re.IGNORECASE | re.DOTALL
 )
 _PICTURES = (
     (b"\x89PNG\r\n\x1a\n", "PNG"),
@@ -215,7 +215,7 @@ OF_OTHER_TOOLS = (
         _UNPACK,
     ),
     _pattern("packed", r"\A(?:\x28\xb5\x2f\xfd|7z\xbc\xaf)", "a compressed file", _UNPACK),
-    _pattern("PDF", r"\A%PDF", "a PDF file", "Save the table in it as .xlsx or CSV."),
+    _pattern("PDF", r"\A%PDF", "a PDF file", ""),
 )
 # formats of other tools, by their ending
 BY_ENDING = (

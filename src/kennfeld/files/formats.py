@@ -7,7 +7,6 @@ from kennfeld.files import calibrations, containers, descriptions, foreign, func
 from kennfeld.files.file_format import FileFormat, MeasurementReader, Role
 from kennfeld.files.head import ZIP
 from kennfeld.files.plugins import formats_of_plugins
-from kennfeld.files.xml_root import xml_root
 
 # by a signature, a title or the root of a document
 _SIGNED = (
@@ -81,7 +80,7 @@ ZIP_ARCHIVE = FileFormat(
     MeasurementReader(),  # of the file in it
     description="a ZIP archive, such as .xlsx, .slx or .fmu",
 )
-XML = FileFormat("XML", (".xml",), lambda head: head.words.startswith("<?xml") or xml_root(head.text) != "")
+XML = FileFormat("XML", (".xml",), lambda head: head.words.startswith("<?xml") or head.root != "")
 BINARY = FileFormat("binary")
 # content that others are made of
 _GENERAL = (
@@ -125,10 +124,9 @@ def named_format(ending: str) -> FileFormat | None:
 
 
 def usual_format(ending: str) -> FileFormat | None:
-    """Return the format that files of an ending usually have: what an empty file is to become."""
-    if ending in recordings.CSV.endings:
-        return recordings.CSV
-    return next((known for known in (*_NAMED, *calibration_formats(), *_all()) if ending in known.endings), None)
+    """Return the format that an empty file of an ending is to become; None for recordings, which are never empty."""
+    known = next((known for known in (*_NAMED, *calibration_formats()) if ending in known.endings), None)
+    return None if ending in endings_of(Role.RECORDING) else known
 
 
 def calibration_formats() -> tuple[FileFormat, ...]:

@@ -15,7 +15,7 @@ SURROGATE_KINDS = {
     "filtered": "kennfeld-filtered-surrogate",
 }
 _SURROGATE_HEAD = 200  # characters in which a surrogate states its kind
-_CLASS = re.compile(r"^\s*classdef\b", re.MULTILINE)
+_CLASS = re.compile(r"^[ \t]*classdef\b", re.MULTILINE)
 _SECTION = re.compile(
     r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
 )

@@ -14,6 +14,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.file_state import note_opened
 from kennfeld.files.encoding import decode
+from kennfeld.files.xml_root import xml_root
 from kennfeld.lazy_dataclass import dataclass
 
 HEAD_SIZE = 65536  # bytes or characters that tell what a file is
@@ -67,6 +68,11 @@ class FileHead:
     def words(self) -> str:
         """The text in lower case, without leading blanks."""
         return self.text.lstrip().lower()
+
+    @cached_property
+    def root(self) -> str:
+        """The name of the root if the text is an XML document; empty for other content."""
+        return xml_root(self.text)
 
     @property
     def is_binary(self) -> bool:

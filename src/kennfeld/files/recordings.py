@@ -6,7 +6,6 @@ from functools import partial
 from kennfeld.files.can_csv_columns import can_csv_separator
 from kennfeld.files.file_format import FileFormat, read_recording, reads_as, starts_with
 from kennfeld.files.head import FileHead
-from kennfeld.files.xml_root import xml_root
 
 _HEAD = 4096  # bytes or characters in which a heading stands
 _MOTEC_DATE = re.compile(rb"\d{1,2}/\d{1,2}/\d{4}\0")
@@ -24,7 +23,7 @@ def _is_motec(head: FileHead) -> bool:
 
 
 def _is_tdm(head: FileHead) -> bool:
-    return head.members == ("header.xml",) or xml_root(head.text) == "tdm"
+    return head.members == ("header.xml",) or head.root == "tdm"
 
 
 def _is_diadem(head: FileHead) -> bool:

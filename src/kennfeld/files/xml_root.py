@@ -3,8 +3,10 @@
 import re
 
 _PROLOG = 20_000  # characters before the root
-_BEFORE = re.compile(r"<\?.*?\?>|<!--.*?-->|<!DOCTYPE\b(?:[^\[>]++|\[.*?\])*+>", re.DOTALL | re.IGNORECASE)
-_ROOT = re.compile(r"\s*<(?:[\w.-]+:)?([A-Za-z_][\w.-]{0,60})(?=[\s/>])")
+_SPACE = re.compile(r"\s*")
+_DOCTYPE = re.compile(r"<!DOCTYPE\b[^\[>]*+(?:\[[^\]]*+\][^>]*+)?>", re.IGNORECASE)
+_ROOT = re.compile(r"<(?:[\w.-]+:)?([A-Za-z_][\w.-]{0,60})(?=[\s/>])")
+_ENCLOSED = (("<?", "?>"), ("<!--", "-->"))  # what may precede the root: begin and end
 
 
 def xml_root(text: str) -> str:
@@ -15,8 +17,19 @@ def xml_root(text: str) -> str:
     >>> xml_root("<?xml version='1.0'?>\n<!-- <a> -->\n<usi:tdm version='1.0'>"), xml_root("time,<a>")
     ('tdm', '')
     """
-    start = text[:_PROLOG].lstrip()
-    if not start.startswith("<"):
-        return ""
-    match = _ROOT.match(_BEFORE.sub("", start))
-    return match[1] if match else ""
+    text, at = text[:_PROLOG], 0
+    while True:
+        at = _end(_SPACE.match(text, at))
+        after = _end(_DOCTYPE.match(text, at))
+        for begin, end in _ENCLOSED:
+            if text.startswith(begin, at):
+                found = text.find(end, at + len(begin))
+                after = found + len(end) if found >= 0 else 0
+        if not after:
+            match = _ROOT.match(text, at)
+            return match[1] if match else ""
+        at = after
+
+
+def _end(match: re.Match[str] | None) -> int:
+    return match.end() if match else 0

@@ -28,8 +28,8 @@ _MOST_LINES = 1000  # of a statement
 _MAX_FINDINGS = 20
 _HEAD = 20_000  # bytes
 _MATRIX_FORMATS = (
-    (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--.*?-->\s*)*<AUTOSAR[\s>]", re.DOTALL), "arxml"),
-    (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--.*?-->\s*)*<(?:\w+:)?NetworkDefinition[\s>]", re.DOTALL), "kcd"),
+    (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--(?>.*?-->)\s*+)*+<AUTOSAR[\s>]", re.DOTALL), "arxml"),
+    (re.compile(rb"\A(?:<\?xml[^>]*>)?\s*(?:<!--(?>.*?-->)\s*+)*+<(?:\w+:)?NetworkDefinition[\s>]", re.DOTALL), "kcd"),
     (re.compile(rb"\AFormatVersion\s*=", re.IGNORECASE), "sym"),
 )
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
