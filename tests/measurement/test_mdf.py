@@ -367,8 +367,10 @@ def test_a_count_of_samples_beyond_the_file_is_refused(mdf):
 
 @pytest.fixture
 def frozen_objects():
-    """Leave the objects of the tests before out of garbage collections, of which each refused file causes one."""
+    """Leave the objects of the other tests out of garbage collections, of which each refused file causes one."""
     gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.mark.usefixtures("frozen_objects")

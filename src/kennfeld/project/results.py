@@ -12,7 +12,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
-from kennfeld.calfiles import compare, unwritable
+from kennfeld.calfiles import unwritable
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.calfiles.label_list import ENDING as LABEL_LIST
 from kennfeld.calfiles.label_list import write_label_list
@@ -245,6 +245,8 @@ def _write_values(parameters: ParameterSet, path: Path) -> Sequence[Finding]:
 
 def _write_changes(result: "Result", surrogates: Collection[str], path: Path) -> Sequence[Finding]:
     """Write the names of the parameters and group axes that a calibration has changed as a label list."""
+    from kennfeld.calfiles.comparison import compare  # for label lists alone
+
     before, after = (parameters.without(surrogates) for parameters in (result.start, result.parameters))
     text, findings = write_label_list(compare(before, after).labels, path.name)
     path.write_text(text, encoding="utf-8", newline="")
