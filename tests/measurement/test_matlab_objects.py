@@ -118,9 +118,9 @@ def test_vectors_beside_times_are_channels(save, times):
 
 def test_strings_are_texts(save):
     path = save(name=string("Größe 😀"), units=string("rpm", "", "Nm"))
-    found = load_nodes(path.read_bytes()).whole().variables
-    assert found["name"] == MatText("Größe 😀")
-    assert [cell.text for cell in found["units"].cells] == ["rpm", "", "Nm"]
+    variables = load_nodes(path.read_bytes()).whole().variables
+    assert variables["name"] == MatText("Größe 😀")
+    assert [cell.text for cell in variables["units"].cells] == ["rpm", "", "Nm"]
 
 
 def test_a_unit_may_be_a_string(save):

@@ -2,7 +2,15 @@
 
 import re
 
-from kennfeld.files.file_format import CalibrationConverter, FileFormat, Recogniser, Role, reads_as
+from kennfeld.files.file_format import (
+    CalibrationConverter,
+    FileFormat,
+    Role,
+    has_root,
+    holds,
+    matches,
+    reads_as,
+)
 from kennfeld.files.head import FileHead
 from kennfeld.files.rows import is_row
 
@@ -28,15 +36,7 @@ _ASSIGNMENT = re.compile(r"[A-Za-z]\w*(?:\.\w+|\(\d+\)|\{\d+\})*[ \t]*=[ \t]*(?:
 _HARMLESS = re.compile(r"(?:clear|clc|close|function|format|clearvars)\b[^:]*")
 _BRACKETS = re.compile(r"\[[^\[\]]*+\]")
 _SCRIPT_LINES = 400  # in which a script assigns its first value
-_COMMAND = 500  # characters of a command that is no assignment
-
-
-def _matches(pattern: re.Pattern[str]) -> Recogniser:
-    return lambda head: pattern.match(head.text) is not None
-
-
-def _has_root(*names: str) -> Recogniser:
-    return lambda head: head.root in names
+_COMMAND = 500  # characters of a command other than an assignment
 
 
 def _is_amd(head: FileHead) -> bool:
@@ -82,20 +82,20 @@ CVX = FileFormat(
 CDFX = FileFormat(
     "CDFX",
     (".cdfx",),
-    _has_root("MSRSW"),
+    has_root("MSRSW"),
     calibration=_convert_by("cdfx.reader:read_cdfx", "cdfx.writer:write_cdfx", _PLAIN),
 )
 DCM = FileFormat(
     "DCM",
     (".dcm",),
-    lambda head: _DCM_LINE.search(head.text) is not None,
+    holds(_DCM_LINE),
     description="a DCM calibration file",
     calibration=_convert_by("dcm.reader:read_dcm", "dcm.update:write_dcm", _DCM),
 )
 IMAGE = FileFormat(
     "Intel HEX or S-records",
     IMAGE_ENDINGS,
-    _matches(_IMAGE_RECORD),
+    matches(_IMAGE_RECORD),
     calibration=_convert_by(
         "flash.description:read_flash",
         "flash.description:write_flash",
@@ -105,20 +105,20 @@ IMAGE = FileFormat(
 MSQ = FileFormat(
     "MSQ",
     (".msq",),
-    _has_root("msq"),
+    has_root("msq"),
     calibration=_convert_by("msq.reader:read_msq", "msq.update:write_msq", label="MSQ (TunerStudio)"),
 )
 PAR = FileFormat(
     "PAR",
     (".par",),
-    _matches(_PAR_TITLE),
+    matches(_PAR_TITLE),
     description="a parameter file of CANape",
     calibration=_convert_by("par.reader:read_par", "par.update:write_par", label="PAR (CANape)"),
 )
 ESDL = FileFormat(
     "ESDL",
     (".esdl",),
-    _matches(_ESDL_PACKAGE),
+    matches(_ESDL_PACKAGE),
     calibration=_convert_by("esdl.reader:read_esdl", "esdl.update:write_esdl", label="ESDL (ASCET)"),
     role=Role.PROGRAM,
     describe="kennfeld.terminal.describers:describe_esdl",

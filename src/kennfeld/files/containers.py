@@ -56,7 +56,7 @@ MATLAB = FileFormat(
     "MATLAB data",
     (".mat",),
     _is_matlab,
-    read_recording("matlab", rasters=True),
+    read_recording("matlab", rasters=True, describes=True),
     _MAT_CONVERTER,
     holds_calibration="kennfeld.calfiles.matlab_reader:holds_calibration",
 )
@@ -64,7 +64,7 @@ HDF5 = FileFormat(
     "HDF5",
     (".h5", ".hdf5", ".nc"),
     starts_with(b"\x89HDF\r\n"),
-    read_recording("hdf5", rasters=True),
+    read_recording("hdf5", rasters=True, describes=True),
     CalibrationConverter("kennfeld.calfiles.matlab_reader:read_mat"),
     holds_calibration="kennfeld.calfiles.matlab_reader:holds_calibration",
 )

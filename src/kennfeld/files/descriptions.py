@@ -2,7 +2,8 @@
 
 import re
 
-from kennfeld.files.file_format import FileFormat, Role
+from kennfeld.files.file_format import FileFormat, Recogniser, Role, has_root, holds, matches
+from kennfeld.files.foreign import DATABASE
 from kennfeld.files.head import HEAD_SIZE
 
 _A2L_BLOCK = re.compile(
@@ -12,7 +13,6 @@ _A2L_BLOCK = re.compile(
 )
 _DBC_LINE = re.compile(r"\A\s*VERSION\s+\"|^[ \t]*(?:NS_\s*:|BU_\s*:|BO_\s+\d+\s)", re.MULTILINE)
 _SYM_TITLE = re.compile(r"\s*FormatVersion\s*=", re.IGNORECASE)
-_SAMPLES = "a database of bus messages: it describes signals and holds no samples of them"
 _DESCRIBE_A2L = "kennfeld.terminal.describers:describe_a2l_file"
 _HOW_TO_DECODE = "Name a bus log and the database that decodes it: `kennfeld info drive.mf4 --dbc engine.dbc`."
 
@@ -32,13 +32,13 @@ def fragment_of_a2l(text: str) -> tuple[str, str] | None:
     return message, "Pass the A2L file that includes it."
 
 
-def _database(article: str, name: str, ending: str, root: str) -> FileFormat:
+def _database(name: str, ending: str, phrase: str, recognises: Recogniser) -> FileFormat:
     return FileFormat(
         name,
         (ending,),
-        lambda head: head.root == root,
+        recognises,
         role=Role.DATABASE,
-        description=f"{article} {name} ({ending.removeprefix('.').upper()}), {_SAMPLES}",
+        description=f"{phrase}, {DATABASE}",
         remedy=_HOW_TO_DECODE,
     )
 
@@ -61,21 +61,7 @@ A2L = FileFormat(
     description="an A2L description, which contains no values",
     remedy="Pass the image that it describes (.hex, .s19), with --a2l if needed.",
 )
-DBC = FileFormat(
-    "CAN database",
-    (".dbc",),
-    lambda head: _DBC_LINE.search(head.text) is not None,
-    role=Role.DATABASE,
-    description=f"a CAN database (DBC), {_SAMPLES}",
-    remedy=_HOW_TO_DECODE,
-)
-ARXML = _database("an", "AUTOSAR description", ".arxml", "AUTOSAR")
-KCD = _database("a", "Kayak database", ".kcd", "NetworkDefinition")
-SYM = FileFormat(
-    "PEAK database",
-    (".sym",),
-    lambda head: _SYM_TITLE.match(head.text) is not None,
-    role=Role.DATABASE,
-    description=f"a PEAK database (SYM), {_SAMPLES}",
-    remedy=_HOW_TO_DECODE,
-)
+DBC = _database("CAN database", ".dbc", "a CAN database (DBC)", holds(_DBC_LINE))
+ARXML = _database("AUTOSAR description", ".arxml", "an AUTOSAR description (ARXML)", has_root("AUTOSAR"))
+KCD = _database("Kayak database", ".kcd", "a Kayak database (KCD)", has_root("NetworkDefinition"))
+SYM = _database("PEAK database", ".sym", "a PEAK database (SYM)", matches(_SYM_TITLE))

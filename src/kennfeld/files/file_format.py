@@ -3,12 +3,13 @@
 A format that another package adds is such a record, too; see `docs/adding-a-format.md`.
 """
 
+import re
 from collections.abc import Callable
 from enum import Enum
 from importlib import import_module
 from typing import Any
 
-from kennfeld.files.head import FileHead
+from kennfeld.files.head import HEAD_SIZE, FileHead
 from kennfeld.lazy_dataclass import dataclass
 
 # names whose first letter is spoken with a vowel
@@ -40,7 +41,8 @@ class MeasurementReader:
         tables: `read_tables(source, selection)`, which returns the tables of a file. Formats of other packages may
             give `dataset` instead.
         dataset: `read(path)`, which returns a `Dataset`.
-        descriptions: `describe_tables(source)` of a format whose tables are rasters of one recording.
+        rasters: True if the tables of a file are rasters of one recording.
+        descriptions: `describe_tables(source)`, which describes such tables; by default each as it is read.
         columns: `list_columns(source)` of text, which lists columns without reading them.
         companions: `companions(source)`, which returns the files beside the named one that hold its values.
         unpacks: True if the reader unpacks gzip itself, as text is read.
@@ -51,6 +53,7 @@ class MeasurementReader:
 
     tables: Reference = ""
     dataset: Reference = ""
+    rasters: bool = False
     descriptions: Reference = ""
     columns: Reference = ""
     companions: Reference = ""
@@ -150,10 +153,25 @@ def reads_as(*words: str) -> Recogniser:
     return lambda head: head.words.startswith(words)
 
 
-def read_recording(module: str, *, rasters: bool = False, **settings: Any) -> MeasurementReader:
-    """Return the reader that a module of `kennfeld.measurement` defines."""
+def matches(pattern: re.Pattern[str]) -> Recogniser:
+    """Return the recogniser of texts that a pattern matches at their beginning."""
+    return lambda head: pattern.match(head.text) is not None
+
+
+def holds(pattern: re.Pattern[str], size: int = HEAD_SIZE) -> Recogniser:
+    """Return the recogniser of texts in whose first `size` characters a pattern is found."""
+    return lambda head: pattern.search(head.text[:size]) is not None
+
+
+def has_root(*names: str) -> Recogniser:
+    """Return the recogniser of XML documents whose root has one of these names."""
+    return lambda head: head.root in names
+
+
+def read_recording(module: str, *, describes: bool = False, **settings: Any) -> MeasurementReader:
+    """Return the reader that a module of `kennfeld.measurement` defines; it `describes` its tables itself or not."""
     name = f"kennfeld.measurement.{module}"
-    descriptions = f"{name}:describe_tables" if rasters else ""
+    descriptions = f"{name}:describe_tables" if describes else ""
     return MeasurementReader(f"{name}:read_tables", descriptions=descriptions, **settings)
 
 

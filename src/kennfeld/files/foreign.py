@@ -34,6 +34,7 @@ _PROGRAMS = (
     (b"\xcf\xfa\xed\xfe", "macOS"),
     (b"\xca\xfe\xba\xbe", "macOS or Java"),
 )
+DATABASE = "a database of bus messages: it describes signals and holds no samples of them"
 _SECRETS = (b"-----BEGIN PGP MESSAGE", b"Salted__", b"age-encryption.org/", b"\x93VeraCrypt")
 _ENCRYPTED_MEMBER = 1  # flag of a ZIP archive
 _NAMES = (  # streams of OLE packages, as their directory spells them
@@ -60,9 +61,7 @@ def identify_foreign(head: bytes) -> ForeignContent | None:
     'a picture (GIF)'
     """
     text = _plain_text(head[:_HEAD])
-    recognitions = (
-        _without_content, _git_pointer, _web_page, _picture, _video, _program, _encrypted
-    )  # fmt: skip
+    recognitions = (_without_content, _git_pointer, _web_page, _picture, _video, _program, _encrypted)
     return next((content for recognise in recognitions if (content := recognise(text)) is not None), None)
 
 
@@ -174,13 +173,12 @@ _NOT_READ = "which cannot be read"
 _RECORDING = "Name the recording of the decoded signals instead, as MDF or CSV."
 _EXPORT = "Export it from that tool as DCM (.dcm) or CDFX (.cdfx)."
 _IMAGE = "Convert it to Intel HEX (.hex) or S-records (.s19), and pass the A2L file that describes it."
-_DATABASE = "a database of bus messages: it describes signals and holds no samples of them"
 # formats of other tools, by their first bytes
 OF_OTHER_TOOLS = (
     _pattern(
         "LIN database",
         r"\A\s*(?:/\*.*?\*/\s*)?LIN_description_file\s*;",
-        f"a LIN database (LDF), {_DATABASE}",
+        f"a LIN database (LDF), {DATABASE}",
         _RECORDING,
     ),
     _pattern(
@@ -219,13 +217,19 @@ OF_OTHER_TOOLS = (
 )
 # formats of other tools, by their ending
 BY_ENDING = (
-    _ending(".par", "parameter file", f"a parameter file (.par) that does not begin as those of CANape, {_NOT_READ}",
-        _EXPORT),
+    _ending(
+        ".par",
+        "parameter file",
+        f"a parameter file (.par) that does not begin as those of CANape, {_NOT_READ}",
+        _EXPORT,
+    ),
     _ending(".cdm", "CDM", f"an INCA calibration data file (.cdm), {_NOT_READ}", _EXPORT),
     _ending(
-        ".lab", "list of labels", "a list of labels (.lab), which contains no values",
+        ".lab",
+        "list of labels",
+        "a list of labels (.lab), which contains no values",
         "Pass the calibration file with their values.",
     ),
     _ending(".bin", "memory dump", "a raw memory dump (.bin), which contains no addresses", _IMAGE, binary=True),
     _ending(".elf", "program", "a program (.elf)", _IMAGE, binary=True),
-)  # fmt: skip
+)

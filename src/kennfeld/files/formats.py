@@ -119,8 +119,12 @@ def format_named(name: str) -> FileFormat:
 
 def named_format(ending: str) -> FileFormat | None:
     """Return the format that an ending alone tells; None for other endings."""
-    plugins = (known for known in formats_of_plugins() if known.recognises is None)
-    return next((known for known in (*_NAMED, *plugins) if ending in known.endings), None)
+    return next((known for known in _named() if ending in known.endings), None)
+
+
+def _named() -> Iterator[FileFormat]:
+    yield from _NAMED
+    yield from (known for known in formats_of_plugins() if known.recognises is None)
 
 
 def usual_format(ending: str) -> FileFormat | None:

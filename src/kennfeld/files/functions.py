@@ -32,7 +32,7 @@ def recognises_surrogate(text: str) -> bool:
 
 
 def recognises_simulink(text: str) -> bool:
-    """Return whether a text begins as a Simulink model that is no archive."""
+    """Return whether a text begins as a Simulink model that is not an archive."""
     return CLASSIC.match(text) is not None or PART_BEGIN in text
 
 

@@ -116,12 +116,12 @@ def read_head(path: Path) -> FileHead:
     """Return the head of a file; raises `InputError` if there is none, or if it cannot be unpacked."""
     note_opened(path)
     if path.is_dir():
-        raise InputError.of(Location(str(path)), "this is a folder and cannot be read", "Name a file in it.")
+        raise InputError.of(Location.of_file(path), "this is a folder and cannot be read", "Name a file in it.")
     if not path.exists():
         remedy = "Check the path: the folder does not exist."
         if path.parent.is_dir():
             remedy = nearest_file(path) or "Check the path."
-        raise InputError.of(Location(str(path)), "there is no such file", remedy)
+        raise InputError.of(Location.of_file(path), "there is no such file", remedy)
     with guarded(path.name):
         with path.open("rb") as stream:
             raw = stream.read(HEAD_SIZE)

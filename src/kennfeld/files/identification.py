@@ -1,6 +1,7 @@
 """Identification of files: the one place that decides what a file is, for commands, Python functions and the app."""
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -66,11 +67,13 @@ def split_address(path: str | Path) -> tuple[Path, str]:
 def identify_head(head: FileHead, role: Role | None = None) -> Identity:
     """Return what a file is by its head, as `identify` does; of a ZIP archive, not what is in it."""
     _refuse_foreign(head)
-    candidates = list(_candidates(head))
-    known = next((each for each in candidates if role in each.roles), None) if role is not None else None
-    if known is not None and role is not None:
-        return Identity(known, role, head)
-    return Identity(candidates[0], candidates[0].role_of(head), head)
+    candidates = _candidates(head)  # each costs a look at the head, so that no more are asked for than needed
+    first = next(candidates)
+    if role is not None:
+        for known in chain((first,), candidates):
+            if role in known.roles:
+                return Identity(known, role, head)
+    return Identity(first, first.role_of(head), head)
 
 
 def _candidates(head: FileHead) -> Iterator[FileFormat]:
@@ -79,12 +82,13 @@ def _candidates(head: FileHead) -> Iterator[FileFormat]:
     Any text resembles a table, and many formats are ZIP archives: a file is one of these only if nothing but a guess
     speaks for another format.
     """
-    certain = [known for known in certain_formats() if _recognises(known, head)][:1]
+    certain = next((known for known in certain_formats() if _recognises(known, head)), None)
+    if certain is not None:
+        yield certain
     named = named_format(head.ending) if head.raw.strip() else usual_format(head.ending)
-    if named is not None and named not in certain:
-        certain.append(named)
-    yield from certain
-    is_taken = bool(certain)
+    if named is not None and named is not certain:
+        yield named
+    is_taken = certain is not None or named is not None
     for known, is_guess in uncertain_formats():
         if not _recognises(known, head) or (known in _CONTAINED and is_taken):
             continue

@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
 
 from kennfeld.errors import Finding, Location, warn
 from kennfeld.files.file_format import FileFormat, Recogniser
 from kennfeld.files.head import FileHead
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "kennfeld.formats"
 _REMEDY = "Update or uninstall it."
@@ -15,6 +18,8 @@ _REMEDY = "Update or uninstall it."
 @cache
 def formats_of_plugins() -> tuple[FileFormat, ...]:
     """Return the formats of the packages that are installed; one that is broken is named in a warning and left out."""
+    from importlib.metadata import entry_points  # 30 ms, which files of a known signature do not need
+
     formats, findings = [], []
     for entry in entry_points(group=GROUP):
         try:
@@ -25,7 +30,7 @@ def formats_of_plugins() -> tuple[FileFormat, ...]:
     return tuple(formats)
 
 
-def _loaded(entry: EntryPoint) -> FileFormat:
+def _loaded(entry: "EntryPoint") -> FileFormat:
     loaded = entry.load()
     if not isinstance(loaded, FileFormat):
         raise TypeError(f"{entry.value} is of the type {type(loaded).__name__}, not FileFormat")
@@ -49,7 +54,7 @@ def _guarded(known: FileFormat) -> Recogniser:
     return recognises
 
 
-def _broken(entry: EntryPoint, error: Exception) -> Finding:
+def _broken(entry: "EntryPoint", error: Exception) -> Finding:
     package = "" if entry.dist is None else f" of the package {entry.dist.name}"
     message = f"the format {entry.name}{package} cannot be loaded ({type(error).__name__}: {error})"
     return Finding(Location(), message, _REMEDY, severity="warning")

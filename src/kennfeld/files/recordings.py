@@ -4,7 +4,7 @@ import re
 from functools import partial
 
 from kennfeld.files.can_csv_columns import can_csv_separator
-from kennfeld.files.file_format import FileFormat, read_recording, reads_as, starts_with
+from kennfeld.files.file_format import FileFormat, holds, read_recording, reads_as, starts_with
 from kennfeld.files.head import FileHead
 
 _HEAD = 4096  # bytes or characters in which a heading stands
@@ -50,7 +50,7 @@ def _is_msl(head: FileHead) -> bool:
 
 
 _read_text = partial(read_recording, unpacks=True)
-_read_log = partial(read_recording, "can_logs", rasters=True)
+_read_log = partial(read_recording, "can_logs", rasters=True, describes=True)
 
 PARQUET = FileFormat("Parquet", (".parquet",), starts_with(b"PAR1"), read_recording("parquet", costly=float("inf")))
 FEATHER = FileFormat(
@@ -65,7 +65,7 @@ MDF = FileFormat(
     "MDF",
     (".mf4", ".mdf", ".dat"),
     starts_with(b"MDF     ", b"UnFinMF"),
-    read_recording("mdf", rasters=True),
+    read_recording("mdf", rasters=True, describes=True),
     description="an MDF measurement",
 )
 MLG = FileFormat("MLG", (".mlg",), starts_with(b"MLVLG"), read_recording("mlg", may_lack_time=True))
@@ -84,18 +84,14 @@ DIADEM = FileFormat(
     _is_diadem,
     read_recording("diadem", rasters=True, companions="kennfeld.measurement.diadem:companions"),
 )
-HPTUNERS = FileFormat("HP Tuners", (".csv",), reads_as("hp tuners csv log file"), _read_text("hptuners", rasters=True))
+HPTUNERS = FileFormat(
+    "HP Tuners", (".csv",), reads_as("hp tuners csv log file"), _read_text("hptuners", rasters=True, describes=True)
+)
 LVM = FileFormat("LabVIEW", (".lvm",), reads_as("labview measurement"), _read_text("lvm"))
 HALTECH = FileFormat("Haltech", (".csv",), reads_as("%datalog%"), _read_text("haltech"))
-ASC = FileFormat(
-    "Vector ASC", (".asc",), lambda head: ASC_HEADER.search(head.text[:_HEAD]) is not None, _read_log(unpacks=True)
-)
-TRC = FileFormat(
-    "PEAK TRC", (".trc",), lambda head: _TRC_HEADER.search(head.text[:_HEAD]) is not None, _read_log(unpacks=True)
-)
-CANDUMP = FileFormat(
-    "candump", (".log",), lambda head: _CANDUMP_FRAME.search(head.text[:_HEAD]) is not None, _read_log(unpacks=True)
-)
+ASC = FileFormat("Vector ASC", (".asc",), holds(ASC_HEADER, _HEAD), _read_log(unpacks=True))
+TRC = FileFormat("PEAK TRC", (".trc",), holds(_TRC_HEADER, _HEAD), _read_log(unpacks=True))
+CANDUMP = FileFormat("candump", (".log",), holds(_CANDUMP_FRAME, _HEAD), _read_log(unpacks=True))
 CAN_CSV = FileFormat("CAN CSV", (".csv",), _is_can_csv, _read_log(unpacks=True))
 VBO = FileFormat("VBOX", (".vbo",), _is_vbo, _read_text("vbo"))
 MSL = FileFormat(

@@ -23,8 +23,8 @@ def xml_root(text: str) -> str:
         after = _end(_DOCTYPE.match(text, at))
         for begin, end in _ENCLOSED:
             if text.startswith(begin, at):
-                found = text.find(end, at + len(begin))
-                after = found + len(end) if found >= 0 else 0
+                closing = text.find(end, at + len(begin))
+                after = closing + len(end) if closing >= 0 else 0
         if not after:
             match = _ROOT.match(text, at)
             return match[1] if match else ""

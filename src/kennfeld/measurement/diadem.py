@@ -29,7 +29,6 @@ from kennfeld.measurement.recorded_groups import (
 )
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
-from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import split_name
 
 _TYPES = {
@@ -57,11 +56,6 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     groups, unreadable = _groups(source, _header(source))
     size = source.size + sum(path.stat().st_size for path in companions(source) if path.is_file())
     return tables_of(source, groups, selection, unreadable, size)
-
-
-def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """Return a description of each length of channels."""
-    return [describe_table(table) for table in read_tables(source, Selection())]
 
 
 def companions(source: MeasurementFile) -> list[Path]:

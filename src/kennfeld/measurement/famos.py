@@ -20,7 +20,6 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
-from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds
 
 _TYPES = {
@@ -93,11 +92,6 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
             raise
         message = f"the FAMOS file is damaged or cut off: {' '.join(str(error).split())[:160]}"
         raise InputError.of(source.location, message, _COPY_AGAIN) from None
-
-
-def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """Return a description of each time."""
-    return [describe_table(table) for table in read_tables(source, Selection())]
 
 
 class _FamosFile:

@@ -158,10 +158,10 @@ class _SignalFinder:
         times = table.times or _times_among(table.fields)
         clocks = [] if times is None else [self._clock_of_times(path, times)]
         if not clocks:
-            found = (
+            candidates = (
                 _clock(_join(path, name), name, node, table.units.get(name, "")) for name, node in table.fields.items()
             )
-            clocks = [clock for clock in found if clock is not None][:1]
+            clocks = [clock for clock in candidates if clock is not None][:1]
         self.clocks += clocks
         for name, node in table.fields.items():
             place = _join(path, name)

@@ -20,7 +20,6 @@ from kennfeld.measurement.mlg import plain_text
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
-from kennfeld.measurement.table_conversion import TableDescription, describe_table
 
 _FIRST = struct.Struct("<I")  # address of the first channel, at byte 8
 _CHANNEL = struct.Struct("<IIII2xHHHhhhh32s8s12s")
@@ -58,11 +57,6 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
         if not channel.kind
     ]
     return tables_of(source, _groups(content, [c for c in channels if c.kind and c.samples]), selection, unknown)
-
-
-def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """Return a description of each rate."""
-    return [describe_table(table) for table in read_tables(source, Selection())]
 
 
 def _channels(source: MeasurementFile, content: NDArray[np.uint8]) -> Iterator[_LogChannel]:

@@ -19,7 +19,6 @@ from kennfeld.measurement.recorded_groups import (
 )
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
-from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.variable_attributes import (
     description_of,
     is_time_coordinate,
@@ -44,11 +43,6 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     except Exception as error:  # of many kinds: the library trusts what it reads
         raise damaged(source, "netCDF", error) from None
     raise InputError.of(source.location, "holds no vectors", "Is it the right file?")
-
-
-def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """Return a description of each dimension."""
-    return [describe_table(table) for table in read_tables(source, Selection())]
 
 
 def _groups(file: Any) -> tuple[list[RecordedGroup], dict[str, tuple[int, ...]]]:

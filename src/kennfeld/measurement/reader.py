@@ -23,7 +23,7 @@ from kennfeld.measurement.fine_clocks import with_fine_clocks
 from kennfeld.measurement.fraction_columns import with_fractions
 from kennfeld.measurement.source import MeasurementFile, locate, locate_head, run_guarded
 from kennfeld.measurement.table import Selection, Table, with_word_warnings, without_infinite
-from kennfeld.measurement.table_conversion import Description, assemble, describe_table
+from kennfeld.measurement.table_conversion import Description, TableDescription, assemble, describe_table
 from kennfeld.measurement.time_column import drop_untimed, with_unread_time
 
 
@@ -99,10 +99,10 @@ def _read(
     tables = [table.with_units(units) for table in _read_tables(source, selection)]
     if strict:
         _check_stated(source, tables, selection)
-    if not source.reader.descriptions:
+    if not source.reader.rasters:
         tables = split_timelines(_single_table(source, tables), selection)
     tables = with_fine_clocks(tables, selection)
-    if not source.reader.descriptions and len(tables) == 1:
+    if not source.reader.rasters and len(tables) == 1:
         return assemble(tables[0], source.stem, selection, raster)
     return join_groups(source.location, tables, source.stem, selection, raster)
 
@@ -128,8 +128,8 @@ def describe(path: str | Path, dbc: AnyDatabase | Iterable[AnyDatabase] = ()) ->
 
 
 def _describe(source: MeasurementFile) -> Description:
-    if source.reader.descriptions:
-        descriptions = run_guarded(source.name, lambda: tuple(call(source.reader.descriptions, source)))
+    if source.reader.rasters:
+        descriptions = run_guarded(source.name, lambda: _descriptions_of(source))
         return Description(source.name, source.format.name, descriptions)
     tables = _read_tables(source, Selection())
     errors = [error for table in tables for error in table.errors]
@@ -197,9 +197,15 @@ def _read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     tables = [with_word_warnings(without_infinite(table)) for table in tables]
     if source.reader.may_lack_time:
         tables = [drop_untimed(table) for table in tables]
-    if source.reader.descriptions:
+    if source.reader.rasters:
         return tables
     return [with_unread_time(with_fractions(with_epochs(table, selection))) for table in tables]
+
+
+def _descriptions_of(source: MeasurementFile) -> tuple[TableDescription, ...]:
+    if source.reader.descriptions:
+        return tuple(call(source.reader.descriptions, source))
+    return tuple(describe_table(table) for table in _tables_of(source, Selection()))
 
 
 def _tables_of(source: MeasurementFile, selection: Selection) -> list[Table]:

@@ -33,7 +33,6 @@ from kennfeld.measurement.recorded_groups import (
 )
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
-from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import plain_unit, split_name
 
 _TYPES = {
@@ -59,11 +58,6 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     groups = list(document.groups())
     size = source.size + (document.binary_path.stat().st_size if document.binary_path.is_file() else 0)
     return tables_of(source, groups, selection, document.unreadable, size)
-
-
-def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """Return a description of each raster."""
-    return [describe_table(table) for table in read_tables(source, Selection())]
 
 
 def companions(source: MeasurementFile) -> list[Path]:

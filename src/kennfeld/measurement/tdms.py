@@ -16,7 +16,6 @@ from kennfeld.measurement.damage import damaged
 from kennfeld.measurement.recorded_groups import RecordedChannel, RecordedGroup, UnreadableChannel, tables_of
 from kennfeld.measurement.source import MeasurementFile
 from kennfeld.measurement.table import Selection, Table
-from kennfeld.measurement.table_conversion import TableDescription, describe_table
 from kennfeld.measurement.unit_text import in_seconds, may_be_time, split_name
 from kennfeld.optional_packages import optional_package
 
@@ -54,11 +53,6 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
         raise
     except Exception as error:  # of many kinds: the library trusts what it reads
         raise damaged(source, "TDMS", error) from None
-
-
-def describe_tables(source: MeasurementFile) -> list[TableDescription]:
-    """Return a description of each raster."""
-    return [describe_table(table) for table in read_tables(source, Selection())]
 
 
 def _missing_values(file: Any) -> Mapping[str, int] | None:
@@ -120,7 +114,7 @@ def _groups(file: Any, missing: Mapping[str, int] | None, skipped: Collection[st
 
 
 def _instant(stamp: np.datetime64) -> datetime | None:
-    """Return a stamp, which is in UTC, to the microsecond; None if it is no date of Python."""
+    """Return a stamp, which is in UTC, to the microsecond; None if Python has no such date."""
     instant = stamp.astype("datetime64[us]").item()
     return instant.replace(tzinfo=UTC) if isinstance(instant, datetime) else None
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from kennfeld.errors import Findings, InputError, Location
 from kennfeld.files import functions as formats
-from kennfeld.files.file_format import FileFormat
+from kennfeld.files.file_format import FileFormat, call
 from kennfeld.formatting import join_names
 from kennfeld.models.model import Model
 from kennfeld.models.model_function import FunctionSummary, ModelFunction, as_function
@@ -139,7 +139,7 @@ def read_function_file(reference: str, folder: Path, name: str = "", step: float
     if function and not kind.named and function not in kind.choices:
         forms = [f'"{path}"', *(f'"{path}:{choice}"' for choice in kind.choices)]
         raise InputError.of(location, f"{kind.label} holds one function", f"Write {join_names(forms, 4, ' or ')}.")
-    read: ModelFunction = _member(kind.reader)(folder / path, function, name, step)
+    read: ModelFunction = call(kind.reader, folder / path, function, name, step)
     return read
 
 
@@ -152,7 +152,7 @@ def list_functions(path: Path) -> list[FunctionSummary]:
     kind = kind_of(str(path))
     if kind is None or not kind.lister:
         raise InputError.of(Location(path.name), "not a file of several functions")
-    functions: list[FunctionSummary] = _member(kind.lister)(path)
+    functions: list[FunctionSummary] = call(kind.lister, path)
     return functions
 
 
@@ -164,20 +164,15 @@ def code_digest(path: Path) -> str:
     kind = _kind_of_file(str(path))
     if kind is None or not kind.digester:
         return blake2b(path.read_bytes(), digest_size=32).hexdigest()
-    digest: str = _member(kind.digester)(path)
+    digest: str = call(kind.digester, path)
     return digest
 
 
 def companion_files(path: Path) -> tuple[Path, ...]:
     """Return the other files that the code of a file loads. Raises `OSError` if the file cannot be read."""
     kind = _kind_of_file(str(path))
-    companions: tuple[Path, ...] = () if kind is None or not kind.companions else _member(kind.companions)(path)
+    companions: tuple[Path, ...] = () if kind is None or not kind.companions else call(kind.companions, path)
     return companions
-
-
-def _member(name: str) -> Any:
-    module, _, member = name.partition(":")
-    return getattr(import_module(module), member)
 
 
 def named_functions(functions: CallableSources) -> Collection[ModelFunction]:
