@@ -70,6 +70,14 @@ def pytest_collection() -> Iterator[object]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def do_not_wait_for_disks():
+    """Let files reach the disk when the system likes: the loss of power that `fsync` is for does not come."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.fsync", lambda descriptor: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def keep_no_consents():
     """Remember nothing that tests allow to run in the folder of the user."""
     with pytest.MonkeyPatch.context() as patch:

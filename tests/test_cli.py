@@ -617,7 +617,8 @@ class TestResume:
         pytest.fail("it never came")
 
     @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
-    @pytest.mark.parametrize("starts", [1, pytest.param(6, marks=pytest.mark.slow)])
+    @pytest.mark.slow
+    @pytest.mark.parametrize("starts", [1, 6])
     def test_goes_on_after_a_process_was_killed(self, folder, project, capsys, starts):
         steps = "[[step]]\ngrid_reduction = 2\n[[step]]\n"
         change(project, "[optimizer]", f"{steps}[optimizer]\nsave_every = 3\nstarts = {starts}")

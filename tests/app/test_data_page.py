@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.app.shared_app import project_page
 from tests.measurement.bus_files import drive, write_mf4
 
@@ -29,6 +31,7 @@ def write_project(folder: Path, *datasets: str) -> Path:
     return folder / "kennfeld.toml"
 
 
+@pytest.mark.slow
 def test_the_range_of_an_input_is_that_over_all_files(tmp_path: Path) -> None:
     with project_page(write_project(tmp_path)) as page:
         page.click("[data-screen=data]")

@@ -30,7 +30,7 @@ def test_nodes_and_error_are_those_of_the_evaluation(name: str, request: pytest.
         assert answer["sample"] == sample
 
 
-@pytest.mark.parametrize("name", ["torque", "exhaust"])
+@pytest.mark.parametrize("name", ["torque", pytest.param("exhaust", marks=pytest.mark.slow)])
 def test_a_change_takes_the_error_away(name: str, request: pytest.FixtureRequest) -> None:
     session = Session(request.getfixturevalue(name))
     view = session.require_view()

@@ -126,6 +126,7 @@ def test_a_scheduler_that_does_not_answer_fails_the_run_alone(tmp_path: Path, mo
 
 
 @needs_dask
+@pytest.mark.slow
 def test_processes_of_a_run_end_with_the_session(tmp_path: Path) -> None:
     processes = pytest.importorskip("psutil", reason="psutil is not installed")
     session = Session(write_project(tmp_path, PARTITIONS + "workers = 2\n", "\n[optimizer]\nstarts = 100\n"))

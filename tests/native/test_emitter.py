@@ -76,6 +76,7 @@ def test_random_models_do_not_depend_on_where_the_code_is_cut(case, segment):
         made.accumulator().costs(made.values)
 
 
+@pytest.mark.slow
 def test_a_model_of_thousands_of_nodes():
     b = GraphBuilder()
     random = np.random.default_rng(3)

@@ -181,6 +181,7 @@ def test_processes_of_this_machine_give_the_same_bits(tmp_path):
     assert [line.split(":")[0] for line in lines[1:]] == ["worker 0", "worker 1"]
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_its_tasks_only(tmp_path, start_cluster):
     path, cluster = write_short(tmp_path), start_cluster(2)
     serial = calibrate(in_partitions(path, SIZE))
@@ -301,6 +302,7 @@ def test_without_the_library_the_remedy_is_to_install_it(tmp_path, monkeypatch):
     assert str(finding) == '[cluster]: the package distributed is not installed. Run: pip install "kennfeld[cluster]"'
 
 
+@pytest.mark.slow
 def test_the_command_joins_the_scheduler_that_it_is_given(tmp_path, shared_cluster, capsys):
     path, address, out = write_short(tmp_path), shared_cluster.address, tmp_path / "out"
     assert run(["calibrate", str(path), "--scheduler", address, "-o", str(out)]) == 1  # max_iterations

@@ -52,6 +52,7 @@ def test_a_calibration_ends_at_the_values_of_local_files(stored, tmp_path_factor
     assert np.array_equal(values_of(calibrate(Project.read(stored))), values_of(calibrate(local)))
 
 
+@pytest.mark.slow
 def test_check_and_calibrate_run_from_the_command_line(stored, capsys):
     assert run(["check", str(stored)]) == 0
     assert "training samples in 4 partitions" in capsys.readouterr().out

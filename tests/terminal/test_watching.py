@@ -199,7 +199,8 @@ def test_output_and_exit_status_are_those_of_the_command(tmp_path: Path, capsys:
 
 
 @POSIX
-@pytest.mark.parametrize("whole_group", [slow(True), False])
+@pytest.mark.slow
+@pytest.mark.parametrize("whole_group", [True, False])
 def test_ctrl_c_writes_the_best_values_so_far(tmp_path: Path, whole_group: bool) -> None:
     project = write_fmu_project(tmp_path, "-DIN_GET=if (m->time > 8) usleep(10)")
     running = subprocess.Popen(
@@ -295,6 +296,7 @@ def test_a_second_request_ends_a_call_that_does_not_return(tmp_path: Path, monke
 
 
 @POSIX
+@pytest.mark.slow
 def test_a_process_does_not_outlive_the_one_that_watches_it(tmp_path: Path) -> None:
     project = write_fmu_project(tmp_path, f"-DIN_GET={LATE}sleep(1000)")
     line = [sys.executable, "-m", "kennfeld", "simulate", "--trust", str(project)]
