@@ -13,6 +13,10 @@ X = np.linspace(0, 10, 100)
 BELL = 3 * np.exp(-(((X - 4) / 1.2) ** 2)) + 0.05 * np.random.default_rng(0).normal(size=X.size)
 
 
+def warnings_on_effects(result):
+    return [warning for warning in result.warnings if "effect" in warning.message]
+
+
 def bell(h, m, s):
     return kf.calibrate("y = h*exp(-((x - m)/s)^2)", {"x": X, "q": BELL}, {"h": h, "m": m, "s": s}, target="q")
 
@@ -48,4 +52,38 @@ def test_a_bell_that_is_found_has_none():
 def test_a_large_value_with_an_effect_of_its_own_has_none(text, target, start, truth):
     result = kf.calibrate(text, {"x": X, "q": target}, start, target="q")
     assert result.parameters["r"].value == pytest.approx(truth)
-    assert not [w for w in result.warnings if "effect" in w.message]
+    assert not warnings_on_effects(result)
+
+
+def fitted_lag(noise, time_constant, **start):
+    """A fit of a lag to noise that passed one, from starts at which an integrator lies nearer."""
+    u = noise.normal(size=300)
+    time = 0.1 * np.arange(u.size)
+    lagged = kf.simulate("y = PT1(u, T)", {"time": time, "u": u}, {"T": time_constant})["y"].values
+    data = {"time": time, "u": u, "q": 3 * lagged + 2}
+    return kf.calibrate("y = PT1(k*u, T) + b", data, start, target="q")
+
+
+def test_one_that_remains_an_integrator_has_a_warning():
+    noise = np.random.default_rng(2)
+    noise.uniform(size=6)
+    (warning,) = warnings_on_effects(fitted_lag(noise, 0.5, k=0.1, T=50.0, b=100.0))
+    assert "k to -1.01e+07, b to -3.28e+06, where they have no effects of their own" in warning.message
+
+
+@pytest.mark.parametrize("seed", [0, 9])
+def test_a_lag_that_became_an_integrator_is_searched_again_with_its_start(seed):
+    """With the seed 9, the time constant became 1e106, where it has no effect at all."""
+    start = {"k": -1.0, "T": 2.0, "b": 1.0} if seed == 0 else {"k": 0.1, "T": 50.0, "b": 100.0}
+    result = fitted_lag(np.random.default_rng(seed), 0.0, **start)
+    assert result.parameters["k"].value == pytest.approx(3)
+    assert result.parameters["T"].value == pytest.approx(0, abs=1e-9)
+    assert not warnings_on_effects(result)
+
+
+def test_values_that_noise_hardly_moves_have_none_although_their_effects_are_alike():
+    x = 1000 + 1e-3 * X
+    target = 1e3 * x - 1e6 + 1e-9 * np.random.default_rng(0).normal(size=x.size)
+    result = kf.calibrate("y = a + b*x", {"x": x, "q": target}, {"a": 1.0, "b": 1.0}, target="q")
+    assert result.parameters["a"].value == pytest.approx(-1e6)
+    assert not warnings_on_effects(result)

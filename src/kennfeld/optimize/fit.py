@@ -29,6 +29,7 @@ from kennfeld.optimize.projection import FEASIBLE, leaves_room, missed_limits, p
 from kennfeld.optimize.quality import Quality, Scorer
 from kennfeld.optimize.result import Progress, Result, Seconds, TraceLine
 from kennfeld.optimize.ridges import lower_values
+from kennfeld.optimize.runaways import run_away
 from kennfeld.optimize.separate_parts import SeparatePart, separate_parts
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import (
@@ -231,8 +232,8 @@ class FitRun:
     def _search(self, values: Float, start: Float, limits: LinearLimits) -> SolverResult:
         """Search for the lowest cost from some values, also beyond points at which a descent is stuck."""
         end = self._leave_saddles(minimise(self._setup, values, limits), limits)
-        end = self._leave_ridges(self._leave_saturation(end, start, limits), limits)
-        return self._leave_kinks(end, start, limits)
+        end = self._return_from_infinity(self._leave_saturation(end, start, limits), start, limits)
+        return self._leave_kinks(self._leave_ridges(end, limits), start, limits)
 
     def feasible_start(self, limits: LinearLimits) -> tuple[Float | None, str]:
         """Project the start onto the limits, None if they cannot be satisfied, and off a saddle; with a remark."""
@@ -339,6 +340,20 @@ class FitRun:
             ends.append(self._descend(values, limits, remembers_scale=remembers))
             if ends[-1].cost < (1 - UNCHANGED) * end.cost:
                 end = ends[-1]
+        return end.with_effort_of(ends)
+
+    def _return_from_infinity(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
+        """Search again if parameters ran towards infinity: from the best values with one of them at its start."""
+        ends = [end]
+        if end.status != "converged" or not end.cost > 0 or self.options.method == "global":
+            return end
+        for held in run_away(self.exact, self.objective, start, end.values)[:MAX_DEPARTURES]:
+            lower, upper = (np.where(held, start, side) for side in (limits.lower, limits.upper))
+            ends.append(self._descend(start, replace(limits, lower=lower, upper=upper)))
+            ends.append(self._descend(ends[-1].values, limits))
+            if ends[-1].cost < (1 - UNCHANGED) * end.cost:
+                end = ends[-1]
+                break
         return end.with_effort_of(ends)
 
     def _leave_ridges(self, end: SolverResult, limits: LinearLimits) -> SolverResult:

@@ -1,8 +1,8 @@
 """Values that a search leads towards infinity, where the function no longer depends on each of them.
 
 A bell `h*exp(-((x - m)/s)^2)` whose place m leaves the data becomes an exponential slope: the farther it goes, the
-better it follows the rising side of the data. There is no optimum on that way, only a cost that falls towards a limit,
-and the derivatives vanish as at one.
+better it follows the rising side of the data. `PT1(k*u, T)` with a large k and T is an integrator of k/T. There is no
+optimum on that way, only a cost that falls towards a limit, and the derivatives vanish as at one.
 """
 
 import numpy as np
@@ -10,12 +10,14 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, ignore_floating_errors
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
+from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 
-GROWTH = 1e8  # ratio to the start, or to 1 if that is larger, from which a value may have run away
-SAME = 1e-12  # eigenvalue of the scaled J'J of values whose effects are the same, relative to the largest
+FAR = 1e8  # ratio to the start, or to 1 if that is larger, from which a value may have run away
+FARTHER = 1e3  # ratio to a start that is not 0 from which it may have, if the data do not tell its size
+SAME, ALIKE = 1e-12, 1e-9  # eigenvalues of the scaled J'J of values whose effects are the same, relative to the largest
 MOST = 1500  # values whose effects are compared
 SHARE = 1e-4  # squared share of a value in such directions
 MAX_NAMES = 5  # in a warning
@@ -36,30 +38,100 @@ def find_runaways(
         start: free values, Float[values].
         end: the same at the end.
     """
-    grown = np.abs(end) > GROWTH * np.maximum(np.abs(start), 1.0)
-    lost = grown & _replaceable(objective, end) if grown.any() and grown.size <= MOST else grown & False
-    if not lost.any():
+    far, farther = _grown(start, end)
+    if not (far | farther).any() or end.size > MOST:
         return []
-    first = {name: compiled.values.offsets[name] for name in compiled.problem.free_names}
-    sizes = {name: compiled.problem.parameters[name].size for name in first}
-    ran = {n: end[a : a + sizes[n]] for n, a in first.items() if lost[a : a + sizes[n]].any()}
+    effects = Effects.at(objective, end)
+    noise = np.sqrt(objective.data_cost(end) / max(compiled.residuals - end.size, 1))
+    unknown = noise * effects.deviations > np.abs(end)
+    lost = (far & effects.replaceable(SAME)) | (farther & unknown & effects.replaceable(ALIKE))
+    ran = {n: end[part][lost[part]] for n, part in _parts(compiled).items() if lost[part].any()}
+    if not ran:
+        return []
     listed = join_names([f"{name} to {each[np.argmax(np.abs(each))]:.3g}" for name, each in ran.items()], MAX_NAMES)
     where = "where they have no effects of their own" if len(ran) > 1 else "where it has no effect of its own"
     message = f"The search led {listed}, {where}"
     return [Finding(Location(), message, REMEDY, severity="warning")]
 
 
-def _replaceable(objective: LeastSquaresObjective, values: Float) -> Bool:
-    """Mark the values whose effect is that of a combination of others."""
-    replaceable = np.zeros(values.size, dtype=bool)
-    with ignore_floating_errors():
-        matrix = as_array(objective.normal(values)[1])
-        units = np.sqrt(matrix.diagonal())
-        used = np.flatnonzero(np.isfinite(units) & (units > 0))
-        scaled = matrix[np.ix_(used, used)] / np.outer(units[used], units[used])
-    if not np.isfinite(scaled).all():
+def run_away(compiled: CompiledProblem, objective: LeastSquaresObjective, start: Float, end: Float) -> list[Bool]:
+    """Return marks of the values of each parameter that may have run away, that which has grown most first."""
+    far, farther = _grown(start, end)
+    if not (far | farther).any() or end.size > MOST:
+        return []
+    lost = (far | farther) & Effects.at(objective, end).replaceable(ALIKE)
+    growth = np.where(lost, np.abs(end) / np.where(start != 0, np.abs(start), 1.0), 0.0)
+    parts = [part for part in _parts(compiled).values() if lost[part].any()]
+    parts.sort(key=lambda part: -growth[part].max())
+    places = np.arange(end.size)
+    return [(places >= part.start) & (places < part.stop) for part in parts]
+
+
+def _grown(start: Float, end: Float) -> tuple[Bool, Bool]:
+    """Mark the values that are far from their start, and those that are farther than its size explains."""
+    size = np.abs(start)
+    return np.abs(end) > FAR * np.maximum(size, 1.0), (size > 0) & (np.abs(end) > FARTHER * size)
+
+
+def _parts(compiled: CompiledProblem) -> dict[str, slice]:
+    """Return where the free values of each parameter are."""
+    parameters, offsets = compiled.problem.parameters, compiled.values.offsets
+    names = compiled.problem.free_names
+    return {name: slice(offsets[name], offsets[name] + parameters[name].size) for name in names}
+
+
+@dataclass(frozen=True)
+class Effects:
+    """How far the effects of values on the residuals are told apart: the spectrum of J'J with a diagonal of 1.
+
+    Args:
+        sizes: eigenvalues, Float[used].
+        directions: eigenvectors in their columns, Float[used, used].
+        used: mark the values with an effect, Bool[values].
+        units: lengths of the columns of J, Float[values].
+    """
+
+    sizes: Float
+    directions: Float
+    used: Bool
+    units: Float
+
+    @classmethod
+    def at(cls, objective: LeastSquaresObjective, values: Float) -> "Effects":
+        """Return the effects of values, as if all differed if they are not finite; from J itself if it is small."""
+        with ignore_floating_errors():
+            if objective.uses_qr:
+                triangle: Float = np.asarray(np.linalg.qr(objective.rows(values)[1], mode="r"))
+                return cls._of(triangle, np.linalg.norm(triangle, axis=0))
+            matrix = as_array(objective.normal(values)[1])
+            units = np.sqrt(matrix.diagonal())
+            return cls._of(matrix / units[:, None], units, squared=True)
+
+    @classmethod
+    def _of(cls, matrix: Float, units: Float, *, squared: bool = False) -> "Effects":
+        """Analyse J'J, whose rows have been divided by the units, or a triangle R with R'R = J'J."""
+        used = np.isfinite(units) & (units > 0)
+        scaled = matrix[:, used] / units[used]
+        if not np.isfinite(scaled[used] if squared else scaled).all():
+            return cls(np.zeros(0), np.zeros((units.size, 0)), used | True, units)
+        if squared:
+            return cls(*np.linalg.eigh(scaled[used]), used, units)
+        missing = max(int(used.sum()) - len(scaled), 0)
+        _, singular, directions = np.linalg.svd(np.vstack([scaled, np.zeros((missing, int(used.sum())))]))
+        return cls(np.square(singular), directions.T, used, units)
+
+    def replaceable(self, same: float) -> Bool:
+        """Mark the values whose effect is none, or that of a combination of others but for eigenvalues up to `same`."""
+        replaceable = ~self.used
+        alike = self.directions[:, self.sizes <= same * self.sizes.max(initial=0.0)]
+        replaceable[self.used] = np.sum(np.square(alike), axis=1) > SHARE
         return replaceable
-    sizes, directions = np.linalg.eigh(scaled)
-    same = directions[:, sizes <= SAME * sizes.max(initial=0.0)]
-    replaceable[used] = np.sum(np.square(same), axis=1) > SHARE
-    return replaceable
+
+    @property
+    def deviations(self) -> Float:
+        """Standard deviations of the values by noise of 1, Float[values]; infinite without an effect."""
+        deviations = np.full(self.used.size, np.inf)
+        least = np.square(np.finfo(float).eps) * self.sizes.max(initial=0.0)
+        variances = np.sum(np.square(self.directions) / np.maximum(self.sizes, least), axis=1)
+        deviations[self.used] = np.sqrt(variances) / self.units[self.used]
+        return deviations
