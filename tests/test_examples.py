@@ -70,7 +70,6 @@ LONGEST = {  # documents with several fits
     *("commands.md", "get-started.md", "results.md", "how-to/delay.md", "how-to/smoothness.md"),
     *("tutorials/exhaust.md", "tutorials/idle.md", "tutorials/simulink.md", "tutorials/torque.md"),
     *("how-to/ci.md", "how-to/monotonic-maps.md", "how-to/trust.md", "how-to/weights.md"),
-    "tutorials/two-days.md",
 }
 
 
