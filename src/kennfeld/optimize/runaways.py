@@ -82,7 +82,7 @@ def _parts(compiled: CompiledProblem) -> dict[str, slice]:
 
 @dataclass(frozen=True)
 class Effects:
-    """How far the effects of values on the residuals are told apart: the spectrum of J'J with a diagonal of 1.
+    """The effects of values on the residuals, and how far they differ: the spectrum of J'J with a diagonal of 1.
 
     Args:
         sizes: eigenvalues, Float[used].
