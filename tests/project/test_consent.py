@@ -6,6 +6,15 @@ from pathlib import Path
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests
 
+TOML = """\
+model.file = "m.kf"
+functions.f = "f.py:f"
+[[dataset]]
+files = "d.csv"
+[[criterion]]
+node = "m"
+target = "y"
+"""
 TRANSLATED = "def f(x):\n    return 2.0 * x + 0.0 * 1234567890123456789\n"
 RUN = "def f(x):\n    open('written', 'w')\n    return 2.0 * x\n"
 
@@ -14,7 +23,7 @@ def test_code_of_the_same_size_and_time_is_asked_for(tmp_path: Path) -> None:
     file = tmp_path / "f.py"
     file.write_text(TRANSLATED, encoding="utf-8")
     (tmp_path / "m.kf").write_text("input x\nm = f(x)\n", encoding="utf-8")
-    (tmp_path / "kennfeld.toml").write_text('[model]\nfile = "m.kf"\n[functions]\nf = "f.py:f"\n', encoding="utf-8")
+    (tmp_path / "kennfeld.toml").write_text(TOML, encoding="utf-8")
     project = Project.read(tmp_path / "kennfeld.toml").file
     assert consent_requests(project) == ()
     status = file.stat()
