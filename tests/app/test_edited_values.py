@@ -1,5 +1,6 @@
 """Unsaved values keep their meaning when breakpoints, recordings or other files change."""
 
+import json
 import os
 import time
 from pathlib import Path
@@ -198,3 +199,27 @@ def test_an_excerpt_is_read_again_from_a_recording_of_the_same_size_and_time(pro
     session.refresh()
     assert rmse(session) == pytest.approx(np.sqrt(np.mean((1 - 3.0 * X) ** 2)), rel=1e-5)
     assert rmse(session) != before
+
+
+@pytest.mark.usefixtures("forked_workers")
+def test_an_export_says_what_changed_since_the_run(project: Path) -> None:
+    session, file = Session(project), project.with_name("results") / "result.json"
+
+    def exported() -> dict[str, Any]:
+        ask(session, "export", whole=True)
+        return dict(json.loads(file.read_text(encoding="utf-8")))
+
+    calibrate(session)
+    result = exported()
+    assert result["status"] == "converged"
+    assert result["cost"]["after"] == session.runs[-1].result.cost_after
+    edit(session, [0, 2, 4, 7])
+    result = exported()
+    assert result["status"] == "stopped"
+    assert result["message"].startswith("Values have been edited since run 1 ended with status converged")
+    assert result["cost"]["after"] is None
+    session.undo()
+    assert exported()["status"] == "converged"
+    record(project.with_name("d1.csv"), 3.0 * X)
+    session.refresh()
+    assert exported()["message"].startswith("The project or its data have changed since run 1")
