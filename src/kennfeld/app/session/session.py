@@ -366,7 +366,7 @@ class Session:
 
     def text_of(self, file: str) -> str:
         """Return the text of a file of the project as edited, or as it is on disk."""
-        return self.state.texts.get(file) or read_exactly(self.path.parent / file)
+        return self.state.texts[file] if file in self.state.texts else read_exactly(self.path.parent / file)
 
     @property
     def settings(self) -> dict[str, Any]:
