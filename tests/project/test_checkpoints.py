@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -450,3 +451,14 @@ def test_a_start_that_is_not_repeated_has_its_present_cost(make, monkeypatch):
     result = make(SAVING).calibrate(resume=True)
     assert "Not repeated, because converged" in result.message
     assert result.starts[0].cost_before == result.cost_before
+
+
+def test_four_runs_at_once_leave_whole_checkpoints(make, tmp_path):
+    project = make(SAVING)
+    with ThreadPoolExecutor(4) as threads:
+        results = list(threads.map(lambda _: Project.read(project.path).calibrate(), range(4)))
+    for path in (tmp_path / "results" / "saves").rglob("*.json"):
+        assert read_parameters(path)
+    result = make(SAVING).calibrate(resume=True)
+    assert result.cost_after == results[0].cost_after
+    assert "incomplete" not in result.message
