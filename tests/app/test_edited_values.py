@@ -13,7 +13,9 @@ from kennfeld import Axis, Curve, ParameterSet, Scalar
 from kennfeld.app.questions import COMMANDS, QUESTIONS
 from kennfeld.app.session.edited_values import moved_breakpoints, with_edits
 from kennfeld.app.session.session import Session
+from kennfeld.app.session.signals import SignalName
 from kennfeld.app.session.state import SetText, SetValues
+from kennfeld.app.session.summary import summarise_session
 from kennfeld.errors import ArgumentError
 from kennfeld.project import Project
 
@@ -247,3 +249,20 @@ def test_an_export_says_what_changed_since_the_run(project: Path) -> None:
     record(project.with_name("d1.csv"), 3.0 * X)
     session.refresh()
     assert exported()["message"].startswith("The project or its data have changed since run 1")
+
+
+def test_a_target_that_is_a_node_follows_edits(project: Path) -> None:
+    project.with_name("m.kf").write_text("input x\nm = C(x)\nn = k * x + 1\n", encoding="utf-8")
+    text = TOML.replace('target = "y"', 'target = { node = "n" }') + "[parameters.k]\ninitial = 1.0\n"
+    project.write_text(text, encoding="utf-8")
+    session = Session(project)
+    signals, recording = session.require_view().signals, session.require_view().model.recordings[0]
+    np.testing.assert_allclose(signals.values(recording, SignalName("target", "0")), X + 1.0, atol=1e-5)
+    session.do(SetValues("edited", "k", np.array(5.0)))
+    np.testing.assert_allclose(signals.values(recording, SignalName("target", "0")), 5.0 * X + 1.0, atol=1e-5)
+    worst = ask(session, "worst", dataset=0, criterion=0)["samples"][0]
+    assert worst["measured"] == pytest.approx(16.0, abs=1e-5)
+    assert worst["error"] == pytest.approx(-15.0, abs=1e-5)
+    picture = summarise_session(session)["picture"]
+    assert picture["measured"][-1] == pytest.approx(16.0, rel=1e-4)
+    assert picture["start"][-1] == picture["now"][-1] == 1.0
