@@ -266,3 +266,17 @@ def test_a_target_that_is_a_node_follows_edits(project: Path) -> None:
     picture = summarise_session(session)["picture"]
     assert picture["measured"][-1] == pytest.approx(16.0, rel=1e-4)
     assert picture["start"][-1] == picture["now"][-1] == 1.0
+
+
+def test_saving_keeps_what_was_saved_before(project: Path) -> None:
+    project.with_name("m.kf").write_text("input x\nm = C(x) + k\n", encoding="utf-8")
+    project.write_text(f"{TOML}[parameters.k]\ninitial = 1.0\n", encoding="utf-8")
+    session = Session(project)
+    edit(session, [0, 2, 4, 6])
+    session.save()
+    session = Session(project)
+    session.do(SetValues("edited", "k", np.array(5.0)))
+    session.save()
+    session = Session(project)
+    assert session.parameters["C"].values.tolist() == [0, 2, 4, 6]
+    assert session.parameters["k"].values.tolist() == 5.0

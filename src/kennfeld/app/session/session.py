@@ -23,7 +23,7 @@ from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
-from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes
+from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
 from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
 from kennfeld.app.session.surrogate_training import SurrogateTraining
@@ -413,7 +413,7 @@ class Session:
         """The files that saving would replace although another program has changed them since they were read."""
         names, values = [*self._edited_texts()], self._changed_values()
         if values is not None:
-            names += [VALUES, *([self.path.name] if self._naming(values) else [])]
+            names += [VALUES, *([self.path.name] if self._naming(self.state.values) else [])]
         return self._files.conflicts(names, self.state.texts)
 
     def save(self, *, replace: bool = False) -> None:
@@ -432,7 +432,7 @@ class Session:
             raise InputError(Finding(Location(each.file), message, "Compare both first.") for each in conflicts)
         values = self._changed_values()
         if values is not None:
-            self._name_values(values)
+            self._name_values(self.state.values)
         folder = self.path.parent
         try:
             targets = {within(folder, name): text for name, text in self._edited_texts().items()}
@@ -495,10 +495,15 @@ class Session:
             self.do(kept.edits, tables=kept.tables)
 
     def _changed_values(self) -> ParameterSet | None:
-        """Return the parameters that differ from the initial files; None if there are none."""
+        """Return what `VALUES` is to hold: the edited parameters, and those saved before; None if none are edited."""
         if self.view is None or not self.state.values:
             return None
-        return self.view.now.parameters.select([n for n in self.state.values if n in self.view.now.parameters])
+        now, names = self.view.now.parameters, [name for name in self.state.values if name in self.view.now.parameters]
+        earlier = values_saved_before(self.settings, self.path.parent)
+        try:
+            return earlier.with_parameters(*(now[name] for name in names)) if earlier else now.select(names)
+        except ArgumentError:  # a group axis of theirs has changed
+            return now.select(dict.fromkeys([*(name for name in earlier if name in now), *names]))
 
     def _name_values(self, names: Collection[str]) -> None:
         """Make the file of values the last of the initial files, and remove keys that would override its values."""
@@ -507,8 +512,8 @@ class Session:
 
     def _naming(self, names: Collection[str]) -> list[KeyChange]:
         """Return the changes of the project file by which values of these parameters are read from their file."""
-        view = self.require_view()
-        return naming_changes(self.settings, names, moved_axes(view.start.parameters, view.now.parameters))
+        start, now = (each.parameters for each in (self.require_view().start, self.require_view().now))
+        return naming_changes(self.settings, [name for name in names if name in now], moved_axes(start, now))
 
     def _follow(self, before: SessionState) -> None:
         """Recompute after the state has changed."""
