@@ -232,7 +232,7 @@ def test_an_export_says_what_changed_since_the_run(project: Path) -> None:
     session, file = Session(project), project.with_name("results") / "result.json"
 
     def exported() -> dict[str, Any]:
-        ask(session, "export", whole=True)
+        ask(session, "export", whole=True, report=True)
         return dict(json.loads(file.read_text(encoding="utf-8")))
 
     calibrate(session)
@@ -242,7 +242,7 @@ def test_an_export_says_what_changed_since_the_run(project: Path) -> None:
     edit(session, [0, 2, 4, 7])
     result = exported()
     assert result["status"] == "stopped"
-    assert result["message"].startswith("Values have been edited since run 1 ended with status converged")
+    assert result["message"].startswith("The values differ from those of run 1, which ended with status converged")
     assert result["cost"]["after"] is None
     session.undo()
     assert exported()["status"] == "converged"

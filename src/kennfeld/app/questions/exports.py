@@ -180,7 +180,7 @@ def _result(session: Session, project: Project) -> Result:
     change = _change_since(last, project, now)
     if not change:
         return result
-    message = f"{change} since run {last.number} ended with status {last.result.status}. Calibrate again."
+    message = f"{change} run {last.number}, which ended with status {last.result.status}. Calibrate again."
     unknown = float("nan")
     return replace(
         result, status="stopped", message=message, cost_before=unknown, cost_after=unknown, starts=(), inspection=None,
@@ -194,11 +194,11 @@ def _change_since(run: Run, project: Project, now: ParameterSet) -> str:
     if run.problem is not None and run.problem is not problem:
         first, second = (problem_digest(each, project.options) for each in (run.problem, problem))
         if first != second:
-            return "The project or its data have changed"
+            return "The project or its data have changed since"
     for name in problem.free_names:
         same = name in result and on_same_breakpoints(result[name], now[name])
         if not same or not np.array_equal(result[name].values, now[name].values):
-            return "Values have been edited"
+            return "The values differ from those of"
     return ""
 
 
