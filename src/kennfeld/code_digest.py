@@ -1,5 +1,6 @@
 """The digest of all code that computes what is remembered: another version of it remembers nothing of this one."""
 
+import platform
 from functools import cache
 from hashlib import blake2b
 from importlib.util import find_spec
@@ -7,14 +8,14 @@ from pathlib import Path
 
 # packages whose versions decide how data are read or computed
 LIBRARIES = (
-    "asammdf", "can", "canmatrix", "cantools", "fmpy", "h5py", "nptdms", "numpy", "openpyxl", "pyarrow",
+    "asammdf", "can", "canmatrix", "cantools", "fmpy", "h5py", "nptdms", "numpy", "openpyxl", "pint", "pyarrow",
     "python_calamine", "scipy",
 )  # fmt: skip
 
 
 @cache
 def code_digest() -> str:
-    """Return the digest of the sources of this package, and of the versions of the libraries that it uses.
+    """Return the digest of the sources of this package, and of the versions of Python and the libraries that it uses.
 
     It takes all sources, not those that a result seems to depend on: what is left out is what is missed.
     """
@@ -23,6 +24,7 @@ def code_digest() -> str:
     for path in sorted(root.rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())
+    digest.update(f"{platform.python_implementation()} {platform.python_version()}\0".encode())
     for library in LIBRARIES:
         digest.update(f"{library} {_version(library)}\0".encode())
     return digest.hexdigest()

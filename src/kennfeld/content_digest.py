@@ -31,7 +31,7 @@ def _add(digest: Any, value: Any) -> None:
     digest.update(type(value).__name__.encode())
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype.str}{value.shape}".encode())
-        digest.update(np.ascontiguousarray(value).tobytes())
+        digest.update(np.ascontiguousarray(value))
         return
     if value is None or isinstance(value, (bool, int, float, str, bytes, np.generic, Path)):
         digest.update(repr(value).encode())

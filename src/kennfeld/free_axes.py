@@ -14,6 +14,8 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import AXIS_LETTERS, Axis, Parameter
 
+AXIS_LABEL = "axis "  # before the name of an axis among the values of tables; no parameter has such a name
+
 
 class AxisKey(NamedTuple):
     """The name of an axis: of its group, or of its table and the direction there.
@@ -82,12 +84,12 @@ def with_breakpoints(parameters: ParameterSet, breakpoints: Mapping[AxisKey, Flo
 
 def breakpoints_by_name(breakpoints: Mapping[AxisKey, Float]) -> dict[str, Float]:
     """Return the breakpoints under names that no parameter can have, to be stored with the values of tables."""
-    return {f"axis {key}": points for key, points in breakpoints.items()}
+    return {f"{AXIS_LABEL}{key}": points for key, points in breakpoints.items()}
 
 
 def with_labelled(parameters: ParameterSet, values: Mapping[str, Float]) -> ParameterSet:
     """Return the set with the breakpoints of its free axes among some values, named as by `breakpoints_by_name`."""
-    breakpoints = {key: values[f"axis {key}"] for key in free_axes(parameters) if f"axis {key}" in values}
+    breakpoints = {key: values[label] for key in free_axes(parameters) if (label := f"{AXIS_LABEL}{key}") in values}
     return with_breakpoints(parameters, breakpoints)
 
 

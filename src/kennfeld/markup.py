@@ -21,6 +21,8 @@ def round_digits(values: Any, digits: int = 5) -> list[Any]:
 
     >>> round_digits([1 / 3, float("nan"), 123456.7])
     [0.33333, None, 123460.0]
+    >>> round_digits(float("nan")) is None
+    True
     """
     numbers: Float = np.asarray(values, dtype=np.float64)
     known = np.isfinite(numbers)
@@ -30,9 +32,7 @@ def round_digits(values: Any, digits: int = 5) -> list[Any]:
     result = np.round(np.where(known, numbers, 0.0) / down * up) / up * down
     if known.all():
         return result.tolist()  # type: ignore[no-any-return]
-    with_none = result.astype(object)
-    with_none[~known] = None
-    return with_none.tolist()  # type: ignore[no-any-return]
+    return np.where(known, np.asarray(result, dtype=object), None).tolist()  # type: ignore[no-any-return]
 
 
 def decimal(value: float | None, digits: int = 4) -> str:

@@ -7,7 +7,8 @@ import pytest
 
 import kennfeld as kf
 from kennfeld.app.questions import exports, recordings, settings
-from kennfeld.app.session.session import VALUES, Session
+from kennfeld.app.session.saved_values import VALUES
+from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetKeys, SetText, SetValues
 from kennfeld.errors import InputError
 from tests.draws import mostly_slow

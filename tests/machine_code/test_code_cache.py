@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 from kennfeld.graph.lookup_lowering import lower_lookups
-from kennfeld.machine_code import code_cache, engine
+from kennfeld.machine_code import code_cache, engine, fingerprint
 from kennfeld.machine_code.code_cache import cache_folder, keep_code, key_of, read_code
+from kennfeld.machine_code.engine import compile_functions
+from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.native import kernel, simulator
 from kennfeld.native.simulator import Simulator
 from kennfeld.native.sweeps import sweeps
+from tests.machine_code.test_engine import adder
 from tests.native.models import MODELS, case
 from tests.native.reference import compiled
 
@@ -119,6 +122,86 @@ def test_kept_code_gives_the_same_numbers(folder: Path, monkeypatch: pytest.Monk
     sweeps.cache_clear()
     for now, before in zip(computed(["delayed", "layers"]), first, strict=True):
         np.testing.assert_array_equal(now, before)
+
+
+@pytest.mark.parametrize("text", [True, False], ids=["text", "a writer"])
+def test_another_version_of_the_package_compiles_anew(
+    text: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "_WORTH", 0.0)
+
+    def kept() -> int:
+        if text:
+            compile_functions(adder(1.0))
+        else:
+            engine.compile_written(named_writer, 1)
+        return len(list(folder.iterdir()))
+
+    assert [kept(), kept()] == [1, 1]
+    monkeypatch.setattr(fingerprint, "_source_hash", lambda: "another")
+    assert kept() == 2
+
+
+def named_writer(count: int) -> list[FunctionWriter]:
+    return [FunctionWriter(f"nothing{count}", [("ptr", "x")])]
+
+
+named_writer.__module__ = "kennfeld.native.a_writer"
+
+
+@pytest.mark.parametrize("damage", ["bit", "cut", "empty", "zeros", "swapped", "folder", "link"])
+def test_damaged_code_is_compiled_anew(damage: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "_WORTH", 0.0)
+
+    def results() -> list[float]:
+        sums = []
+        for value in (1.0, 1.0 + 2**-52):  # equal but for the last bit of a constant
+            x = np.zeros(1)
+            compile_functions(adder(value))["put"](x.ctypes.data, 1)
+            sums.append(float(x[0]))
+        return sums
+
+    expected = results()
+    files = sorted(folder.iterdir())
+    contents = [file.read_bytes() for file in files]
+    assert len(files) == len(set(expected)) == 2
+    for file, content, other in zip(files, contents, contents[::-1], strict=True):
+        middle = len(content) // 2
+        flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+        damaged = {"bit": flipped, "cut": content[:middle], "empty": b"", "zeros": bytes(len(content))}
+        if damage in ("folder", "link"):
+            file.unlink()
+        if damage == "folder":
+            file.mkdir()
+        elif damage == "link":
+            target = folder.parent / file.name
+            target.write_bytes(other)
+            file.symlink_to(target)
+        else:
+            file.write_bytes(damaged.get(damage, other))
+    assert results() == expected
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that begin as copies of this one")
+def test_a_full_disk_and_four_writers_keep_nothing_wrong(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr(code_cache, "write_whole", fail)
+        keep_code(KEY, b"code")
+    assert read_code(KEY) is None
+    content = b"x" * 100_000
+    children = []
+    for _ in range(4):
+        child = os.fork()
+        if not child:
+            for _ in range(20):
+                keep_code(KEY, content)
+            os._exit(read_code(KEY) != content)
+        children.append(child)
+    assert [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children] == [0] * 4
+    assert [file.name for file in folder.iterdir()] == [KEY]
 
 
 def renamed(function: Callable[..., Any], other: Callable[..., Any]) -> Callable[..., Any]:

@@ -17,7 +17,7 @@ from kennfeld.graph.derivative import Linearization
 from kennfeld.graph.lookup_lowering import AxisRef, TableRef, lower_lookups
 from kennfeld.graph.node import Node
 from kennfeld.machine_code import fingerprint as module
-from kennfeld.machine_code.fingerprint import OTHERS, WRITERS, fingerprint
+from kennfeld.machine_code.fingerprint import OTHERS, WRITERS, fingerprint, fingerprint_of_text
 from kennfeld.native import kernel as kernels
 from kennfeld.native.emitter import MemoryLayout
 from kennfeld.native.kernel import Kernel
@@ -177,6 +177,13 @@ def test_each_source_has_a_part_in_it(file: str, source_hash: Callable[[], str],
     assert source_hash() != before
 
 
+def test_a_source_in_a_folder_has_a_part_in_it(source_hash: Callable[[], str], tmp_path: Path) -> None:
+    before = source_hash()
+    (tmp_path / "native" / "linear").mkdir()
+    (tmp_path / "native" / "linear" / "factor.py").touch()
+    assert source_hash() != before
+
+
 def test_without_sources_there_is_none(
     source_hash: Callable[[], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,6 +192,7 @@ def test_without_sources_there_is_none(
     assert source_hash() == ""
     monkeypatch.setattr(module, "_source_hash", source_hash)
     assert fingerprint(WRITE, arguments()) is None
+    assert fingerprint_of_text("ret void") is None
 
 
 def test_the_writers_have_constants_of_known_modules_alone() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -359,3 +360,105 @@ def test_checkpoints_of_another_project_in_the_folder_are_not_resumed(make, tmp_
     other.write_bytes((tmp_path / "kennfeld.toml").read_bytes())
     with pytest.raises(InputError, match=r"Those in it are of kennfeld\.toml"):
         Project.read(other).calibrate(resume=True)
+
+
+PROPORTIONAL = """\
+model.file = "p.kf"
+[[dataset]]
+files = "p.csv"
+[[criterion]]
+node = "m"
+target = "y"
+[parameters.a]
+initial = 0.3
+[parameters.C]
+x = { input = "x", breakpoints = [-9, 0, 9, 10] }
+initial = 0
+lock = [{ x = [-9, 9] }]
+[optimizer]
+save_every = 1
+"""
+
+
+@pytest.fixture
+def proportional(tmp_path):
+    """Write a project whose optimum is a = x'y / x'x, with a value that no sample informs."""
+    (tmp_path / "p.kf").write_text("input x\nm = a * x + C(x)\n", encoding="utf-8")
+    x, y = np.arange(-3.0, 5.0), np.array([-5.5, -4.5, -1.0, 1.0, 1.5, 4.5, 5.0, 9.5])
+
+    def write(y):
+        rows = "\n".join(f"{float(a)!r},{float(b)!r}" for a, b in zip(x, y, strict=True))
+        (tmp_path / "p.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
+        (tmp_path / "p.toml").write_text(PROPORTIONAL, encoding="utf-8")
+        return Project.read(tmp_path / "p.toml")
+
+    write.x, write.y, write.best = x, y, lambda y: (x @ y) / (x @ x)
+    return write
+
+
+def test_other_data_of_the_same_cost_are_noticed(proportional):
+    """Residuals of the other sign cost the same at the old optimum, but pull it elsewhere."""
+    x, y = proportional.x, proportional.y
+    proportional(y).calibrate()
+    mirrored = np.where(x > 2, 2 * proportional.best(y) * x - y, y)
+    result = proportional(mirrored).calibrate(resume=True)
+    assert result.resumed == ("saves/1-end.json",)
+    assert result.parameters["a"].value == pytest.approx(proportional.best(mirrored), rel=1e-6)
+
+
+def test_the_problem_of_another_version_of_the_code_is_another_one(make, monkeypatch):
+    make(SAVING).calibrate()
+    monkeypatch.setattr("kennfeld.optimize.search.problem_digest.code_digest", lambda: "another")
+    assert "Not repeated" not in make(SAVING).calibrate(resume=True).message
+
+
+def test_a_checkpoint_whose_values_were_damaged_is_left_out(proportional, tmp_path):
+    proportional(proportional.y).calibrate()
+    path = tmp_path / "results" / "saves" / "1-end.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["C"]["values"][-1] = 777.0
+    path.write_text(json.dumps(content), encoding="utf-8")
+    result = Project.read(tmp_path / "p.toml").calibrate(resume=True)
+    assert result.parameters["C"].values[-1] == 0.0
+    assert "1-end.json: incomplete or damaged checkpoint" in result.message
+
+
+def test_costs_of_other_data_are_not_compared(proportional, tmp_path):
+    """A run with other data goes on from its own checkpoint, though an earlier one has a lower cost."""
+    proportional(2 * proportional.x).calibrate()
+    proportional(proportional.y).calibrate(after(1), resume=True)
+    project = proportional(proportional.y)
+    state = project.saves().resume_points().states[1]
+    assert state.cost > 1.0
+    assert state.values["a"] == pytest.approx(proportional.best(proportional.y), abs=0.1)
+
+
+def test_an_end_that_a_later_checkpoint_goes_on_from_ends_nothing(make, tmp_path):
+    """As after a process that was killed before it renamed the end."""
+    make(f"{SAVING}\nmax_iterations = 3").calibrate()
+    folder = tmp_path / "results" / "saves"
+    end = (folder / "1-end.json").read_bytes()
+    make(SAVING).calibrate(after(2), resume=True)
+    (folder / "1-end.json").write_bytes(end)
+    state = make(SAVING).saves().resume_points().states[1]
+    assert state.ended is None
+    assert state.iteration == 4
+
+
+def test_a_start_that_is_not_repeated_has_its_present_cost(make, monkeypatch):
+    make(SAVING).calibrate()
+    monkeypatch.setattr(f"{__name__}.TOML", TOML.replace("initial = 3.0", "initial = 2.5"))
+    result = make(SAVING).calibrate(resume=True)
+    assert "Not repeated, because converged" in result.message
+    assert result.starts[0].cost_before == result.cost_before
+
+
+def test_four_runs_at_once_leave_whole_checkpoints(make, tmp_path):
+    project = make(SAVING)
+    with ThreadPoolExecutor(4) as threads:
+        results = list(threads.map(lambda _: Project.read(project.path).calibrate(), range(4)))
+    for path in (tmp_path / "results" / "saves").rglob("*.json"):
+        assert read_parameters(path)
+    result = make(SAVING).calibrate(resume=True)
+    assert result.cost_after == results[0].cost_after
+    assert "incomplete" not in result.message

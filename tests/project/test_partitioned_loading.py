@@ -1,6 +1,7 @@
 """Projects whose data are evaluated in partitions give what they give in one piece, however the partitions are cut."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +15,11 @@ from kennfeld.optimize import compiled as compiled_form
 from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.fit import FitRun
 from kennfeld.optimize.objective import LeastSquaresObjective
+from kennfeld.optimize.partitions import shared_content
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Seconds
 from kennfeld.optimize.strategies.smoothing_continuation import Continuation
+from kennfeld.preprocessing import prepared_files
 from kennfeld.preprocessing.prepared_files import ENDING, PreparedFiles
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.project.results import write_simulation
@@ -265,6 +268,46 @@ def test_a_recording_of_the_same_size_and_time_is_another_one(tmp_path):
     file.write_text(text.replace(row, row[:-1] + ("1" if row[-1] != "1" else "2")), encoding="utf-8")
     os.utime(file, ns=(10**18, 10**18))
     assert in_partitions(path, 150).problem().datasets[0]["torque"].values[1] != before
+
+
+def test_another_version_of_the_package_prepares_again(tmp_path, monkeypatch):
+    path = write_few(tmp_path)
+    in_partitions(path, 150).problem()
+    folder = tmp_path / ".kennfeld" / "partitions"
+    before = {entry.name for entry in folder.glob(f"*{ENDING}")}
+    monkeypatch.setattr(prepared_files, "code_digest", lambda: "another")
+    shared_content.cache_clear()  # as in another process
+    in_partitions(path, 150).problem()
+    after = {entry.name for entry in folder.glob(f"*{ENDING}")}
+    assert before < after
+    assert len(after) == 2 * len(before)
+
+
+def test_a_full_disk_keeps_nothing_and_changes_no_sum(tmp_path, monkeypatch):
+    path = write_few(tmp_path)
+    values = CompiledProblem(Project.read(path).problem()).start
+    cost = CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values)
+    for entry in (tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"):
+        entry.unlink()
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(prepared_files, "write_columns", fail)
+    assert CompiledProblem(in_partitions(path, 150).problem()).sums.cost(values) == cost
+    assert not list((tmp_path / ".kennfeld" / "partitions").glob(f"*{ENDING}"))
+
+
+def test_four_that_prepare_the_same_files_read_the_same(tmp_path):
+    path = write_few(tmp_path)
+    values = CompiledProblem(Project.read(path).problem()).start
+    cost = CompiledProblem(Project.read(path).problem()).sums.cost(values)
+    with ThreadPoolExecutor(4) as threads:
+        problems = list(threads.map(lambda _: in_partitions(path, 150).problem(), range(4)))
+    costs = [CompiledProblem(problem).sums.cost(values) for problem in problems]
+    assert len(set(costs)) == 1
+    assert costs[0] == pytest.approx(cost, rel=1e-12)
+    assert [entry.name for entry in (tmp_path / ".kennfeld" / "partitions").glob(".*") if entry.suffix == ENDING] == []
 
 
 def test_the_folder_is_ignored_by_git(tmp_path):

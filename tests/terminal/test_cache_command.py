@@ -43,6 +43,13 @@ def test_what_is_kept_is_removed_and_nothing_else(kept):
     assert files(kept) == ["mine.parquet"] * 3
 
 
+def test_what_a_killed_process_left_half_written_is_removed(kept):
+    for name, ending in (("cache", ".parquet"), ("partitions", ".columns"), ("code", "")):
+        (kept / ".kennfeld" / name / f".{DIGEST}.4711-abcd{ending}").write_bytes(b"x")
+    cli.run(["cache", str(kept), "--clear"])
+    assert files(kept) == ["mine.parquet"] * 3
+
+
 @pytest.mark.skipif(not hasattr(os, "symlink"), reason="needs symbolic links")
 def test_files_behind_links_stay(kept):
     target = kept / "target"

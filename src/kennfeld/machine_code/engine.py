@@ -17,7 +17,7 @@ import llvmlite.binding as llvm
 
 from kennfeld.machine_code.code_cache import keep_code, key_of, read_code
 from kennfeld.machine_code.external import External, address_of, c_function, externals_of, load_pointer
-from kennfeld.machine_code.fingerprint import fingerprint
+from kennfeld.machine_code.fingerprint import fingerprint, fingerprint_of_text
 from kennfeld.machine_code.ir import FunctionWriter
 from kennfeld.machine_code.object_module import ObjectModule
 from kennfeld.threads import computed_once
@@ -25,7 +25,6 @@ from kennfeld.threads import computed_once
 NativeFunction = Callable[..., None]
 Functions = Sequence[FunctionWriter]
 LONG = 200_000  # characters of IR from which compiling well takes longer than it gains
-_PASSES = "2"  # changes with the passes below, so that code of earlier ones is not used
 _WORTH = 0.004  # s of writing and compiling from which code is kept
 
 _loading = threading.Lock()  # of LLVM, which compiles and loads
@@ -89,7 +88,7 @@ def compile_functions(*functions: FunctionWriter, loops: bool = False) -> dict[s
         loops: optimise loops over doubles; the code of a model runs as fast without.
     """
     text = "".join(f.text() for f in functions)
-    return Engine(_module(lambda: functions, f"text {text}", loops)).functions()
+    return Engine(_module(lambda: functions, fingerprint_of_text(text), loops)).functions()
 
 
 def compile_written(write: Callable[..., Functions], *arguments: Any) -> dict[str, NativeFunction]:
@@ -142,12 +141,12 @@ def _address_of(external: External) -> int:
 def _module(write: Callable[[], Functions], content: str | None, loops: bool) -> ObjectModule:
     """Return the code of functions, compiled now or before.
 
-    `content` determines what is written; without, nothing is kept.
+    `content` determines what is written, and how it is compiled; without, nothing is kept.
     """
     if content is None:
         return _compile(write(), loops)
     target = f"{_target().triple} {llvm.get_host_cpu_name()} {_features()}"
-    key = key_of(_PASSES, llvmlite.__version__, target, str(loops), _DECLARATIONS, content)
+    key = key_of(llvmlite.__version__, target, str(loops), content)
     kept = read_code(key)
     if kept is not None:
         return ObjectModule.of_bytes(kept)

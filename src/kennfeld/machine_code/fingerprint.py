@@ -32,6 +32,12 @@ def fingerprint(write: Callable[..., Any], arguments: Sequence[Any]) -> str | No
     return " ".join((source, write.__module__, write.__qualname__, _hash(content.getvalue())))
 
 
+def fingerprint_of_text(text: str) -> str | None:
+    """Return a text that differs if some IR, or the code that compiles it, differs; None without the sources."""
+    source = _source_hash()
+    return f"{source} text {_hash(text.encode())}" if source else None
+
+
 class _ArgumentPickler(pickle.Pickler):
     """Stores numbers and arrays bit for bit, and read-only mappings as dictionaries."""
 
@@ -42,11 +48,12 @@ class _ArgumentPickler(pickle.Pickler):
 def _source_hash() -> str:
     """Return a hash of the sources; empty if a package is installed without."""
     root = Path(__file__).parents[1]
-    packages = [sorted((root / name).glob("*.py")) for name in WRITERS]
+    packages = [sorted((root / name).rglob("*.py")) for name in WRITERS]
     files = [*(file for package in packages for file in package), *(root / name for name in OTHERS)]
     if not all(packages) or not all(file.is_file() for file in files):
         return ""
-    return _hash(b"\0".join(file.name.encode() + file.read_bytes() for file in files))
+    names = (file.relative_to(root).as_posix().encode() for file in files)
+    return _hash(b"\0".join(name + b"\0" + file.read_bytes() for name, file in zip(names, files, strict=True)))
 
 
 def _hash(content: bytes) -> str:

@@ -1,7 +1,8 @@
 """Checkpoints of a search in the results folder, from which it can be resumed.
 
 Each is a calibration file, `saves/START-ITERATION.json` or `saves/START-end.json`, which every command can read; a text
-in it holds the state of the search.
+in it holds the state of the search and a checksum. Those of a run that was resumed with other settings or other data
+stay beside the later ones, but their costs are not compared.
 """
 
 import hashlib
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.arrays import Float
 from kennfeld.atomic_files import write_whole
 from kennfeld.calfiles import read
 from kennfeld.calfiles.json_file import write_json
@@ -61,7 +63,7 @@ class Saves:
             try:
                 state, mark, file = _read(path)
             except (InputError, KeyError, TypeError, ValueError, StopIteration):
-                message = "incomplete checkpoint, skipped"
+                message = "incomplete or damaged checkpoint, skipped"
                 findings.append(Finding(Location(f"{FOLDER}/{path.name}"), message, severity="warning"))
                 continue
             if file not in ("", self.project.name):
@@ -109,8 +111,9 @@ class Saves:
         """
         current = with_values(parameters, saved.values)
         values = [current[name] for name in saved.values if name in current]
-        note = Text(NOTE, json.dumps(_note(saved) | {"project": self.mark, "file": self.project.name}))
-        content = ParameterSet(values, texts=[note])
+        note = _note(saved) | {"project": self.mark, "file": self.project.name}
+        note |= {"checksum": _checksum(note, {value.name: value.values for value in values})}
+        content = ParameterSet(values, texts=[Text(NOTE, json.dumps(note))])
         last = "end" if saved.ended else f"{saved.iteration:06d}"
         target = self.folder / f"{saved.start}-{last}.json"
         try:
@@ -144,10 +147,23 @@ def _number(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
+def _checksum(note: Mapping[str, Any], values: Mapping[str, Float]) -> str:
+    """Return the SHA-256 of a note, without its own checksum, and of values as a file keeps them."""
+    text = json.dumps({name: value for name, value in note.items() if name != "checksum"}, sort_keys=True)
+    digest = hashlib.sha256(text.encode())
+    for name in sorted(values):
+        kept = np.where(np.isfinite(values[name]), values[name], np.nan)
+        digest.update(f"{name} {kept.shape}".encode() + kept.tobytes())
+    return digest.hexdigest()
+
+
 def _read(path: Path) -> tuple[Checkpoint, str, str]:
-    """Return a checkpoint, and the SHA-256 and the name of its project file."""
+    """Return a checkpoint, and the SHA-256 and the name of its project file. Raises `ValueError` if it is damaged."""
     content = read(path)
     note = json.loads(next(text.text for text in content.texts if text.name == NOTE))
+    values = {parameter.name: parameter.values for parameter in content.values()}
+    if "checksum" in note and note["checksum"] != _checksum(note, values):  # earlier versions wrote none
+        raise ValueError("another checksum")
     row: dict[str, Any] | None = note["ended"] if path.stem.endswith("end") else None
     ended: dict[str, Any] = {name: inf if value is None else value for name, value in (row or {}).items()}
     state = Checkpoint(
@@ -170,11 +186,18 @@ def _latest(saved: list[Checkpoint]) -> dict[int, Checkpoint]:
     latest: dict[int, Checkpoint] = {}
     for start in sorted({state.start for state in saved}):
         own = [state for state in saved if state.start == start]
-        last = max(state.iteration for state in own)
+        newest = max(own, key=lambda state: (state.iteration, state.ended is not None))
+        own = [state for state in own if state.problem == newest.problem]  # costs of others are not comparable
         step = max(state.step for state in own)
         best = min(
             (state for state in own if state.step == step),
-            key=lambda state: (state.ended is None, state.cost, -state.iteration),
+            key=lambda state: (not _is_end(state, newest), state.cost, -state.iteration),
         )
-        latest[start] = replace(best, iteration=last)
+        ended = best.ended if _is_end(best, newest) else None
+        latest[start] = replace(best, iteration=newest.iteration, ended=ended)
     return latest
+
+
+def _is_end(state: Checkpoint, newest: Checkpoint) -> bool:
+    """Return whether a checkpoint is the end of a start, from which no later one goes on."""
+    return state.ended is not None and state.iteration == newest.iteration

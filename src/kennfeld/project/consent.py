@@ -5,11 +5,11 @@ They are found from the project file without running code, connecting, or writin
 
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 
 from kennfeld.dask_runner import ClusterAddress, scheduler_address
 from kennfeld.errors import InputError, Location
+from kennfeld.file_state import while_unchanged
 from kennfeld.models.code_consent import ConsentRequest, address_request, code_request
 from kennfeld.models.function_files import kind_of, read_function_file, split_reference
 from kennfeld.models.model_function import as_model
@@ -73,15 +73,15 @@ def _runs(file: ProjectFile, name: str, reference: str) -> bool:
     if kind is None or not kind.translated:
         return path.is_file()
     with suppress(OSError, InputError):
-        status = path.stat()
-        return _is_called(reference, file.folder, name, (status.st_mtime_ns, status.st_size))
+        return _is_called(path, reference, str(file.folder), name)
     return False
 
 
-@lru_cache(maxsize=64)
-def _is_called(reference: str, folder: Path, name: str, stamp: tuple[int, int]) -> bool:
-    """Return True if code of a function runs; `stamp` tells whether its file has changed. Raises `InputError`."""
-    graph = as_model(read_function_file(reference, folder, name)).graph
+@while_unchanged(64)
+def _is_called(path: Path, reference: str, folder: str, name: str) -> bool:
+    """Return True if code of a function in a file runs. Raises `InputError`, or `OSError` if there is no file."""
+    path.stat()
+    graph = as_model(read_function_file(reference, Path(folder), name)).graph
     return any(node.op == "external" for node in graph.nodes)
 
 

@@ -69,7 +69,8 @@ def _files(folder: Path, patterns: tuple[str, ...]) -> Iterator[tuple[Path, int]
     if is_link(folder):
         return
     for path in sorted({path for pattern in patterns for path in folder.glob(pattern)}):
-        digest = path.name.partition("-")[0].partition(".")[0]
+        name = path.name.removeprefix(".")  # half written by a process that was killed
+        digest = name.partition("-")[0].partition(".")[0]
         with suppress(OSError):
             if len(digest) >= 40 and set(digest) <= _HEXADECIMAL and path.is_file() and not is_link(path):
                 yield path, path.stat().st_size

@@ -32,6 +32,7 @@ FACTOR = NumberForm(least=0, words=("auto",))
 FACTORS = EitherForm(FACTOR, TableOfForm(FACTOR, names=DIRECTIONS))
 _INITIAL = "by the initial files"
 _MAX_BREAKPOINTS = 100_000
+BREAKPOINT_KEYS = ("breakpoints", "begin", "end", "count", "round")  # of an axis: those that give its breakpoints
 _LIMITS = TableOfForm(LimitPairForm(), names=DIRECTIONS)
 
 

@@ -10,11 +10,11 @@ from kennfeld.app.folders import confined, writable
 from kennfeld.app.session.calibration_source import (
     ValueSource,
     calibration_files,
-    fit_onto,
     is_image,
     part_of,
     source_of,
 )
+from kennfeld.app.session.edited_values import fit_onto
 from kennfeld.app.session.session import Session
 from kennfeld.app.session.state import SetTables
 from kennfeld.arrays import Float

@@ -111,13 +111,14 @@ def worst(session: Session, given: Given) -> Answer:
     view, number = session.require_view(), int(given.get("criterion", 0))
     recording = view.model.recordings[int(given["dataset"])]
     error, start = (each.errors[recording.number][number] for each in (view.now, view.start))
+    output = view.now.outputs[recording.number][number]
     samples = worst_samples(error, int(given.get("count", MAX_WORST)))
     rows = [
         {
             "sample": sample,
             "position": float(recording.position[sample]),
             "inputs": [each["value"] for each in _inputs(view, recording, sample)],
-            "measured": finite(float(recording.targets[number][recording.last_simulated(sample)])),
+            "measured": finite(float(output[sample] - error[sample])),  # targets may be nodes
             "error": finite(float(error[sample])),
             "start": finite(float(start[sample])),
         }

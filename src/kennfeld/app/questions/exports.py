@@ -7,11 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from kennfeld.app.answer import Answer, Given
 from kennfeld.app.folders import writable
 from kennfeld.app.questions.calibrations import rounded
 from kennfeld.app.session.calibration_source import is_image
-from kennfeld.app.session.session import Session
+from kennfeld.app.session.edited_values import on_same_breakpoints
+from kennfeld.app.session.session import Run, Session
 from kennfeld.calfiles import endings, losses
 from kennfeld.calfiles import write as write_parameters
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
@@ -19,6 +22,8 @@ from kennfeld.file_errors import convert_errors
 from kennfeld.files.calibrations import IMAGE_ENDINGS
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.result import Result
+from kennfeld.optimize.search.problem_digest import problem_digest
+from kennfeld.parameter_set import ParameterSet
 from kennfeld.project import Project
 from kennfeld.project.results import FOLDER, RESULT, results_folder, write_text
 
@@ -162,13 +167,39 @@ def _write_simulation(session: Session, project: Project, ending: str, findings:
 
 
 def _result(session: Session, project: Project) -> Result:
-    """Return the last result with the present values. Raises `InputError` if there was no run."""
+    """Return the last result with the present values, without what only the values and the data of the run have.
+
+    Raises `InputError` if there was no run.
+    """
     if not session.runs:
         raise InputError.of(Location(session.path.name), "there is no result yet", "Run the calibration first.")
-    last, view = session.runs[-1].result, session.require_view()
+    last, view = session.runs[-1], session.require_view()
     start, now = view.start.parameters, view.now.parameters
     scores = Scorer(project.problem()).scores(start, now)
-    return replace(last, parameters=now, start=start, quality=scores.quality, recordings=scores.recordings)
+    result = replace(last.result, parameters=now, start=start, quality=scores.quality, recordings=scores.recordings)
+    change = _change_since(last, project, now)
+    if not change:
+        return result
+    message = f"{change} run {last.number}, which ended with status {last.result.status}. Calibrate again."
+    unknown = float("nan")
+    return replace(
+        result, status="stopped", message=message, cost_before=unknown, cost_after=unknown, starts=(), inspection=None,
+        certificate=None,
+    )  # fmt: skip
+
+
+def _change_since(run: Run, project: Project, now: ParameterSet) -> str:
+    """Return what has changed since a run ended; empty if its result is that of the present values and data."""
+    problem, result = project.problem(), run.result.parameters
+    if run.problem is not None and run.problem is not problem:
+        first, second = (problem_digest(each, project.options) for each in (run.problem, problem))
+        if first != second:
+            return "The project or its data have changed since"
+    for name in problem.free_names:
+        same = name in result and on_same_breakpoints(result[name], now[name])
+        if not same or not np.array_equal(result[name].values, now[name].values):
+            return "The values differ from those of"
+    return ""
 
 
 def _write_stored_report(project: Project, folder: Path) -> Path:

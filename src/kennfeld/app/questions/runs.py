@@ -11,6 +11,7 @@ from kennfeld.analysis.validation_result import CrossValidation
 from kennfeld.app.answer import Answer, Given, finite
 from kennfeld.app.questions.parameters import describe_axes
 from kennfeld.app.questions.pictures import thumbnail
+from kennfeld.app.session.edited_values import moved_breakpoints, with_edits
 from kennfeld.app.session.live_model import Evaluation
 from kennfeld.app.session.run_job import Validation
 from kennfeld.app.session.session import Run, Session, View
@@ -225,13 +226,14 @@ def _evaluate(session: Session, which: object) -> Evaluation:
     return view.now if which == "now" else view.model.evaluate(_values_of_run(session, which))
 
 
-def _values_of_run(session: Session, number: object) -> ParameterSet:
+def _values_of_run(session: Session, number: object, *, moved: bool = True) -> ParameterSet:
+    """Return the parameters with the values of a run; without `moved`, interpolated to the initial breakpoints."""
     view = session.require_view()
     wanted = session.runs[int(str(number)) - 1].result.parameters
-    initial = view.start.parameters
-    free = (name for name in view.model.problem.free_names if name in wanted)
-    names = [name for name in free if wanted[name].values.shape == initial[name].values.shape]
-    return initial.with_parameters(*(initial[name].with_values(wanted[name].values) for name in names))
+    tables = {name: wanted[name] for name in view.model.problem.free_names if name in wanted}
+    values = {name: table.values for name, table in tables.items()}
+    own, _ = with_edits(view.start.parameters, values | (moved_breakpoints(wanted) if moved else {}), tables)
+    return own
 
 
 def _change(a: Parameter, b: Parameter) -> dict[str, Any]:
@@ -267,19 +269,22 @@ def choice(session: Session, given: Given) -> Answer:
     """Return the errors that `accept` would lead to."""
     view, initial = session.require_view(), session.require_view().start.parameters
     tables = {name: values for name, values in _chosen(session, given).items() if values is not None}
-    scores = view.model.evaluate(
-        initial.with_parameters(*(initial[name].with_values(values) for name, values in tables.items()))
-    ).scores
+    scores = view.model.evaluate(with_edits(initial, tables, {})[0]).scores
     rows = [{"use": s.use, "criterion": s.criterion, "rmse": finite(s.rmse)} for s in scores if s.samples]
     return Answer({"scores": rows, "unit": view.model.unit(0)})
 
 
 def _chosen(session: Session, given: Given) -> dict[str, Float | None]:
-    """Return the tables with the chosen values; None for tables that keep their start."""
-    wanted, start = _values_of_run(session, given["run"]), session.require_view().start.parameters
+    """Return the tables with the chosen values; None for tables that keep their start.
+
+    Breakpoints that the run has moved are taken with all its values. Otherwise the tables keep theirs.
+    """
     cells: Mapping[str, Sequence[int] | None] = given["cells"]
-    tables: dict[str, Float | None] = {}
-    for name in session.require_view().model.problem.free_names:
+    names, start = session.require_view().model.problem.free_names, session.require_view().start.parameters
+    whole = all(name in cells and cells[name] is None for name in names)
+    wanted = _values_of_run(session, given["run"], moved=whole)
+    tables = session.values_of(wanted if whole else start, ())
+    for name in names:
         if name not in cells:
             tables[name] = None
             continue

@@ -13,10 +13,8 @@ from kennfeld.files.calibrations import IMAGE_ENDINGS, JSON
 from kennfeld.files.descriptions import A2L
 from kennfeld.files.file_format import Role
 from kennfeld.files.formats import endings_of
-from kennfeld.graph.interpolation import regrid
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Parameter
 from kennfeld.project.checkpoints import FOLDER as SAVES
 
 MAX_FILES = 300
@@ -126,19 +124,3 @@ def part_of(parameters: ParameterSet, names: Collection[str]) -> ParameterSet:
         [item for item in parameters.others if item.name in names],
         parameters.origin,
     )
-
-
-def fit_onto(own: Parameter, other: Parameter) -> Parameter:
-    """Return a parameter with the values of another one, interpolated if its axes differ.
-
-    Raises:
-        ArgumentError: the other one is of another kind.
-    """
-    tables = own.axes and len(own.axes) == len(other.axes)
-    if own.values.shape != other.values.shape and not tables:
-        raise ArgumentError(f"{own.name} is a {own.kind} of another size than the {other.kind} of the file")
-    if len(own.axes) != len(other.axes) or (own.kind == "rbf") != (other.kind == "rbf"):
-        raise ArgumentError(f"{own.name} is a {own.kind} here and a {other.kind} in the file")
-    if not tables or own.kind == "rbf":
-        return own.with_values(other.values)
-    return own.with_values(regrid(other.values, other.axes, own.axes, other.extrapolation))

@@ -10,7 +10,7 @@ from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.pipeline import LoadedData
 from kennfeld.preprocessing.prepared_files import PreparedFiles
 from kennfeld.preprocessing.recipe import DataSettings
-from kennfeld.preprocessing.recording_sources import find_sources
+from kennfeld.preprocessing.recording_sources import find_sources, version_of
 from kennfeld.preprocessing.recordings import ChannelRequest
 from kennfeld.project.partitioned_loading import PartitionedLoading
 from kennfeld.task_runner import SerialRunner
@@ -35,9 +35,9 @@ class PartitionedData(PartitionedLoading):
         """Return the datasets of a project with an excerpt of each file as samples."""
         texts = (settings.datasets, dict(settings.channels), dict(settings.calculated), dict(settings.units), request)
         try:
-            patterns = (pattern for entry in settings.datasets for pattern in entry.files)
-            states = [source for pattern in patterns for source in find_sources(settings.folder, pattern)]
-            key = (repr(texts), *states)
+            patterns = (pattern for entry in settings.datasets for pattern in (*entry.files, *entry.database_files))
+            sources = [source for pattern in patterns for source in find_sources(settings.folder, pattern)]
+            key = (repr(texts), *((source.address, version_of(source)) for source in sources))
         except InputError:  # reported by the loading
             key = ()
         if not key or key != self._key:

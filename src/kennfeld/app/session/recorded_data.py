@@ -13,7 +13,7 @@ from kennfeld.formatting import join_names
 from kennfeld.preprocessing.calculated import Calculated
 from kennfeld.preprocessing.pipeline import LoadedData, load_datasets, prepare_dataset
 from kennfeld.preprocessing.recipe import DataSettings
-from kennfeld.preprocessing.recording_sources import recording_files
+from kennfeld.preprocessing.recording_sources import is_remote, recording_files
 from kennfeld.preprocessing.recordings import ChannelRequest, DatasetChannels, RecordingReader, find_recordings
 from kennfeld.preprocessing.units import Units
 
@@ -56,6 +56,7 @@ class RecordedData:
         try:
             if unknown:
                 read = self._read_further(number, dataset, unknown)
+                self._require_unchanged(number)
                 kept |= {name: read.get(name) for name in unknown}
                 return_unused()
         except KennfeldError as error:
@@ -68,6 +69,14 @@ class RecordedData:
             if isinstance(reason := kept[name], KennfeldError):
                 raise reason
         return {name: channel for name in names if isinstance(channel := kept[name], Channel)}
+
+    def _require_unchanged(self, number: int) -> None:
+        """Raise `ArgumentError` if recordings have changed since they were read: their channels would not match."""
+        assert self._recipe is not None
+        settings = self._recipe[0]
+        if tuple(_versions(settings)) != self._key[1:]:
+            name = settings.datasets[number].name or ", ".join(settings.datasets[number].files)
+            raise ArgumentError(f"the recordings of {name} have changed since they were read: read the project again")
 
     def _read_further(self, number: int, dataset: Dataset, names: list[str]) -> dict[str, Channel]:
         assert self._recipe is not None
@@ -85,11 +94,17 @@ class RecordedData:
         return {name: read[name] for name in names if name in read}
 
 
+def matching_files(settings: DataSettings) -> tuple[str, ...]:
+    """Return the recordings and databases of bus logs that match the patterns of a project, except those in stores."""
+    patterns = (pattern for entry in settings.datasets for pattern in (*entry.files, *entry.database_files))
+    local = (pattern for pattern in patterns if not is_remote(pattern))
+    return tuple(path for pattern in local for path in find_recordings(settings.folder, pattern))
+
+
 def _versions(settings: DataSettings) -> Iterator[tuple[str, str]]:
     """Yield each recording and each database of bus logs with what tells it from others under its path."""
-    for pattern in (pattern for entry in settings.datasets for pattern in (*entry.files, *entry.database_files)):
-        for path in find_recordings(settings.folder, pattern):
-            files = recording_files(path)
-            for file in files:
-                note_opened(file)
-            yield path, version_of(files)
+    for path in matching_files(settings):
+        files = recording_files(path)
+        for file in files:
+            note_opened(file)
+        yield path, version_of(files)

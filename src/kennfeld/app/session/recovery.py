@@ -1,7 +1,7 @@
 """Unsaved edits on disk, so that a crash loses nothing."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -9,18 +9,24 @@ import numpy as np
 
 from kennfeld.app.session.state import Restore, SessionState
 from kennfeld.atomic_files import write_whole
+from kennfeld.calfiles.format import CalibrationSource
+from kennfeld.calfiles.json_file import read_json, write_json
+from kennfeld.errors import InputError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.output_paths import below, within
+from kennfeld.parameter_set import ParameterSet
+from kennfeld.parameters import Parameter
 
 FOLDER = ".kennfeld"  # beside the project file
 
 
 @dataclass(frozen=True)
 class KeptEdits:
-    """Edits of a session that ended without saving, and the texts of files from which they began."""
+    """Edits of a session that ended without saving, with the texts of files and the tables from which they began."""
 
     edits: Restore
     known: Mapping[str, str | None]
+    tables: Mapping[str, Parameter]
 
 
 class Recovery:
@@ -45,7 +51,7 @@ class Recovery:
         values = {
             name: {"shape": list(np.shape(v)), "values": np.ravel(v).tolist()} for name, v in state.values.items()
         }
-        content = {"texts": texts, "values": values, "known": dict(known)}
+        content = {"texts": texts, "values": values, "known": dict(known), "tables": _text(state.tables.values())}
         with suppress(OSError):
             below(self._project.parent, self.path).parent.mkdir(exist_ok=True)
             write_whole(self.path, json.dumps(content))
@@ -58,14 +64,16 @@ class Recovery:
         try:
             kept = json.loads(self.path.read_text(encoding="utf-8"))
             texts = {str(name): str(text) for name, text in kept["texts"].items() if self._is_edited(str(name))}
-            tables = kept["values"].items()
-            values = {str(name): np.array(v["values"], dtype=np.float64).reshape(v["shape"]) for name, v in tables}
+            entries = kept["values"].items()
+            values = {str(name): np.array(v["values"], dtype=np.float64).reshape(v["shape"]) for name, v in entries}
             known = {str(name): None if text is None else str(text) for name, text in kept.get("known", {}).items()}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            tables = _tables(str(kept.get("tables", "{}")))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, InputError):
             return None
         if not texts and not values:
             return None
-        return KeptEdits(Restore("Recovered unsaved edits", texts, values), {**dict.fromkeys(texts), **known})
+        edits = Restore("Recovered unsaved edits", texts, values)
+        return KeptEdits(edits, {**dict.fromkeys(texts), **known}, {n: t for n, t in tables.items() if n in values})
 
     def _is_edited(self, name: str) -> bool:
         with suppress(OSError):
@@ -82,3 +90,17 @@ class Recovery:
         """Forget the edits."""
         with suppress(OSError):
             below(self._project.parent, self.path).unlink(missing_ok=True)
+
+
+def _text(tables: Iterable[Parameter]) -> str:
+    """Return tables as a `parameters.json`, each with axes of its own: they may be from different times."""
+    own = (each.changed(axes=tuple(axis.changed(name="") for axis in each.axes)) for each in tables if each.axes)
+    return write_json(ParameterSet(list(own)), "")
+
+
+def _tables(text: str) -> dict[str, Parameter]:
+    """Return the tables of a `parameters.json`. Raises `InputError` if it is damaged."""
+    if text == "{}":
+        return {}
+    content = read_json(CalibrationSource("tables", text.encode())).parameters
+    return {table.name: table for table in content.parameters}

@@ -10,20 +10,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from kennfeld.analysis.extrapolation import Extrapolation
 from kennfeld.analysis.validation_result import CrossValidation
+from kennfeld.app.session.edited_values import moved_axes, moved_breakpoints, on_same_breakpoints, with_edits
 from kennfeld.app.session.evidence import Evidence
 from kennfeld.app.session.files_on_disk import Conflict, FilesOnDisk
 from kennfeld.app.session.function_source import read_called
 from kennfeld.app.session.live_model import LiveDataset, LiveModel, LiveScore
 from kennfeld.app.session.partitioned_data import PartitionedData, count_samples
 from kennfeld.app.session.proposal import read_function
-from kennfeld.app.session.recorded_data import RecordedData
+from kennfeld.app.session.recorded_data import RecordedData, matching_files
 from kennfeld.app.session.recovery import Recovery
 from kennfeld.app.session.run_checkpoints import RunCheckpoints
 from kennfeld.app.session.run_job import BestValues, Ended, RunJob, RunTask, Validation
+from kennfeld.app.session.saved_values import VALUES, KeyChange, naming_changes, values_saved_before
 from kennfeld.app.session.signals import GridPoint, ReadChannels, Signals
 from kennfeld.app.session.state import Command, History, Restore, SessionState, SetKeys, SetTables, same_values
 from kennfeld.app.session.surrogate_training import SurrogateTraining
@@ -34,6 +34,7 @@ from kennfeld.calfiles import write as write_parameters
 from kennfeld.dask_runner import ClusterAddress, DaskRunner
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_state import FileVersion, opened_files
+from kennfeld.free_axes import AXIS_LABEL
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models import Model
 from kennfeld.models.code_consent import ConsentRequest, allow
@@ -45,10 +46,10 @@ from kennfeld.parameters import Parameter
 from kennfeld.project import Project
 from kennfeld.project.consent import consent_requests, scheduler_request
 from kennfeld.project.document import ProjectDocument
+from kennfeld.project.schema import ProjectFile
 
 _T = TypeVar("_T")  # Python 3.11
 
-VALUES = "values.json"  # values that were edited or accepted, beside the project
 _REVISIONS = itertools.count(time.time_ns() // 1000)  # never the same, also after a restart
 
 
@@ -137,17 +138,18 @@ class View:
         """Mark the samples of a dataset whose lookup gives a value of a table a weight."""
         return self.evidence.informed(recording, point.parameter, point.value) > 0
 
-    def follow(self, values: Mapping[str, Float]) -> None:
-        """Evaluate the model with these values, and the initial ones of the other parameters."""
+    def follow(self, values: Mapping[str, Float], tables: Mapping[str, Parameter]) -> tuple[Finding, ...]:
+        """Evaluate the model with edited values, and the initial ones of the other parameters; see `with_edits`."""
         initial = self.model.problem.parameters
-        changed = [
-            initial[name].with_values(table)
-            for name, table in values.items()
-            if name in initial and np.shape(table) == initial[name].values.shape
-        ]
-        self.now = self.model.evaluate(initial.with_parameters(*changed)) if changed else self.start
+        before = self.now.parameters
+        parameters, findings = with_edits(initial, values, tables)
+        self.now = self.start if parameters is initial else self.model.evaluate(parameters)
         self.signals.follow(self.now)
         self.__dict__.pop("evidence", None)
+        moved = any(not on_same_breakpoints(table, before[table.name]) for table in parameters.parameters)
+        if moved or not self.model.unmoved.issuperset(self.samples):
+            self.samples = self.evidence.sample_counts()
+        return findings
 
 
 class Session:
@@ -168,10 +170,12 @@ class Session:
         self._files = FilesOnDisk(path.parent, self.saved.texts, VALUES)
         self.project: Project | None = None
         self.findings: tuple[Finding, ...] = ()
+        self._own_findings: tuple[Finding, ...] = ()  # of the project, without its edited values
         self.view: View | None = None  # of the last texts without errors
         self.stale = False  # the texts have errors since
         self.undecided: tuple[ConsentRequest, ...] = ()  # what may not run or be used yet
         self._opened: list[FileVersion] = []  # the files that the project was read from
+        self._matching: tuple[ProjectFile, tuple[str, ...]] | None = None  # and those that its patterns matched
         self._data: RecordedData | PartitionedData = RecordedData()
         self.last: tuple[LiveScore, ...] = ()  # before the last edit
         self.revision = next(_REVISIONS)  # changes with the values and the texts
@@ -206,17 +210,22 @@ class Session:
         """Return the values of a parameter to compare with: those of the last run, or of the start."""
         start = self.require_view().start.parameters[name]
         last = self.runs[-1].result.parameters if self.runs else ParameterSet()
-        return last[name] if name in last and last[name].values.shape == start.values.shape else start
+        return last[name] if name in last and on_same_breakpoints(last[name], self.parameters[name]) else start
 
     def deviation(self, name: str) -> Float | None:
         """Return the standard deviation of the values of a parameter after the last run; None if it is unknown."""
-        deviation = self.runs[-1].result.trust.deviation.get(name) if self.runs else None
-        shape = self.parameters[name].values.shape
-        return deviation if deviation is not None and deviation.shape == shape else None
+        last = self.runs[-1].result if self.runs else None
+        if last is None or name not in last.parameters:
+            return None
+        same = on_same_breakpoints(last.parameters[name], self.parameters[name])
+        return last.trust.deviation.get(name) if same else None
 
-    def do(self, command: Command, drag: str = "") -> None:
-        """Apply a command and recompute what depends on it. Commands of one `drag` are one entry of the history."""
-        self._change(lambda: self.history.do(command, drag))
+    def do(self, command: Command, drag: str = "", tables: Mapping[str, Parameter] | None = None) -> None:
+        """Apply a command and recompute what depends on it. Commands of one `drag` are one entry of the history.
+
+        `tables` are those for which the values of the command were given; by default the present ones.
+        """
+        self._change(lambda: self.history.do(command, drag, tables))
 
     def undo(self) -> str:
         """Take the last command back; return its title."""
@@ -231,6 +240,9 @@ class Session:
         before, outcome = self.state, change()
         self._files.note(self.state.texts)
         self._follow(before)
+        if self.view is not None and not self.stale:
+            now, values = self.view.now.parameters, self.state.values
+            self.history.note_tables({name: now[name] for name in values if name in now})
         if not self.recoverable:
             self.recovery.write(self.saved, self.state, self._files.known)
         return outcome
@@ -329,8 +341,15 @@ class Session:
         if result.converged:
             self.checkpoints.remove()
         self.revision = next(_REVISIONS)
-        names = [name for name in view.model.problem.free_names if name in result.parameters]
-        self.do(SetTables(f"Run {run.number}", {name: result.parameters[name].values for name in names}))
+        free = view.model.problem.free_names
+        tables = {name: result.parameters[name] for name in free if name in result.parameters}
+        self.do(SetTables(f"Run {run.number}", self.values_of(result.parameters, tables)), tables=tables)
+
+    def values_of(self, parameters: ParameterSet, names: Collection[str]) -> dict[str, Float | None]:
+        """Return the values of parameters, with the breakpoints of free axes in place of those of an earlier run."""
+        values = {name: parameters[name].values for name in names}
+        earlier = dict.fromkeys(name for name in self.state.values if name.startswith(AXIS_LABEL))
+        return {**earlier, **values, **moved_breakpoints(parameters)}
 
     def _unsaved(self) -> dict[str, str]:
         """Return the texts that differ from the saved ones, as they are read from files: without mark and with LF."""
@@ -347,7 +366,7 @@ class Session:
 
     def text_of(self, file: str) -> str:
         """Return the text of a file of the project as edited, or as it is on disk."""
-        return self.state.texts.get(file) or read_exactly(self.path.parent / file)
+        return self.state.texts[file] if file in self.state.texts else read_exactly(self.path.parent / file)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -394,7 +413,7 @@ class Session:
         """The files that saving would replace although another program has changed them since they were read."""
         names, values = [*self._edited_texts()], self._changed_values()
         if values is not None:
-            names += [VALUES, *([self.path.name] if self._naming(values) else [])]
+            names += [VALUES, *([self.path.name] if self._naming(self.state.values) else [])]
         return self._files.conflicts(names, self.state.texts)
 
     def save(self, *, replace: bool = False) -> None:
@@ -413,7 +432,7 @@ class Session:
             raise InputError(Finding(Location(each.file), message, "Compare both first.") for each in conflicts)
         values = self._changed_values()
         if values is not None:
-            self._name_values(values)
+            self._name_values(self.state.values)
         folder = self.path.parent
         try:
             targets = {within(folder, name): text for name, text in self._edited_texts().items()}
@@ -438,9 +457,16 @@ class Session:
 
     @property
     def changed_files(self) -> list[Path]:
-        """The files, but for texts that are edited here, that have changed since the project was read from them."""
+        """The files, but for texts that are edited here, that have changed since the project was read from them.
+
+        Those that match a pattern of the project now, or do not any more, are among them.
+        """
         own = {self.path.parent / name for name in self.saved.texts}
-        return [file.path for file in self._opened if file.path not in own and not file.is_present]
+        changed = [file.path for file in self._opened if file.path not in own and not file.is_present]
+        if self._matching is not None:
+            file, before = self._matching
+            changed += [Path(path) for path in sorted(set(before).symmetric_difference(matching_files(file)))]
+        return list(dict.fromkeys(changed))
 
     def reload(self) -> None:
         """Take over the texts on disk, as a command that can be undone."""
@@ -466,31 +492,28 @@ class Session:
         self.recovery.remove()
         if kept is not None:
             self._files.known.update(kept.known)  # what has changed meanwhile is a conflict
-            self.do(kept.edits)
+            self.do(kept.edits, tables=kept.tables)
 
     def _changed_values(self) -> ParameterSet | None:
-        """Return the parameters that differ from the initial files; None if there are none."""
+        """Return what `VALUES` is to hold: the edited parameters, and those saved before; None if none are edited."""
         if self.view is None or not self.state.values:
             return None
-        return self.view.now.parameters.select([n for n in self.state.values if n in self.view.now.parameters])
+        now, names = self.view.now.parameters, [name for name in self.state.values if name in self.view.now.parameters]
+        earlier = values_saved_before(self.settings, self.path.parent)
+        try:
+            return earlier.with_parameters(*(now[name] for name in names)) if earlier else now.select(names)
+        except ArgumentError:  # a group axis of theirs has changed
+            return now.select(dict.fromkeys([*(name for name in earlier if name in now), *names]))
 
     def _name_values(self, names: Collection[str]) -> None:
         """Make the file of values the last of the initial files, and remove keys that would override its values."""
         if changes := self._naming(names):
             self.history.amend(SetKeys("Saved", self.path.name, changes))
 
-    def _naming(self, names: Collection[str]) -> list[tuple[tuple[str, ...], Any]]:
+    def _naming(self, names: Collection[str]) -> list[KeyChange]:
         """Return the changes of the project file by which values of these parameters are read from their file."""
-        settings = self.settings
-        files = settings.get("calibration", {}).get("initial", [])
-        files = files if isinstance(files, list) else [files]
-        sections = settings.get("parameters", {})
-        changes: list[tuple[tuple[str, ...], Any]] = [
-            (("parameters", name, "initial"), None) for name in names if "initial" in sections.get(name, {})
-        ]
-        if VALUES not in files:
-            changes.append((("calibration", "initial"), [*files, VALUES]))
-        return changes
+        start, now = (each.parameters for each in (self.require_view().start, self.require_view().now))
+        return naming_changes(self.settings, [name for name in names if name in now], moved_axes(start, now))
 
     def _follow(self, before: SessionState) -> None:
         """Recompute after the state has changed."""
@@ -519,12 +542,14 @@ class Session:
     def _read_project(self) -> None:
         self.last = ()
         self.revision = self.text_revision = next(_REVISIONS)
-        self.undecided = ()
+        self.undecided, self._matching = (), None
         try:
             project = Project.read(self.path, self._unsaved())
+            self._matching = project.file, matching_files(project.file)
             self._require_consent(project)
             project = self._with_data(project)
-            self.project, self.findings = project, tuple(project.check())
+            self.project, self._own_findings = project, tuple(project.check())
+            self.findings = self._own_findings
             self.view, self.stale = View(LiveModel(project.problem()), self._read_channels), False
         except InputError as error:
             self.findings, self.stale = error.findings, True
@@ -611,5 +636,7 @@ class Session:
         if self.view is not None:
             began = time.perf_counter()
             self.last = self.view.now.scores
-            self.view.follow(self.state.values)
+            findings = self.view.follow(self.state.values, self.state.tables)
+            if not self.stale:
+                self.findings = (*self._own_findings, *findings)
             self.seconds = time.perf_counter() - began

@@ -11,7 +11,7 @@ from kennfeld.arrays import Bool, Float
 from kennfeld.lazy_dataclass import dataclass
 
 Kind = Literal["channel", "target", "node", "start", "error", "start error"]
-MOVING = ("node", "error")  # kinds that change with the values
+MOVING = ("node", "error", "target")  # kinds that may change with the values: a target may be a node
 MAX_KEPT = 64  # envelopes of values that have not changed
 
 
@@ -164,10 +164,9 @@ class Signals:
         return self._read_channels(recording, [name])[name]
 
     def _measured(self, recording: LiveDataset, criterion: int) -> Float:
-        """Return what a criterion compares its node with."""
-        measured: Float = (
-            self._start.outputs[recording.number][criterion] - self._start.errors[recording.number][criterion]
-        )
+        """Return what a criterion compares its node with, at the present values if that is a node."""
+        now = self._now
+        measured: Float = now.outputs[recording.number][criterion] - now.errors[recording.number][criterion]
         return measured
 
     def _node(self, recording: LiveDataset, name: str, evaluation: Evaluation) -> Float:

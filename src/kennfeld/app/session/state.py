@@ -14,6 +14,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.parameters import Parameter
 from kennfeld.project.document import ProjectDocument
 
 Texts = Mapping[str, str]
@@ -30,11 +31,14 @@ class SessionState:
 
     Attributes:
         texts: contents of the project file and of formula files, by path relative to the folder of the project.
-        values: values of parameters that differ from the initial files, by name, in the shape of the table.
+        values: values of parameters that differ from the initial files, by name, in the shape of the table; also
+            breakpoints that a run has moved, see `edited_values`.
+        tables: by name the table for which values were given, with its breakpoints; missing if it is not known yet.
     """
 
     texts: Texts = field(default_factory=_nothing)
     values: Values = field(default_factory=dict)
+    tables: Mapping[str, Parameter] = field(default_factory=dict)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SessionState):
@@ -73,9 +77,10 @@ class Restore:
         """Return the state with these contents."""
         texts = {**state.texts, **self.texts}
         values = {**state.values, **self.values}
-        return SessionState(
-            {name: text for name, text in texts.items() if text is not None},
-            {name: table for name, table in values.items() if table is not None},
+        return replace(
+            state,
+            texts={name: text for name, text in texts.items() if text is not None},
+            values={name: table for name, table in values.items() if table is not None},
         )
 
 
@@ -210,9 +215,14 @@ class History:
         """The present state."""
         return self._entries[self._at].state
 
-    def do(self, command: Command, drag: str = "") -> None:
-        """Apply a command; what was undone is forgotten. Commands of the same `drag` are one entry."""
-        state = command.apply(self.state)
+    def do(self, command: Command, drag: str = "", tables: Mapping[str, Parameter] | None = None) -> None:
+        """Apply a command; what was undone is forgotten. Commands of the same `drag` are one entry.
+
+        `tables` are those for which the values of the command were given, as far as they are known.
+        """
+        before, state = self.state, command.apply(self.state)
+        same = {n: table for n, table in before.tables.items() if state.values.get(n) is before.values.get(n)}
+        state = replace(state, tables={**same, **(tables or {})})
         joined = bool(drag) and drag == self._open
         keep = self._at + (0 if joined else 1)
         self._entries[keep:] = [Entry(state, command.title)]
@@ -222,6 +232,14 @@ class History:
         """Apply a command to the present state without an entry of its own; what was undone is forgotten."""
         entry = self._entries[self._at]
         self._entries[self._at :] = [Entry(command.apply(entry.state), entry.title)]
+
+    def note_tables(self, tables: Mapping[str, Parameter]) -> None:
+        """Note the tables for which the present values were given, if they are not known yet."""
+        entry = self._entries[self._at]
+        unknown = {name: tables[name] for name in entry.state.values if name in tables.keys() - entry.state.tables}
+        if unknown:
+            state = replace(entry.state, tables={**entry.state.tables, **unknown})
+            self._entries[self._at] = Entry(state, entry.title)
 
     def undo(self) -> str:
         """Go back by one entry; return its title, empty if there is none."""

@@ -166,7 +166,8 @@ class _Multistart:
             if row is not None and row.status == "converged" and saved.problem == self.digest:
                 done = abs(runner.cost(values) - row.cost_after) <= COST_TOLERANCE * abs(row.cost_after)
             if row is not None and done and saved.step >= last:
-                self.outcomes[number] = StartOutcome(row, values)
+                before = runner.cost(drawn)  # the start itself may be another one
+                self.outcomes[number] = StartOutcome(replace(row, cost_before=before), values)
                 self.finished.append(number)
             else:
                 yield StartPoint(number, values, drawn, min(saved.step + done, last), saved.iteration)

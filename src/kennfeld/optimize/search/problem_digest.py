@@ -3,29 +3,55 @@
 from dataclasses import fields
 from typing import Any
 
+from kennfeld.code_digest import code_digest
 from kennfeld.content_digest import digest_of
+from kennfeld.dataset import Dataset
 from kennfeld.optimize.options import Options
+from kennfeld.optimize.partitions import Part, Partitions
 from kennfeld.optimize.problem import Problem
 from kennfeld.parameters import Parameter
+from kennfeld.preprocessing.recording_sources import version_of
 
 _ELSEWHERE = {"workers", "cluster", "starts", "save_every"}  # options that do not change where a start ends
+
+
+# attributes of a dataset that tell where it is from, not what is fitted
+_ORIGIN = {"channels", "findings", "clock", "files", "start_time"}
 
 
 def problem_digest(problem: Problem, options: Options) -> str:
     """Return the digest of a problem and the options of its search, without the values that the search changes.
 
-    Of the data it takes names, weights and lengths: that their samples are others shows in the cost.
+    Samples count with their values: other data can have the same cost at the values where a search ended. Those in
+    partitions count by the versions of their files. The digest of the code counts, because another version may prepare
+    or evaluate the same data in another way.
     """
     tables = [
         _settings(problem.parameters[name], free=name in problem.free_names)
         for name in sorted(problem.graph.parameters)
         if name in problem.parameters
     ]
-    rules = problem.criteria, problem.pins, problem.constraints, problem.limits
-    data = [(each.name, each.use, each.weight, each.samples) for each in problem.datasets]
+    rules = problem.criteria, problem.pins, problem.constraints, problem.limits, dict(problem.restraints)
+    data = [_content(each) for each in problem.datasets]
     search = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in _ELSEWHERE}
     texts = problem.free_names, dict(problem.smoothness), dict(problem.channels)
-    return digest_of(problem.graph, tables, *texts, *rules, data, search)
+    function = problem.graph, problem.model.step
+    return digest_of(code_digest(), *function, tables, *texts, *rules, data, _files(problem.partitions), search)
+
+
+def _content(data: Dataset) -> list[Any]:
+    """Return all that a search knows of a dataset."""
+    settings = [getattr(data, each.name) for each in fields(data) if each.name not in _ORIGIN]
+    return [settings, [(channel.name, channel.values) for channel in data.channels]]
+
+
+def _files(partitions: Partitions | None) -> list[tuple[Part, str]]:
+    """Return the parts of data in partitions, each with the version of its file."""
+    if partitions is None:
+        return []
+    parts = [part for each in (*partitions.training, *partitions.test) for part in each.parts]
+    versions = {source: version_of(source) for source in {part.source for part in parts}}
+    return [(part, versions[part.source]) for part in parts]
 
 
 def _settings(parameter: Parameter, *, free: bool) -> tuple[Any, ...]:
