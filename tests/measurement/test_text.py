@@ -141,11 +141,6 @@ def test_a_row_in_which_the_file_ends_is_left_out(csv):
     assert "line 4: the file ends within this row" in str(data.findings[0])
 
 
-def test_a_table_of_one_row_that_is_cut_off_is_an_error(csv):
-    (found,) = findings(csv("a,b,c\n7,8"))
-    assert found.startswith("bench.csv line 2: the row has 2 cells, the header names 3")
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
