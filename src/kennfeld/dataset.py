@@ -122,6 +122,8 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
         files: the files that the samples come from; None if that is unknown.
         start_time: the instant of time stamp 0 as the recording states it, None if it does not, or if several
             recordings differ. Without a time zone it is a local time of an unknown zone.
+        recorded: samples that were recorded, Bool[samples]; the others are steps of the model between them. None for
+            all.
 
     Raises:
         ArgumentError: lengths differ, or time does not increase.
@@ -146,6 +148,7 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
     clock: Clock | None = None
     files: FileSpans | None = None
     start_time: datetime | None = None
+    recorded: Bool | None = None
 
     def __post_init__(self) -> None:
         by_name: dict[str, Channel] = {}
@@ -172,11 +175,12 @@ class Dataset(NotebookDisplay, Mapping[str, Channel]):
             raise ArgumentError(f"settling={self.settling} of dataset {self.name} requires points without time stamps")
         if self.time is not None:
             self._check_time(readonly(array(self.time, f"time of dataset {self.name}")))
-        if self.scored is not None:
-            scored = truths(self.scored, f"scored of dataset {self.name}")
-            if scored.shape != (self.samples,):
-                raise ArgumentError(f"scored of dataset {self.name} must have one entry per sample, {self.samples}")
-            object.__setattr__(self, "scored", scored)
+        for key in ("scored", "recorded"):
+            if getattr(self, key) is not None:
+                marks = truths(getattr(self, key), f"{key} of dataset {self.name}")
+                if marks.shape != (self.samples,):
+                    raise ArgumentError(f"{key} of dataset {self.name} must have one entry per sample, {self.samples}")
+                object.__setattr__(self, key, marks)
         if self.files is not None and not self.files.covers(self.samples):
             object.__setattr__(self, "files", None)  # of other samples
 
@@ -366,9 +370,11 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
     offsets = np.cumsum([0, *(part.samples for part in parts[:-1])])
     starts = np.concatenate([part.starts + offset for part, offset in zip(parts, offsets, strict=True)])
     time = None if parts[0].time is None else np.concatenate([p.time for p in parts if p.time is not None])
-    scored = None
+    scored, recorded = None, None
     if any(part.scored is not None for part in parts):
         scored = np.concatenate([part.counting for part in parts])
+    if any(part.recorded is not None for part in parts):
+        recorded = np.concatenate([np.ones(p.samples, bool) if p.recorded is None else p.recorded for p in parts])
     findings = tuple(dict.fromkeys(finding for part in parts for finding in part.findings))
     return replace(
         parts[0],
@@ -377,6 +383,7 @@ def concatenate(name: str, parts: Sequence[Dataset]) -> Dataset:
         time=time,
         starts=starts,
         scored=scored,
+        recorded=recorded,
         findings=findings,
         files=join_files([part.files for part in parts], [part.samples for part in parts]),
         start_time=common_start_time([part.start_time for part in parts]),

@@ -73,23 +73,93 @@ def test_a_file_gets_one_answer_in_every_form(tmp_path, name, form):
             kf.read(path)
 
 
+UNSIGNED = {".c", ".py", ".app", ".onnx"}  # languages that nothing but the ending tells
+
+
+def samples_by_kind():
+    """Yield one sample of each kind."""
+    seen = set()
+    for sample in samples(5):
+        if sample.kind not in seen:
+            seen.add(sample.kind)
+            yield sample
+
+
+def in_form(folder, sample, form):
+    """Write a sample in a form; return its path, None if it has no such form."""
+    for name, content in sample.files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    path = folder / sample.name
+    content = path.read_bytes()
+    if form == "gzip":
+        packed = path.with_name(f"{path.name}.gz")
+        packed.write_bytes(gzip.compress(content))
+        path.unlink()
+        return None if sample.name.endswith(".gz") else packed
+    if form in ("mark", "utf-16"):
+        try:
+            text = content.decode("utf-8")
+        except UnicodeDecodeError:
+            return None
+        path.write_bytes(text.encode({"mark": "utf-8-sig"}.get(form, form)))
+        return None if "\0" in text or text.startswith("\ufeff") else path
+    if form != "plain" and path.suffix in UNSIGNED:
+        return None
+    names = {"wrong ending": f"{path.stem}{'.dat' if path.suffix == '.txt' else '.txt'}", "no ending": "a"}
+    return path.rename(path.with_name(names.get(form, path.name)))
+
+
 @pytest.mark.parametrize("form", ["plain", "no ending"])
 def test_samples_of_every_format_get_one_answer(tmp_path, form):
-    seen = {}
-    for sample in samples(5):
-        if sample.kind in seen:
+    kinds = check_samples(tmp_path, form)
+    assert len(kinds) > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["mark", "utf-16", "gzip", "wrong ending"])
+def test_samples_of_every_format_get_one_answer_in_every_form(tmp_path, form):
+    assert len(check_samples(tmp_path, form)) > 15
+
+
+def check_samples(folder, form):
+    """Check that each sample is in a form what it is as it was written, whoever asks; return the kinds."""
+    checked = []
+    for number, sample in enumerate(samples_by_kind()):
+        (folder / f"{number}").mkdir()
+        in_form(folder / f"{number}", sample, "plain")
+        role = identify(folder / f"{number}" / sample.name).role
+        (folder / f"{number}-form").mkdir()
+        path = in_form(folder / f"{number}-form", sample, form)
+        if path is None:
             continue
-        for name, content in sample.files.items():
-            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / name).write_bytes(content)
-        path = tmp_path / sample.name
-        role = identify(path).role
-        if form == "no ending" and role in (Role.RECORDING, Role.CALIBRATION):
-            path = path.rename(tmp_path / "a")
-            assert identify(path).role is role, sample.kind
-        seen[sample.kind] = role
-        assert len(set(answers(path))) == 1, (sample.kind, answers(path))
-    assert len(seen) > 30
+        if form == "gzip" and role not in (Role.RECORDING, Role.CALIBRATION):
+            with pytest.raises(InputError, match="which is read only if it is not compressed"):
+                identify(path)
+            continue
+        assert answers(path) == (role.value,) * 3, (sample.kind, sample.name)
+        checked.append(sample.kind)
+    return checked
+
+
+@pytest.mark.parametrize("name", ["start.xlsx", "start.mat"])
+@pytest.mark.parametrize("form", ["gzip", "zip"])
+def test_a_binary_calibration_is_one_in_an_archive(tmp_path, name, form):
+    ParameterSet([Scalar("Gain", 12.5)]).save(tmp_path / name)
+    content, path = (tmp_path / name).read_bytes(), tmp_path / {"gzip": f"{name}.gz", "zip": "start.zip"}[form]
+    if form == "gzip":
+        path.write_bytes(gzip.compress(content))
+    else:
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr(name, content)
+    assert answers(path) == ("calibration",) * 3
+    assert kf.read_parameters(path)["Gain"].value == 12.5
+
+
+def test_a_data_dictionary_is_one_under_another_name(tmp_path):
+    with zipfile.ZipFile(tmp_path / "data.bin", "w") as archive:
+        archive.writestr("data/chunk0.xml", "<DataSource/>")
+    assert identify(tmp_path / "data.bin").format.name == "Simulink data dictionary"
 
 
 @pytest.mark.parametrize(

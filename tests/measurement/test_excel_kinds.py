@@ -100,6 +100,52 @@ def test_a_binary_workbook_is_read(tmp_path):
     check(binary_workbook(tmp_path / "bench.xlsb", dict(enumerate(ROWS))))
 
 
+def with_members(path, members):
+    """The archive with further members."""
+    with zipfile.ZipFile(path, "a") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return path
+
+
+def test_the_index_that_excel_stores_beside_each_binary_sheet_is_skipped(tmp_path):
+    index = part(42, bytes(24)) + part(277)
+    path = binary_workbook(tmp_path / "bench.xlsb", dict(enumerate(ROWS)))
+    check(with_members(path, {"xl/worksheets/binaryIndex1.bin": index}))
+
+
+def test_a_chart_beside_the_table_is_no_second_table(tmp_path):
+    path = tmp_path / "bench.xlsx"
+    with xlsxwriter.Workbook(path) as book:
+        sheet = book.add_worksheet("Data")
+        for k, row in enumerate(ROWS):
+            sheet.write_row(k, 0, row)
+        chart = book.add_chart({"type": "line"})
+        chart.add_series({"values": "=Data!$B$3:$B$5"})
+        book.add_chartsheet("Chart").set_chart(chart)
+    check(path)
+
+
+def test_folders_of_an_archive_may_be_separated_by_backslashes(tmp_path):
+    plain, path = written(tmp_path / "plain.xlsx"), tmp_path / "bench.xlsx"
+    with zipfile.ZipFile(plain) as old, zipfile.ZipFile(path, "w") as new:
+        for member in old.namelist():
+            information = zipfile.ZipInfo("x")
+            information.filename = member.replace("/", "\\")
+            new.writestr(information, old.read(member))
+    check(path)
+
+
+def test_a_protected_workbook_is_refused_as_such(tmp_path):
+    binary = tmp_path / "bench.xlsx"
+    binary.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(504) + "EncryptedPackage\0".encode("utf-16-le"))
+    content = {"mimetype": "application/vnd.oasis.opendocument.spreadsheet", "content.xml": "?"}
+    manifest = {"META-INF/manifest.xml": "<manifest:encryption-data/>"}
+    for path in (binary, with_members(tmp_path / "bench.ods", content | manifest)):
+        with pytest.raises(InputError, match="protected by a password"):
+            read(path)
+
+
 def test_a_stray_cell_far_away_in_a_binary_workbook_is_refused(tmp_path):
     rows = dict(enumerate(ROWS))
     with pytest.raises(InputError, match=r"xl/worksheets/sheet1.bin spans up to 1048576 rows and 16384 columns"):

@@ -43,6 +43,71 @@ def test_a_damaged_database_is_refused(tmp_path, content):
         read_database(path)
 
 
+SYMBOLS = """FormatVersion=6.0 // Do not edit this line!
+Title="Engine"
+
+{ENUMS}
+Enum=State(0="off", // first
+  1="on")
+Enum=Nothing()
+
+{SIGNALS}
+Sig=Speed unsigned 16 /u:rpm /f:0.25
+Sig=Temp signed 8 -m /u:degC /o:-40
+Sig=Load float /u:%
+Sig=Mode State 2
+Sig=Rest Nothing 6
+
+{SENDRECEIVE}
+
+[Engine]
+ID=1F4h
+Len=8
+Sig=Speed 0
+Sig=Temp 16
+Sig=Load 32
+Sig=Mode 24 // comment
+Sig=Rest 26
+"""
+
+
+def test_signals_that_a_sym_file_defines_apart_from_its_messages_are_read(tmp_path):
+    pytest.importorskip("canmatrix")
+    path = tmp_path / "x.sym"
+    path.write_text(SYMBOLS)
+    database = read_database(path)
+    [message] = database.messages
+    layout = {s.name: (s.start, s.length, s.big_endian, s.kind, s.factor, s.offset, s.unit) for s in message.signals}
+    assert layout == {
+        "Speed": (0, 16, False, "u", 0.25, 0.0, "rpm"),
+        "Temp": (23, 8, True, "i", 1.0, -40.0, "degC"),
+        "Load": (32, 32, False, "f", 1.0, 0.0, "%"),
+        "Mode": (24, 2, False, "u", 1.0, 0.0, ""),
+        "Rest": (26, 6, False, "u", 1.0, 0.0, ""),
+    }
+    assert {s.name: s.texts for s in message.signals}["Mode"] == ((0, "off"), (1, "on"))
+    assert not database.findings
+
+
+def test_what_the_library_skips_of_a_database_is_said(tmp_path):
+    pytest.importorskip("canmatrix")
+    path = tmp_path / "x.sym"
+    text = SYMBOLS.replace("ID=1F4h", "ID=1F4h-1F5h").replace("Sig=Rest 26", "Var=Other Unknown 26,6")
+    path.write_text(text)
+    [finding] = read_database(path).findings
+    assert finding.severity == "warning"
+    assert "2 parts of the database could not be read (a message of several identifiers" in finding.message
+
+
+def test_a_switch_may_be_named_apart_from_its_signal():
+    """An `m` without a number, as editors write it beside SG_MUL_VAL_."""
+    text = PLAIN + "BO_ 7 M: 8 A\n" + ' SG_ Code m : 0|2@1+ (1,0) [0|3] "" A\n SG_ Gear m2 : 8|8@1+ (1,0) [0|9] "" A\n'
+    database = parse_database("x.dbc", text + "SG_MUL_VAL_ 7 Gear Code 2-2;\n")
+    signals = {signal.name: signal for message in database.messages for signal in message.signals}
+    assert [switch.signal for switch in signals["Gear"].switches] == ["Code"]
+    assert not signals["Code"].switches
+
+
 LONG = 'BA_DEF_ SG_ "SystemSignalLongSymbol" STRING ;\n' + "".join(
     f'BA_ "System{kind}LongSymbol" {rest};\n'
     for kind, rest in (

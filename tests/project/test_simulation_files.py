@@ -272,6 +272,33 @@ def test_partitions_write_the_same_file(folder, recorded):
                 assert signals[0].samples.tobytes() == signals[1].samples.tobytes(), channel.name
 
 
+@pytest.mark.parametrize("partition", ["", "\n[cluster]\npartition = 64\n"])
+def test_a_finer_step_of_the_model_leaves_the_samples_of_the_recording(folder, recorded, partition):
+    time = 3.0 + 0.1 * np.arange(40)
+    columns = {"n": 2.0 + np.sin(time), "Torque": 4.0 + 0.1 * time}
+    for name in ("a.mf4", "b.mf4", "c.mf4"):
+        with MDF(version="4.10") as file:
+            file.append([Signal(values, time, name=key) for key, values in columns.items()], common_timebase=True)
+            file.save(folder / name, overwrite=True)
+    lag = FORMULA.replace("k * Speed", "PT1(k * Speed, 0.5)")
+    (folder / "torque.kf").write_text(f"step 0.02\n{lag}", encoding="utf-8")
+    masked = PROJECT.replace("[[dataset]]", '[[dataset]]\nwhere = "Torque > 4.5"')
+    (folder / "kennfeld.toml").write_text(masked + partition, encoding="utf-8")
+    project = Project.read(folder / "kennfeld.toml")
+    simulation = project.simulation()
+    with MDF(simulation.save(folder / "out.mf4")) as file:
+        assert len(file.groups) == 3
+        for number in range(3):
+            np.testing.assert_array_equal(file.get_master(number), time)
+            np.testing.assert_array_equal(read_all(file, number, "Torque").samples, columns["Torque"])
+            fine = pyarrow.parquet.read_table(simulation.save(folder / "out.parquet")).to_pandas()
+            own = fine[fine["file"] == ("a.mf4", "b.mf4", "c.mf4")[number]]
+            assert len(own) == 39 * 5 + 1
+            np.testing.assert_array_equal(read_all(file, number, "y").samples, own["y"].to_numpy()[::5])
+    content = loadmat(simulation.save(folder / "out.mat"), simplify_cells=True)
+    assert content["fresh_c_mf4"]["time"].tolist() == time.tolist()
+
+
 class Parts:
     """A simulation that consists of given parts."""
 

@@ -7,6 +7,8 @@ import pytest
 
 from kennfeld import cli
 from kennfeld.terminal.output import MAX_FINDINGS
+from tests.models.ascet.amd_files import archive
+from tests.models.ascet.component_samples import plant_component
 from tests.project.hostile_projects import TRAINING, write_project
 
 Captured = pytest.CaptureFixture[str]
@@ -131,3 +133,67 @@ def test_a_function_without_nodes_is_said_to_have_none(project: Path, capsys: Ca
     project.with_name("function.kf").write_text("input u\n")
     assert cli.run(["check", "."]) == 2
     assert "The function has ." not in capsys.readouterr().err
+
+
+DIAGRAM = """Model {
+  Version 8.5
+  System {
+    Block {
+      BlockType Inport
+      Name "n"
+    }
+    Block {
+      BlockType Gain
+      Name "K"
+      Gain "2"
+    }
+    Block {
+      BlockType Outport
+      Name "y"
+    }
+    Line {
+      SrcBlock "n"
+      SrcPort 1
+      DstBlock "K"
+      DstPort 1
+    }
+    Line {
+      SrcBlock "K"
+      SrcPort 1
+      DstBlock "y"
+      DstPort 1
+    }
+  }
+}
+"""
+PUMP = (
+    "package engine;\nclass Pump { characteristic real gain = 2.0; public real flow(real in u) { return gain * u; } }\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("engine.mdl", DIAGRAM.encode()), ("pump.esdl", PUMP.encode()), ("plant.axl", archive(plant_component()))],
+)
+@pytest.mark.parametrize("target", ["out.kf", "out.json"])
+def test_a_model_is_converted_whatever_its_name(
+    tmp_path: Path, capsys: Captured, name: str, content: bytes, target: str
+) -> None:
+    results = []
+    for source in (name, "model.bin"):
+        folder = tmp_path / Path(source).stem
+        folder.mkdir()
+        (folder / source).write_bytes(content)
+        status = cli.run(["convert", str(folder / source), str(folder / target)])
+        said = capsys.readouterr().err.replace(str(folder), "").replace(source, "MODEL")
+        written = {path.name: path.read_text() for path in folder.glob("out.*")}
+        results.append((status, said, {key: text.replace(source, "MODEL") for key, text in written.items()}))
+    assert results[0] == results[1]
+    assert results[0][0] == 0 or name != "pump.esdl"
+
+
+def test_a_recording_is_not_converted_as_a_model(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "drive.slx"
+    path.write_text("time,Speed\n0,1000\n0.1,1010\n0.2,1020\n")
+    assert cli.run(["convert", str(path), str(tmp_path / "out.json")]) == 2
+    assert "Speed" not in capsys.readouterr().out

@@ -15,7 +15,8 @@ def _is_excel(head: FileHead) -> bool:
     if head.raw.startswith(OLE):
         return True
     if head.members:
-        workbook = any(member.startswith("xl/workbook") for member in head.members)
+        # some tools of Windows separate folders by backslashes
+        workbook = any(member.replace("\\", "/").startswith("xl/workbook") for member in head.members)
         return workbook or _SPREADSHEET in head.first_bytes("mimetype", 80)
     is_damaged = head.raw.startswith(ZIP) and head.member == head.packing == ""
     return is_damaged and (b"xl/" in head.raw or head.raw[30:49] == b"[Content_Types].xml")

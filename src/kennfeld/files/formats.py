@@ -24,6 +24,7 @@ _SIGNED = (
     containers.EXCEL,
     functions.SIMULINK,
     functions.FMU,
+    functions.DICTIONARY,
     calibrations.AMD,
     recordings.TDM,
     *foreign.OF_OTHER_TOOLS,

@@ -15,6 +15,7 @@ SURROGATE_KINDS = {
     "filtered": "kennfeld-filtered-surrogate",
 }
 _SURROGATE_HEAD = 200  # characters in which a surrogate states its kind
+_DICTIONARY_PART = re.compile(r"data/chunk\d+\.xml")
 _CLASS = re.compile(r"^[ \t]*classdef\b", re.MULTILINE)
 _SECTION = re.compile(
     r"^[ \t]*\[{1,2}(model|surrogate|dataset|calibration|criterion|optimizer|parameters\.\S+)\]", re.MULTILINE
@@ -79,6 +80,7 @@ HEADER = FileFormat("C header", (".h",), role=Role.COMPANION, description="a C h
 DICTIONARY = FileFormat(
     "Simulink data dictionary",
     (".sldd",),
+    lambda head: any(_DICTIONARY_PART.match(member) for member in head.members),
     role=Role.COMPANION,
     describe=f"{_DESCRIBERS}:describe_dictionary",
     description="a Simulink data dictionary (.sldd): which axes its tables have is stated in the model",

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
@@ -23,6 +24,7 @@ ZIP = (b"PK\x03\x04", b"PK\x05\x06")  # the second one is an archive without mem
 _OPENERS = {"gzip": "gzip", "bzip2": "bz2", "xz": "lzma"}  # module of the standard library by packing
 _PACKINGS = ((b"\x1f\x8b", "gzip"), (b"BZh", "bzip2"), (b"\xfd7zXZ", "xz"))
 _PACKED_ENDINGS = (".gz", ".bz2", ".xz")
+_NESTED = 200_000_000  # bytes of an archive within a compressed file, such as a workbook, that are unpacked to list it
 DAMAGED = "the compressed file is damaged or cut off"
 COPY = "Copy it again from its source."
 # what the libraries raise for damaged archives and unusual ways of compression
@@ -40,12 +42,14 @@ class FileHead:
         raw: the first bytes, unpacked.
         packing: "gzip", "bzip2" or "xz" if the file is compressed, else empty.
         member: the member of a ZIP archive that `raw` belongs to, else empty.
+        archive: the head of that archive.
     """
 
     path: Path
     raw: bytes
     packing: str = ""
     member: str = ""
+    archive: "FileHead | None" = None
 
     @property
     def name(self) -> str:
@@ -81,13 +85,13 @@ class FileHead:
 
     @cached_property
     def members(self) -> tuple[str, ...]:
-        """The names of the members of a ZIP archive; none if it is damaged."""
-        if not self.raw.startswith(ZIP) or self.packing or self.member:
+        """The names of the members if the content is a ZIP archive, compressed or not; none if it is damaged."""
+        if not self.raw.startswith(ZIP):
             return ()
         try:
-            with zipfile.ZipFile(self.path) as archive:
+            with self._opened() as archive:
                 return tuple(archive.namelist())
-        except ZIP_ERRORS:
+        except (*ZIP_ERRORS, InputError):
             return ()
 
     def first_bytes(self, member: str, size: int) -> bytes:
@@ -95,21 +99,28 @@ class FileHead:
         if member not in self.members:
             return b""
         try:
-            with zipfile.ZipFile(self.path) as archive, archive.open(member) as stream:
+            with self._opened() as archive, archive.open(member) as stream:
                 return stream.read(size)
         except ZIP_ERRORS:
             raise InputError.of(Location(self.path.name), DAMAGED, COPY) from None
 
     def whole(self, limit: int = -1) -> bytes:
         """Return the whole content, unpacked, or its first `limit` bytes."""
-        if self.member:
-            return self.first_bytes(self.member, limit)
+        if self.archive is not None:
+            return self.archive.first_bytes(self.member, limit)
         with guarded(self.path.name), open_unpacked(self.path, self.packing) as stream:
             return stream.read(limit)
 
     def head_of(self, member: str) -> "FileHead":
         """Return the head of a member of the archive."""
-        return replace(self, raw=self.first_bytes(member, HEAD_SIZE), member=member)
+        return replace(self, raw=self.first_bytes(member, HEAD_SIZE), packing="", member=member, archive=self)
+
+    def _opened(self) -> zipfile.ZipFile:
+        return zipfile.ZipFile(BytesIO(self._unpacked) if self.packing or self.archive is not None else self.path)
+
+    @cached_property
+    def _unpacked(self) -> bytes:
+        return self.whole(_NESTED)
 
 
 def read_head(path: Path) -> FileHead:

@@ -45,7 +45,8 @@ def identify(path: str | Path, role: Role | None = None) -> Identity:
     """
     file, member = split_address(path)
     identity = identify_head(read_head(file), role)
-    chosen = only_member(identity.head, member) if identity.format is ZIP_ARCHIVE else ""
+    is_archive = identity.format is ZIP_ARCHIVE and not identity.head.packing  # one in another is not looked into
+    chosen = only_member(identity.head, member) if is_archive else ""
     if chosen:
         identity = identify_head(identity.head.head_of(chosen), role)
     head = identity.head

@@ -9,7 +9,7 @@ from typing import BinaryIO, NamedTuple
 
 from kennfeld.archives import find_oversized
 from kennfeld.errors import InputError, Location
-from kennfeld.files.head import COPY, DAMAGED, ZIP_ERRORS, FileHead, open_unpacked, read_head
+from kennfeld.files.head import COPY, DAMAGED, ZIP_ERRORS, FileHead, open_unpacked
 from kennfeld.formatting import join_names, nearest
 
 _CHUNK = 1 << 20  # bytes
@@ -46,8 +46,8 @@ def unpacked(head: FileHead, member: str = "", *, with_others: bool = False) -> 
             _write(head.path, open_unpacked(head.path, head.packing), path)
             yield Unpacked(path, head.path.name)
             return
-        if head.member:
-            head, member = read_head(head.path), head.member
+        if head.archive is not None:
+            head, member = head.archive, head.member
         chosen = choose_member(head, member)
         path = Path(folder) / PurePosixPath(chosen).name
         try:

@@ -19,6 +19,7 @@ from kennfeld.matlab import mat_nodes as n
 
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _OBJECT, _CHARACTERS, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
+_BYTE, _DOUBLE = 2, 9
 _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _ENCODED = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _FLOATING, _LAST_NUMERIC = (6, 7), 15  # double and single; 8 to 15 are integer classes
@@ -196,11 +197,12 @@ class _ArrayReader:
     def _sparse(self, flags: int, shape: tuple[int, ...], parts: Any) -> n.Node:
         if math.prod(shape) > self.dense:
             return n.MatUnreadable("sparse matrix")
-        rows, starts, values = (
-            _row(*self._next(parts, message), self.order) for message in ("rows", "columns", "numbers")
-        )
-        self.dense -= math.prod(shape)
+        rows, starts = (_row(*self._next(parts, message), self.order) for message in ("rows", "columns"))
+        kind, content = self._next(parts, "numbers")
         logical = bool(flags & _LOGICAL)
+        is_mislabelled = logical and kind == _DOUBLE and len(content) == rows.size  # MATLAB writes bytes as doubles
+        values = _row(_BYTE if is_mislabelled else kind, content, self.order)
+        self.dense -= math.prod(shape)
         return n.MatNumbers(n.to_dense(shape, rows, starts, values), logical, "logical" if logical else "double")
 
     def _structs(self, kind: int, shape: tuple[int, ...], parts: Any, depth: int) -> n.Node:

@@ -36,7 +36,7 @@ _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _TEXT = r'"((?:[^"\\]|\\.)*)"'
 _MESSAGE = re.compile(r"BO_\s+(\d{1,10})\s+(\S+?)\s*:\s*(\d{1,6})\b")
 _SIGNAL = re.compile(
-    r"SG_\s+(\S+?)\s*(?:\s(M|m\d{1,10}M?)\s*)?:\s*(\d{1,6})\s*\|\s*(\d{1,6})\s*@\s*([01])\s*([-+])\s*"
+    r"SG_\s+(\S+?)\s*(?:\s(M|m\d{1,10}M?|m)\s*)?:\s*(\d{1,6})\s*\|\s*(\d{1,6})\s*@\s*([01])\s*([-+])\s*"
     rf"\(\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)(?:\s*\[[^\]]*\])?\s*(?:{_TEXT})?"
 )
 _COMMENT = re.compile(rf"CM_\s+SG_\s+(\d{{1,10}})\s+(\S+)\s+{_TEXT}", re.DOTALL)
@@ -109,12 +109,16 @@ def parse_content(file: str, content: bytes) -> BusDatabase:
         return parse_database(file, decode(content))
     from kennfeld.measurement.matrix_databases import to_dbc
 
-    texts = to_dbc(file, content, kind)
+    texts, problems = to_dbc(file, content, kind)
     if not texts:
         raise InputError.of(Location(file), "describes no message of a bus", "Is it the right file?")
     databases = [parse_database(file, text) for text in texts]
     messages = {(m.identifier, m.extended): m for database in reversed(databases) for m in reversed(database.messages)}
     findings = [replace(f, location=Location(file)) for database in databases for f in database.findings]
+    if problems:
+        message = f"{count_noun(len(problems), 'part')} of the database could not be read ({problems[0]})"
+        remedy = "Compare its signals, or convert it to DBC with the tool that wrote it."
+        findings.append(Finding(Location(file), message, remedy, severity="warning"))
     return BusDatabase(file, tuple(messages.values()), tuple(findings))
 
 
@@ -251,7 +255,7 @@ def _read_signal(statements: _Statements, line: int, text: str) -> None:
         statements.warn(line, f"duplicate signal {name} {where}; it is skipped", "Rename or remove one of them.")
     else:
         lines.signals[name] = signal
-        if mark:
+        if mark and mark != "m":  # without a number only SG_MUL_VAL_ tells what the signal switches
             lines.marks[name] = mark
 
 

@@ -4,11 +4,12 @@ import io
 import logging
 
 from kennfeld.errors import InputError, Location
+from kennfeld.measurement.peak_symbols import with_whole_signals
 from kennfeld.optional_packages import optional_package
 
 
-def to_dbc(file: str, content: bytes, kind: str) -> list[str]:
-    """Return a database for each bus of a file, as the text of a DBC file.
+def to_dbc(file: str, content: bytes, kind: str) -> tuple[list[str], list[str]]:
+    """Return a database for each bus of a file, as the text of a DBC file, and what the library could not read.
 
     Args:
         file: its name in messages.
@@ -23,12 +24,17 @@ def to_dbc(file: str, content: bytes, kind: str) -> list[str]:
         import canmatrix.formats
     logging.getLogger("canmatrix").setLevel(logging.CRITICAL + 1)
     try:
+        content, problems = with_whole_signals(content) if kind == "sym" else (content, [])
         buses = canmatrix.formats.loads(content, import_type=kind, encoding="utf-8")
-        return [_written(matrix) for matrix in buses.values() if len(matrix.frames)]
+        problems += [_reason(error) for matrix in buses.values() for error in matrix.load_errors]
+        return [_written(matrix) for matrix in buses.values() if len(matrix.frames)], problems
     except Exception as error:  # of many kinds: the library trusts what it reads
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        message = f"the database ({kind}) cannot be read ({reason})"
+        message = f"the database ({kind}) cannot be read ({_reason(error)})"
         raise InputError.of(location, message, "Export it again, or convert it to DBC.") from None
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__
 
 
 def _written(matrix: object) -> str:

@@ -88,6 +88,7 @@ def _cut(dataset: Dataset, samples: slice) -> Dataset:
         time=None if dataset.time is None else dataset.time[samples],
         starts=np.concatenate([[0], inside - samples.start]),
         scored=None if dataset.scored is None else dataset.scored[samples],
+        recorded=None if dataset.recorded is None else dataset.recorded[samples],
         findings=(),
         files=None if dataset.files is None else dataset.files.cut(samples.start, samples.stop),
     )

@@ -35,7 +35,8 @@ def refine_step(
 ) -> Dataset:
     """Return the dataset at the model's own step.
 
-    Inputs are interpolated; all other channels have values, and samples are scored, only at the samples of the data.
+    Inputs are interpolated; all other channels have values, and samples are scored, only at the samples of the data,
+    which are `recorded`.
 
     Args:
         dataset: returned unchanged if it has no time stamps or has the model's step.
@@ -67,7 +68,7 @@ def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) 
     sizes = [piece.stop - piece.start for piece in dataset.pieces]
     lengths = [(size - 1) * count + 1 for size in sizes]
     starts = np.cumsum([0, *lengths[:-1]])
-    recorded = np.concatenate([start + count * np.arange(size) for start, size in zip(starts, sizes, strict=True)])
+    own = np.concatenate([start + count * np.arange(size) for start, size in zip(starts, sizes, strict=True)])
     finer = [
         np.interp(np.arange(length) / count, np.arange(size), time[piece])
         for length, size, piece in zip(lengths, sizes, dataset.pieces, strict=True)
@@ -78,13 +79,18 @@ def _refine(dataset: Dataset, time: Float, count: int, inputs: Collection[str]) 
         if channel.name in inputs:
             parts = zip(dataset.pieces, finer, strict=True)
             values = np.concatenate([resample_channel(time[p], channel.values[p], fine) for p, fine in parts])
-        values[recorded] = channel.values
+        values[own] = channel.values
         channels.append(replace(channel, values=values))
-    scored = np.zeros(sum(lengths), dtype=bool)
-    scored[recorded] = dataset.counting
-    files = None if dataset.files is None else _refined_files(dataset.files, recorded, scored.size)
+    scored, recorded = np.zeros(sum(lengths), dtype=bool), np.zeros(sum(lengths), dtype=bool)
+    scored[own], recorded[own] = dataset.counting, True
     return replace(
-        dataset, channels=tuple(channels), time=np.concatenate(finer), starts=starts, scored=scored, files=files
+        dataset,
+        channels=tuple(channels),
+        time=np.concatenate(finer),
+        starts=starts,
+        scored=scored,
+        files=None if dataset.files is None else _refined_files(dataset.files, own, scored.size),
+        recorded=recorded,
     )
 
 
@@ -104,6 +110,12 @@ def recorded_samples(simulated: Dataset, recorded: Bool) -> Dataset:
     kept = np.flatnonzero(recorded)
     starts = np.unique(np.searchsorted(kept, simulated.starts))
     starts = starts[starts < kept.size] if kept.size else np.zeros(1, dtype=np.int64)
-    channels = tuple(replace(channel, values=channel.values[kept]) for channel in simulated.channels)
-    time = None if simulated.time is None else simulated.time[kept]
-    return replace(simulated, channels=channels, time=time, starts=starts)
+    return replace(
+        simulated,
+        channels=tuple(replace(channel, values=channel.values[kept]) for channel in simulated.channels),
+        time=None if simulated.time is None else simulated.time[kept],
+        starts=starts,
+        scored=None if simulated.scored is None else simulated.scored[kept],
+        files=None if simulated.files is None else simulated.files.picked(kept),
+        recorded=None,
+    )

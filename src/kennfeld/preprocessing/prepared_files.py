@@ -181,9 +181,9 @@ def cut(data: Dataset, first: int, last: int) -> Dataset:
     inner = data.starts[(data.starts > first) & (data.starts < last)] - first
     starts = np.concatenate([np.zeros(1, dtype=np.int64), inner])
     time = None if data.time is None else data.time[first:last]
-    scored = None if data.scored is None else data.scored[first:last]
+    scored, recorded = (None if marks is None else marks[first:last] for marks in (data.scored, data.recorded))
     files = None if data.files is None else data.files.cut(first, last)
-    return replace(data, channels=channels, time=time, starts=starts, scored=scored, files=files)
+    return replace(data, channels=channels, time=time, starts=starts, scored=scored, files=files, recorded=recorded)
 
 
 @dataclass(frozen=True)
@@ -270,8 +270,7 @@ def _columns(prepared: PreparedFile) -> Iterator[NDArray[Any]]:
     yield from (channel.values for channel in data.channels)
     if data.time is not None:
         yield data.time
-    if data.scored is not None:
-        yield data.scored
+    yield from (marks for marks in (data.scored, data.recorded) if marks is not None)
 
 
 def _notes(prepared: PreparedFile) -> dict[str, Any]:
@@ -288,6 +287,7 @@ def _attributes(data: Dataset) -> dict[str, Any]:
         "channels": [[channel.name, channel.unit, channel.description] for channel in data.channels],
         "time": data.time is not None,
         "scored": data.scored is not None,
+        "recorded": data.recorded is not None,
         "findings": [asdict(finding) for finding in data.findings],
         "settling": None if data.settling is None else asdict(data.settling),
         "clock": None if data.clock is None else asdict(data.clock),
@@ -308,6 +308,7 @@ def _from_columns(stored: ColumnFile) -> PreparedFile | None:
 
 
 def _dataset(notes: dict[str, Any], columns: list[NDArray[Any]]) -> Dataset:
+    recorded = columns.pop() if notes["recorded"] else None
     scored = columns.pop() if notes["scored"] else None
     time = columns.pop() if notes["time"] else None
     starts, *values = columns
@@ -321,6 +322,7 @@ def _dataset(notes: dict[str, Any], columns: list[NDArray[Any]]) -> Dataset:
         time,
         starts,
         scored=scored,
+        recorded=recorded,
         findings=_findings(notes["findings"]),
         settling=None if notes["settling"] is None else Settling(**notes["settling"]),
         clock=None if notes["clock"] is None else Clock(**notes["clock"]),

@@ -8,8 +8,8 @@ from kennfeld.calfiles import read_several
 from kennfeld.calfiles.flash.origin import FlashOrigin
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import ArgumentError, Finding, Findings, InputError, Location
+from kennfeld.files import Role, identify
 from kennfeld.files.calibrations import IMAGE_ENDINGS
-from kennfeld.files.functions import recognises_surrogate
 from kennfeld.formatting import nearest, size_text
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Parameter
@@ -124,7 +124,7 @@ def _has_image(file: ProjectFile, image: FlashOrigin | None, findings: Findings)
 
 def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ...]]:
     """Return the parameters of a calibration file, or the expansion of a static surrogate as a parameter."""
-    if path.suffix.casefold() != ".json" or not _is_surrogate(path):
+    if identify(path).role is not Role.SURROGATE:
         [parameters], remarks = read_several([path], a2l)
         return parameters, remarks
     from kennfeld.surrogate.surrogate_file import read_surrogate
@@ -136,12 +136,6 @@ def _read(path: Path, a2l: Path | None) -> tuple[ParameterSet, tuple[Finding, ..
         raise InputError.of(Location(path.name), message, f'Write [surrogates] and {surrogate.name} = "{path.name}".')
     unit = surrogate.units[-1] if surrogate.units else ""
     return ParameterSet([RBF(surrogate.name, surrogate.expansion, surrogate.inputs, unit=unit)]), ()
-
-
-def _is_surrogate(path: Path) -> bool:
-    with path.open("rb") as file:
-        head = file.read(200).decode("utf-8", errors="replace")
-    return recognises_surrogate(head)
 
 
 def _missing(file: ProjectFile, name: str) -> Finding:

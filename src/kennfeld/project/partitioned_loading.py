@@ -230,7 +230,7 @@ def _add_dataset(loaded: LoadedData, files: _DatasetFiles) -> None:
         return
     recordings = JoinedRecordings(entry.name, entry, len(parts))
     for part in parts:
-        recordings.add(replace(part, scored=None))
+        recordings.add(replace(part, scored=None, recorded=None))
     loaded.findings += [*recordings.findings, *_unscored(files)]
     if entry.name in loaded.locations:
         message = f"duplicate dataset name {entry.name}"

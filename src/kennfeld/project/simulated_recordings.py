@@ -9,12 +9,13 @@ from kennfeld.arrays import Int
 from kennfeld.dataset import Dataset
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.writable_recording import WritableRecording
+from kennfeld.preprocessing.model_step import recorded_samples
 from kennfeld.preprocessing.prepared_files import cut
 from kennfeld.project.simulation import SimulatedPart, Simulation
 
 
 def simulated_recordings(simulation: Simulation) -> Iterator[WritableRecording]:
-    """Yield the simulation of each file of each dataset, in order.
+    """Yield the simulation of each file of each dataset, in order, at the samples of the file.
 
     A file whose time starts again yields a recording for each run, so that time increases within each. Only one
     recording is in memory at a time, as far as the simulation itself is evaluated part by part.
@@ -48,13 +49,17 @@ class _Stretch:
 
 
 def _stretches(simulation: Simulation) -> Iterator[_Stretch]:
-    """Yield the parts of a simulation, cut between files and where time does not increase."""
+    """Yield the recorded samples of a simulation, cut between files and where time does not increase."""
     for part in simulation.parts():
         data, pieces = part.data, numbers_of_pieces(part)
         for first, last in pairwise(_edges(data)):
-            own = cut(data, first, last)
+            own, numbers = cut(data, first, last), pieces[first:last]
+            if own.recorded is not None:
+                own, numbers = recorded_samples(own, own.recorded), numbers[own.recorded]
+            if not own.samples:
+                continue
             name = own.files.names[0] if own.files is not None else ""
-            yield _Stretch((data.name, simulation.files.get(name, name)), own, pieces[first:last])
+            yield _Stretch((data.name, simulation.files.get(name, name)), own, numbers)
 
 
 def numbers_of_pieces(part: SimulatedPart) -> Int:

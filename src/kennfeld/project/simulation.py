@@ -204,6 +204,7 @@ def _simulate_bound(
         scored=shown.scored,
         files=None if data.files is None else data.files.picked(shown.kept),
         start_time=data.start_time,
+        recorded=None if data.recorded is None else shown.at_kept(data.recorded),
     )
 
 

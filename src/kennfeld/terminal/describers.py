@@ -13,6 +13,8 @@ import numpy as np
 
 from kennfeld import calfiles, measurement
 from kennfeld.errors import InputError
+from kennfeld.files.calibrations import AMD
+from kennfeld.files.identification import identify
 from kennfeld.formatting import count_noun, join_names, number_text, size_text
 from kennfeld.graph.events import events
 from kennfeld.lazy_dataclass import dataclass
@@ -319,7 +321,8 @@ def describe_esdl(file: DescribedFile) -> FileInfo:
     classes = () if is_application else classes_of(path)
     tables = [] if is_application else [esdl.class_table(classes)]
     plural = "" if len(classes) == 1 else "es"
-    kind = "application" if is_application else f"{_language(path)}, {len(classes)} class{plural}"
+    language = "6 components" if identify(path).format is AMD else "ESDL"
+    kind = "application" if is_application else f"{language}, {len(classes)} class{plural}"
     as_json: dict[str, Any] = {"content": "ASCET model", "classes": [item.name for item in classes]}
     notes: list[str] = []
     if classes or is_application:
@@ -339,16 +342,14 @@ def describe_esdl(file: DescribedFile) -> FileInfo:
     return FileInfo(f"{path.name}: ASCET {kind}", tables, notes, _plain(as_json))
 
 
-def _language(path: Path) -> str:
-    return "ESDL" if path.suffix.lower() == ".esdl" else "6 components"
-
-
 def describe_components(file: DescribedFile) -> FileInfo:
     """Describe ASCET 5 or 6 components: their methods, their values, and one of them as a model if it is selected."""
     if file.path.name.lower().endswith(".data.amd") and not any(file.selection.esdl):
         return describe_calibration(file)
+    from kennfeld.models.ascet.component_tree import is_archive
+
     model = describe_esdl(file)
-    if file.path.suffix.lower() == ".amd" or "import" in model.as_json:
+    if not is_archive(file.path) or "import" in model.as_json:
         return model
     values = describe_calibration(file)
     remedy = "name one by --class, and its methods by --method, to see it as a model"

@@ -86,12 +86,14 @@ def convert(
     .amd) becomes formula text (.kf), with its parameters in a .json file of the same name.
     """
     from kennfeld import calfiles
+    from kennfeld.files import Role, calibrations, functions, identify
 
-    is_formula = target.suffix.lower() == ".kf"
-    is_simulink = source.suffix.lower() in (".slx", ".mdl", ".slxp")
-    is_program = source.suffix.lower() == ".app" or (source.suffix.lower() in (".esdl", ".axl", ".amd") and is_formula)
-    companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
     _require_known_ending(target, [".kf"])
+    is_formula, known = target.suffix.lower() == ".kf", identify(source).format
+    is_simulink = known in (functions.SIMULINK, functions.PROTECTED)
+    is_values = known in (calibrations.ESDL, calibrations.AMD) and not is_formula
+    is_program = known.role is Role.PROGRAM and not is_values
+    companion = [target.with_suffix(".json")] if (is_simulink or is_program) and is_formula else []
     require_new(force, target, *companion)
     if is_program:
         from kennfeld.models.ascet.formula_export import write_esdl_formula
@@ -106,7 +108,7 @@ def convert(
         paths = write_formula(source, target, *selection.simulink)
         print_lines(*(f"Written to {path}" for path in paths))
         return DONE
-    if source.suffix.lower() == ".fmu":
+    if known is functions.FMU:
         parameters = _read_fmu_values(source, is_formula)
     else:
         [parameters], remarks = calfiles.read_several([source], a2l)

@@ -35,16 +35,16 @@ def find_project(path: Path, expected: str = PROJECT) -> Path:
             remedy = f"Name a project file: {', '.join(others[:4])}." if others else "Name a project file."
             raise InputError.of(Location(str(path)), f"the folder has no {NAME}", remedy)
         return file
-    if path.suffix.lower() != ".toml" and path.is_file() and not _is_toml(path):
+    if path.is_file() and not _is_project(path):
         raise _other_kind(path, expected)
     return path
 
 
-def _is_toml(path: Path) -> bool:
-    from kennfeld.project.toml_file import read_toml
+def _is_project(path: Path) -> bool:
+    from kennfeld.files import Role, identify
 
     try:
-        return bool(read_toml(path))
+        return identify(path).role is Role.PROJECT
     except InputError:
         return False
 

@@ -2,17 +2,14 @@
 
 import re
 import zipfile
-from collections.abc import Iterator
-from html import unescape
 
 from kennfeld.archives import iterate_chunks
 from kennfeld.lazy_dataclass import dataclass
+from kennfeld.workbooks.relationships import attributes_of, relationship_targets
 
 _OVERLAP = 20_000  # bytes; more than a cell with the longest formula
 _BOOK, _LINKS = "xl/workbook.xml", "xl/_rels/workbook.xml.rels"
 _SHEET = re.compile(r"<(?:\w+:)?sheet\s[^>]*>")
-_LINK = re.compile(r"<(?:\w+:)?Relationship\s[^>]*>")
-_ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 # a cell of type str may hold an empty text, which is a value
 _CELL = re.compile(
     rb"""<(?:\w+:)?c\s(?![^>]*\bt\s*=\s*["']str)[^>]*?\br\s*=\s*["']([A-Z]{1,3}[0-9]{1,7})["'][^>]*>\s*"""
@@ -52,13 +49,6 @@ def _member(archive: zipfile.ZipFile, sheet: str) -> str:
     """Return the archive member of a sheet; empty if unknown."""
     if not {_BOOK, _LINKS} <= {*archive.namelist()}:
         return ""
-    targets = {a.get("Id"): a.get("Target", "") for a in _attributes(_LINK, archive, _LINKS)}
-    sheets = (attributes for attributes in _attributes(_SHEET, archive, _BOOK) if attributes.get("name") == sheet)
-    link = next((value for key, value in next(sheets, {}).items() if key.endswith(":id")), None)
-    target = targets.get(link, "")
-    return target.lstrip("/") if target.startswith("/") else f"xl/{target}"
-
-
-def _attributes(element: re.Pattern[str], archive: zipfile.ZipFile, member: str) -> Iterator[dict[str, str]]:
-    for tag in element.findall(archive.read(member).decode("utf-8", "replace")):
-        yield {key: unescape(double or single) for key, double, single in _ATTRIBUTE.findall(tag)}
+    sheets = (attributes for attributes in attributes_of(_SHEET, archive, _BOOK) if attributes.get("name") == sheet)
+    link = next((value for key, value in next(sheets, {}).items() if key.endswith(":id")), "")
+    return relationship_targets(archive, _LINKS).get(link, "")

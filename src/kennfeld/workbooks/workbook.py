@@ -18,6 +18,7 @@ from kennfeld.process_limits import memory_bound
 from kennfeld.workbooks.biff import check_records
 from kennfeld.workbooks.compound import MAGIC, workbook_stream
 from kennfeld.workbooks.formulas import UnsavedFormulas, find_unsaved
+from kennfeld.workbooks.relationships import relationship_targets
 from kennfeld.workbooks.sheet_extent import OVERLAP, check_end, extent_of_records, extent_of_text
 
 _MAX_CELLS = 60_000_000  # of a sheet's rectangle; the reader holds them all
@@ -25,6 +26,9 @@ _CELL = 40  # bytes of memory of an empty cell
 _MAX_PARTS = 100_000
 _MAX_BINARY_BYTES = 1_000_000_000  # bytes of a sheet of a binary workbook, unpacked
 _SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)", re.IGNORECASE)
+_BINARY_BOOK, _BINARY_LINKS = "xl/workbook.bin", "xl/_rels/workbook.bin.rels"
+_MANIFEST = "META-INF/manifest.xml"  # of OpenDocument
+_ENCRYPTED_PACKAGE = "EncryptedPackage\0".encode("utf-16-le")  # the stream of a protected .xlsx or .xlsb
 _UNPACKING = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
 _SAVE_AGAIN = "Open it in Excel and save it again."
 
@@ -85,6 +89,7 @@ class Workbook:
     def __init__(self, name: str, book: Any, content: BinaryIO) -> None:
         self.name = name
         self._book, self._content = book, content
+        self._charts = {each.name for each in book.sheets_metadata if str(each.typ).endswith("ChartSheet")}
 
     @property
     def names(self) -> list[str]:
@@ -98,14 +103,19 @@ class Workbook:
         return [sheet.name for sheet in shown if "Hidden" not in str(sheet.visible)]
 
     def cells(self, sheet: str) -> list[list[object]]:
-        """Return the rows of a sheet from its first cell on, empty cells as ""; `InputError` if it is damaged."""
+        """Return the rows of a sheet from its first cell on, empty cells as ""; `InputError` if it is damaged.
+
+        A sheet that is a chart has none, although .xls stores a copy of its data there.
+        """
         import python_calamine
 
+        if sheet in self._charts:
+            return []
         try:
             with _guard_damage(self.name):
                 rows: list[list[object]] = self._book.get_sheet_by_name(sheet).to_python(skip_empty_area=False)
         except python_calamine.WorksheetNotFound:
-            return []  # a chart
+            return []  # of another kind without cells
         return rows
 
     def unsaved_formulas(self, sheet: str) -> UnsavedFormulas | None:
@@ -130,10 +140,15 @@ def open_workbook(name: str, content: BinaryIO | bytes) -> Workbook:
     with _guard_damage(name):
         if zipfile.is_zipfile(stream):
             with zipfile.ZipFile(stream) as archive:
+                if _MANIFEST in archive.namelist() and b"encryption-data" in archive.read(_MANIFEST):
+                    raise _protected(name)
                 _check_size(Location(name), archive, most_cells)
         stream.seek(0)
         if stream.read(len(MAGIC)) == MAGIC:
-            check_records(workbook_stream(MAGIC + stream.read()), most_cells)
+            package = MAGIC + stream.read()
+            if _ENCRYPTED_PACKAGE in package:
+                raise _protected(name)
+            check_records(workbook_stream(package), most_cells)
         stream.seek(0)
         return Workbook(name, python_calamine.CalamineWorkbook.from_filelike(stream), stream)
 
@@ -144,15 +159,25 @@ def _check_size(location: Location, archive: zipfile.ZipFile, most_cells: int) -
         raise InputError.of(location, f"has {len(archive.namelist())} parts", _SAVE_AGAIN)
     if bomb := find_oversized(archive):
         raise InputError.of(location, bomb, "Such a file can exhaust the memory; export it again.")
-    if "xl/workbook.bin" in archive.namelist():
-        check_end(archive.read("xl/workbook.bin"))
-    for member in archive.infolist():
-        if not _SHEET.fullmatch(member.filename):
-            continue
+    if _BINARY_BOOK in archive.namelist():
+        check_end(archive.read(_BINARY_BOOK))
+    for member in _sheets_of(archive):
         width, height = _extent(archive, member)
         if width * height > most_cells:
             message = f"{member.filename} spans up to {height} rows and {width} columns"
             raise InputError.of(location, message, "Delete the stray cells far from the table.")
+
+
+def _sheets_of(archive: zipfile.ZipFile) -> Iterator[zipfile.ZipInfo]:
+    """Yield the sheets of a workbook; Excel stores an index beside each binary one, which is not a sheet."""
+    names = {member.filename.replace("\\", "/"): member for member in archive.infolist()}
+    links = names.get(_BINARY_LINKS)
+    linked = {} if links is None else relationship_targets(archive, links.filename)
+    sheets = {target.casefold() for target in linked.values()}
+    for name, member in names.items():
+        is_index = name.lower().endswith(".bin") and bool(sheets) and name.casefold() not in sheets
+        if _SHEET.fullmatch(name) and not is_index:
+            yield member
 
 
 def _extent(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, int]:
@@ -178,9 +203,13 @@ def _guard_damage(name: str) -> Iterator[None]:
         with convert_panics():
             yield
     except python_calamine.PasswordError:
-        raise InputError.of(location, "the workbook is protected by a password", "Save it without one.") from None
+        raise _protected(name) from None
     except python_calamine.WorksheetNotFound:
         raise
     except (python_calamine.CalamineError, OSError, ValueError, OverflowError, *_UNPACKING) as error:
         reason = " ".join(str(error).split())  # a panic has several lines
         raise InputError.of(location, f"the workbook cannot be read ({reason})", _SAVE_AGAIN) from None
+
+
+def _protected(name: str) -> InputError:
+    return InputError.of(Location(name), "the workbook is protected by a password", "Save it without one.")

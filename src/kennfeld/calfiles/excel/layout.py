@@ -36,6 +36,7 @@ AXIS_HEADING = ("axis", "input", "unit", "group axis")
 CORNERS = ("x right", "y down / x right")  # of one direction, of two and more
 TEXT_KINDS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
 KINDS = ("scalar", "block", "curve", "map", "cube", *TEXT_KINDS)
+_MAX_SEARCHED = 200_000_000  # bytes of a workbook that may hold parameters
 _MAX_NAME_LENGTH = 31  # characters, a limit of Excel
 _INVALID_IN_NAME = re.compile(r"[\[\]:*?/\\\x00-\x1f]")
 
@@ -145,7 +146,7 @@ def holds_calibration(head: FileHead) -> bool:
     """Check whether a workbook holds parameters rather than measured data: it has the index that lists them."""
     if not head.raw.startswith(_ZIP):
         return False
-    raw = head.whole()
+    raw = head.whole(_MAX_SEARCHED)
     try:
         with zipfile.ZipFile(BytesIO(raw)) as archive, archive.open("xl/workbook.xml") as stream:
             names = _SHEET_NAME.findall(stream.read(_MAX_SHEET_LIST))

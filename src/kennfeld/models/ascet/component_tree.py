@@ -6,16 +6,18 @@ from typing import Final
 
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.amd.components import AscetComponent
-from kennfeld.ascet.amd.files import ARCHIVE, ENDING, SPECIFICATION, file_name, open_archive, open_folder
+from kennfeld.ascet.amd.files import ARCHIVE, SPECIFICATION, file_name, open_archive, open_folder
 from kennfeld.ascet.amd.library import ComponentLibrary
 from kennfeld.ascet.amd.xml_document import MAX_BYTES
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.files.calibrations import AMD
+from kennfeld.files.head import ZIP
+from kennfeld.files.identification import identify
 from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.ascet.declarations import Declared, FileScope, SourceTree
 
-COMPONENT_FILES: Final = (ARCHIVE, ENDING)
 _MODULE: Final = "ASCET_Module"
 
 
@@ -108,13 +110,24 @@ class ComponentTree(SourceTree):
         return {}
 
 
+def holds_components(path: Path) -> bool:
+    """Return whether a file is an archive of ASCET's components, or one of them."""
+    return identify(path).format is AMD
+
+
+def is_archive(path: Path) -> bool:
+    """Return whether a file of components is an archive of several, perhaps a damaged one."""
+    head = identify(path).head
+    return head.raw.startswith(ZIP) or head.ending == ARCHIVE
+
+
 def open_components(path: Path) -> ComponentTree:
-    """Return the components of an `.axl` archive, or those beside an `.amd` file.
+    """Return the components of an archive (`.axl`), or those beside a file of one of them (`.amd`).
 
     Raises:
         InputError: the file cannot be read.
     """
-    if path.suffix.lower() == ENDING:
+    if not is_archive(path):
         files, main = open_folder(path)
         root = path.parents[main.count("/")]
         return ComponentTree(root, library=ComponentLibrary(files), main=main)

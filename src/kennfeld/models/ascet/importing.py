@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from kennfeld.ascet import syntax as e
-from kennfeld.ascet.amd.files import DATA, ENDING, component_stem
+from kennfeld.ascet.amd.files import DATA, component_stem
 from kennfeld.calfiles.amd.reader import AmdReference
 from kennfeld.calfiles.esdl.reader import read_esdl
 from kennfeld.calfiles.format import CalibrationSource
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.models.ascet.component_choice import ComponentMethodChooser, component_classes
-from kennfeld.models.ascet.component_tree import COMPONENT_FILES, open_components
+from kennfeld.models.ascet.component_tree import holds_components, is_archive, open_components
 from kennfeld.models.ascet.declarations import SourceTree, read_source
 from kennfeld.models.ascet.import_report import EsdlImport
 from kennfeld.models.ascet.method_choice import APPLICATION
@@ -113,7 +113,7 @@ def _import(
     try:
         if file.suffix.lower() == APPLICATION:
             selection = chooser.of_application()
-        elif file.suffix.lower() in COMPONENT_FILES:
+        elif holds_components(file):
             selection = chooser.of_component(class_name, list(methods), [] if startup is None else list(startup))
         else:
             selection = chooser.of_class(class_name, list(methods), None if startup is None else list(startup))
@@ -139,15 +139,15 @@ def _with_remarks(result: EsdlImport, remarks: tuple[Finding, ...]) -> EsdlImpor
 
 def _origin(path: Path, classes: tuple[str, ...]) -> object | None:
     """Return what a calibration format keeps of the file, so that values can be written into a copy of it."""
-    if path.suffix.lower() in COMPONENT_FILES:
-        data = path.with_name(component_stem(path.name) + DATA) if path.suffix.lower() == ENDING else path
+    if holds_components(path):
+        data = path if is_archive(path) else path.with_name(component_stem(path.name) + DATA)
         return AmdReference(data, classes[0] if len(classes) == 1 else "")
     return read_esdl(CalibrationSource(path.name, path.read_bytes(), path)).parameters.origin
 
 
 def classes_of(path: Path) -> tuple[e.ClassDeclaration, ...]:
     """Return the classes of an ESDL file, or of an `.axl` or `.amd` file; raises `InputError` with all errors."""
-    if path.suffix.lower() in COMPONENT_FILES:
+    if holds_components(path):
         return component_classes(open_components(path))
     tree = SourceTree(path.parent)
     scope = tree.scope(path)

@@ -11,7 +11,7 @@ from kennfeld.ascet.schedule import Schedule, Task, parse_schedule
 from kennfeld.errors import Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import join_names, nearest
-from kennfeld.models.ascet.component_tree import COMPONENT_FILES
+from kennfeld.models.ascet.component_tree import holds_components
 from kennfeld.models.ascet.declarations import Declared, SourceTree, package_of, root_of
 from kennfeld.models.ascet.instances import ClassInstance, Program
 from kennfeld.models.ascet.method_selection import MethodSelection, Process, ScheduledTask
@@ -267,9 +267,10 @@ def source_root(path: Path) -> Path:
     Raises:
         InputError: the file cannot be read.
     """
-    if path.suffix.lower() in COMPONENT_FILES:
+    is_application = path.suffix.lower() == APPLICATION
+    if not is_application and holds_components(path):
         return path.parent
-    if path.suffix.lower() != APPLICATION:
+    if not is_application:
         return root_of(path, package_of(path))
     schedule = read_schedule(path)
     processes = [*schedule.startup, *(process for task in schedule.tasks for process in task.processes)]
