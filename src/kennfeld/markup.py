@@ -32,7 +32,9 @@ def round_digits(values: Any, digits: int = 5) -> list[Any]:
     result = np.round(np.where(known, numbers, 0.0) / down * up) / up * down
     if known.all():
         return result.tolist()  # type: ignore[no-any-return]
-    return np.where(known, np.asarray(result, dtype=object), None).tolist()  # type: ignore[no-any-return]
+    listed = np.array(result, dtype=object)
+    listed[~known] = None
+    return listed.tolist()  # type: ignore[no-any-return]
 
 
 def decimal(value: float | None, digits: int = 4) -> str:

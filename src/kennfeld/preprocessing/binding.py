@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from kennfeld.graph import Graph
 from kennfeld.graph.node import NEXT_STEP, STEP, TIME
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.preprocessing.settling import AVERAGING, HoldPlan, is_settled, plan_hold, unheld_inputs
+
+_Column = TypeVar("_Column", Float, Bool)  # Python 3.11
 
 TIME_TOLERANCE = 1e-6  # s; time stamps are no closer
 EVEN = 1e-6  # relative difference of steps that count as equal
@@ -78,7 +81,7 @@ class BoundDataset:
         """Return a channel over the kept samples."""
         return self.at_kept(self.dataset[name].values)
 
-    def at_kept(self, values: Float) -> Float:
+    def at_kept(self, values: _Column) -> _Column:
         """Return values of all samples of the dataset, at the kept ones."""
         return values if self.picked is None else values[self.picked]
 
