@@ -28,7 +28,7 @@ from kennfeld.threads import blas_threads
 
 SAME_END = 1e-4  # relative difference of the costs of two searches that may have ended at the same values
 
-Search = Callable[[Problem], Result]
+Search = Callable[..., Result]  # of a problem, from free values that may follow
 
 
 def resolve_automatic(
@@ -103,7 +103,8 @@ class _Smoothing:
         if choice.fit.status == "stopped":
             stopped = replace(choice.fit, iterations=0, evaluations=0)
             return self._merge(self._run_last(choice, lambda start, limits: stopped), choice)
-        result = self.search(with_choice(plain.problem, choice))
+        begin = None if choice.fit.cut_short or plain.problem.free_axes else choice.fit.values
+        result = self.search(with_choice(plain.problem, choice), begin)
         if options.method == "global" or options.steps or plain.problem.limits or result.status == "stopped":
             return self._merge(result, choice)
         end = plain.exact.values.pack(result.parameters)[: start.size]

@@ -38,7 +38,7 @@ RIDGE = 1e-8  # of the diagonal; keeps undetermined values where they are
 LITTLE_RIDGE = 1e-10  # the same, for the factor of the data's matrix
 MIN_RESIDUAL_SHARE = 0.01  # of the samples that a fit must leave as residual degrees of freedom
 MAX_STEP = 4.0  # change of a logarithm in one Newton step
-MIN_GAIN = 0.02  # of the criterion in a step, for the search to continue
+MIN_GAIN = 0.002  # for a further step: of the criterion, for each value that the data determine
 MAX_UNIT_PROBES = 256  # values with data up to which the trace is exact
 RANDOM_PROBES = 64
 MAX_EXPLICIT = 1024  # values up to which the inverse is computed as a whole
@@ -71,6 +71,7 @@ class Point:
     value: float
     slope: Float  # Float[blocks]
     curvature: Float  # Float[blocks, blocks]
+    freedom: float = 0.0  # F
 
 
 def balanced_factor(block: Roughness, diagonal: Float) -> float:
@@ -126,7 +127,7 @@ class Prediction:
         slope = samples * (d_misfit / misfit + 2 * GAMMA * d_freedom / residual)
         curvature = dd_misfit / misfit - np.outer(d_misfit, d_misfit) / misfit**2
         curvature += 2 * GAMMA * dd_freedom / residual + 2 * GAMMA**2 * np.outer(d_freedom, d_freedom) / residual**2
-        point = Point(float(value), slope, samples * curvature)
+        point = Point(float(value), slope, samples * curvature, freedom)
         if not self._fit.blocks:
             return point
         held_out, share = self._held_out(factors, matrix), HOLDOUT_SHARE
@@ -135,6 +136,7 @@ class Prediction:
             (1 - share) * point.value + share * held_out.value + float(away @ away),
             (1 - share) * point.slope + share * held_out.slope + 2 * away / SPREAD,
             (1 - share) * point.curvature + share * held_out.curvature + 2 * np.eye(away.size) / SPREAD**2,
+            freedom,
         )
 
     @property
@@ -370,7 +372,7 @@ def minimise_prediction(
             break
         gain = point.value - accepted[1].value
         values, point = accepted
-        if gain < MIN_GAIN:
+        if gain < MIN_GAIN * max(point.freedom, 1.0):
             break
     return values
 
