@@ -59,7 +59,7 @@ def run(
         if problem.unknown_shifts or problem.automatic_names:
             from kennfeld.optimize.tuning.automatic_settings import resolve_automatic
 
-            def search(ready: Problem, begin: Float | None = None) -> Result:
+            def search(ready: Problem, begin: Float | None) -> Result:
                 return run(ready, options, progress, seconds, keep=keep, resumed=resumed, begin=begin)
 
             return resolve_automatic(problem, options, progress, seconds.read, search)

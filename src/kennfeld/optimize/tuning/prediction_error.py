@@ -8,8 +8,8 @@ exact. With data at many grid points, the trace is estimated from random signs (
 of the trace of the influence matrix for Laplacian smoothing splines, 1989), the same ones for all factors, so that its
 derivatives are those of the estimate. With H = C C' the matrix of the data and V the inverse of that with the penalty,
 the signs u give u'C'V C u: the eigenvalues of this symmetric matrix are between 0 and 1, so that the variance of the
-estimate is at most 2 F divided by the number of probes. Signs on both sides of V H, which has the same trace, would give
-a variance without limit, and another one in other units of the values.
+estimate is at most 2 F divided by the number of probes. Signs on both sides of V H, which has the same trace, give a
+variance without limit, and another one in other units of the values.
 
 If errors are correlated in time, blocks of the data are also held out in turn: with D_b the misfit of block b by the
 linearised fit to all other blocks, the mean of log D_b is a second estimate of the logarithm of the error (S. N. Wood,
@@ -330,8 +330,8 @@ def _with_diagonal(matrix: Float | Sparse, diagonal: Float) -> Float | Sparse:
 def _probes(data: Float | Sparse) -> Float:
     """Return rows w whose sum of w w' is the data's matrix H, up to a share `LITTLE_RIDGE`, or an estimate of it.
 
-    They are the rows of U C', with C C' = H and the rows of U unit vectors or random signs. With H + ridge = L L', C' is
-    computed as the inverse of L times H, which has nothing in the directions without data.
+    They are the rows of U C', with C C' = H and the rows of U unit vectors or random signs. With H + ridge = L L', C'
+    is computed as the inverse of L times H, which has nothing in the directions without data.
     """
     seen = np.flatnonzero(data.diagonal() > 0)
     own = _part(data, seen)
