@@ -348,8 +348,8 @@ def _probes(data: Float | Sparse) -> Float:
 
 
 def _random_signs(size: int) -> Float:
-    signs: Float = np.random.default_rng(0).choice([-1.0, 1.0], size=(RANDOM_PROBES, size))
-    return signs / RANDOM_PROBES**0.5
+    signs = np.array([-1.0, 1.0]) / RANDOM_PROBES**0.5
+    return np.asarray(np.random.default_rng(0).choice(signs, size=(RANDOM_PROBES, size)))
 
 
 def minimise_prediction(
