@@ -12,6 +12,7 @@ TOPICS = {
     "torque": "benchmarks.torque",
     "exhaust": "benchmarks.exhaust",
     "limits": "benchmarks.limits",
+    "constrained": "benchmarks.constrained",
     "continuation": "benchmarks.continuation",
     "scaling": "benchmarks.scaling",
     "states": "benchmarks.states",

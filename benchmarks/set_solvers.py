@@ -21,6 +21,7 @@ class _Sum:
         self._given = problem
         self.uses_qr = self.supports_acceleration = problem.start.size <= SMALL_VALUES
         self.supports_secant = True
+        self.target_squares = 0.0  # residuals without targets
 
     def cost(self, values: Float) -> float:
         residual = self._given.residual(values)

@@ -167,6 +167,20 @@ def tables():
     return kf.ParameterSet([*maps, kf.Curve("E", points, 1 - 0.1 * points)])
 
 
+def test_the_last_search_goes_on_from_the_fit_with_the_chosen_factors():
+    """Tables that multiply each other take many steps from their start; the chosen fit has taken them."""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0, 1, (2, 200))
+    data = {"x": x, "y": y, "wanted": np.exp(x) * (1 + np.sin(3 * y)) + 0.05 * rng.normal(size=200)}
+    points = np.linspace(0, 1, 7)
+    start = kf.ParameterSet([kf.Curve(name, points, np.ones(7)) for name in "AB"])
+    result = kf.calibrate("m = A(x) * B(y)", data, start, target="wanted", smoothness="auto")
+    stages = [line.stage for line in result.trace]
+    assert result.status == "converged"
+    assert stages.count("smoothness 1") > 5
+    assert stages.count("plain") <= 5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(

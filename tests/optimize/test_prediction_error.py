@@ -168,6 +168,27 @@ def test_traces_by_probes_are_those_of_the_whole_inverse(compiled, monkeypatch):
         assert estimated.freedom(at) == pytest.approx(whole.freedom(at), rel=0.02)
 
 
+def in_units(fit, blocks, units):
+    """The same linearised fit for values in other units."""
+    matrix = fit.matrix * np.outer(units, units)
+    other = replace(fit, values=fit.values / units, gradient=fit.gradient * units, matrix=matrix)
+    return other, [Roughness(units.size, block.columns, block.coefficients * units[block.columns]) for block in blocks]
+
+
+@pytest.mark.parametrize("decades", [0, 3])
+def test_the_estimated_trace_has_the_error_that_its_probes_promise_in_all_units(compiled, monkeypatch, decades):
+    """Its variance is at most 2 F / probes; signs on both sides of V H have no bound."""
+    blocks, fit = [unit(compiled, "M", 0), unit(compiled, "M", 1)], linearised(compiled)
+    whole = Prediction(fit, blocks)
+    monkeypatch.setattr(prediction_error, "MAX_EXPLICIT", 0)
+    monkeypatch.setattr(prediction_error, "MAX_UNIT_PROBES", 0)
+    units = 10.0 ** np.random.default_rng(1).uniform(-decades, decades, fit.values.size)
+    estimated = Prediction(*in_units(fit, blocks, units))
+    for at in POINTS:
+        exact = whole.freedom(at)
+        assert abs(estimated.freedom(at) - exact) <= 3 * (2 * exact / prediction_error.RANDOM_PROBES) ** 0.5
+
+
 def agree(point, other, rel):
     assert point.value == pytest.approx(other.value, rel=rel)
     assert point.slope == pytest.approx(other.slope, rel=rel, abs=1e-6)

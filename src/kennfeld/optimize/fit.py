@@ -126,10 +126,10 @@ class FitRun:
         other.trace, other.best, other._misled = [], None, None
         return other
 
-    def result(self, search: Search | None = None) -> Result:
+    def result(self, search: Search | None = None, begin: Float | None = None) -> Result:
         """Run `minimise` and assess its end."""
         with blas_threads(self.exact.values.free):
-            return self.while_connected(lambda: self._result(search))
+            return self.while_connected(lambda: self._result(search, begin))
 
     def while_connected(self, compute: Callable[[], Result]) -> Result:
         """Return `compute()`, or the best values so far if the data cannot be evaluated any more."""
@@ -160,14 +160,14 @@ class FitRun:
             seconds=Seconds(self.read + spent, self.read, self.compile, spent - self.compile),
         )
 
-    def _result(self, search: Search | None) -> Result:
+    def _result(self, search: Search | None, begin: Float | None) -> Result:
         scorer = self.scorer
         if search is None:
             _ = self.outputs  # compiled here, so that its time counts as such
         self.compile = time.perf_counter() - self.began
         before = self.objective.cost(self.objective.start)
         limits = linear_limits(self.problem, self.exact.values)
-        end, remark = self.minimise(search)
+        end, remark = self.minimise(search, begin)
         parameters = self.parameters(end.values)
         informed = self._informed(end)
         axes, free_values = self.problem.free_axes, int(limits.movable.sum())
@@ -203,8 +203,12 @@ class FitRun:
             certificate=certificate,
         )
 
-    def minimise(self, search: Search | None = None) -> tuple[SolverResult, str]:
-        """Search from the feasible start, with `search` in place of the usual strategy if given.
+    def minimise(self, search: Search | None = None, begin: Float | None = None) -> tuple[SolverResult, str]:
+        """Search from the feasible start.
+
+        Args:
+            search: in place of the usual strategy.
+            begin: values within the limits at which a single descent begins, in place of the start.
 
         Returns:
             The end, and a remark on the start.
@@ -217,7 +221,9 @@ class FitRun:
             return SolverResult(initial, self.objective.cost(initial), "infeasible", remark, 0, 1), ""
         if search is not None:
             return self._within_limits(search(start, limits), limits), remark
-        end = self._finish_parts(self._search(start, start, limits), start, limits)
+        single = self.continuation is None and self.options.method != "global"
+        first = start if begin is None or not single else begin
+        end = self._finish_parts(self._search(first, start, limits), start, limits)
         end = enforce_output_limits(self._setup, end, start, limits)
         end = self._follow_simulations(self._restore_faint_values(end, start, limits), start, limits)
         projected, other_remark = project(initial, limits)

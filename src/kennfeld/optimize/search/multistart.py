@@ -36,6 +36,7 @@ def run(
     *,
     keep: CheckpointSink | None = None,
     resumed: Mapping[int, Checkpoint] | None = None,
+    begin: Float | None = None,
 ) -> Result:
     """Calibrate a problem.
 
@@ -46,6 +47,7 @@ def run(
         seconds: time spent before, for the account of the time.
         keep: receives every nth accepted parameter set (`options.save_every`), and the end of each start.
         resumed: checkpoints from which to resume, by the number of the start.
+        begin: free values at which a single search begins, in place of the start.
 
     Raises:
         InputError: there is nothing to fit, or a step or a checkpoint does not fit the problem. A search that fails
@@ -57,12 +59,12 @@ def run(
         if problem.unknown_shifts or problem.automatic_names:
             from kennfeld.optimize.tuning.automatic_settings import resolve_automatic
 
-            def search(ready: Problem) -> Result:
-                return run(ready, options, progress, seconds, keep=keep, resumed=resumed)
+            def search(ready: Problem, begin: Float | None) -> Result:
+                return run(ready, options, progress, seconds, keep=keep, resumed=resumed, begin=begin)
 
             return resolve_automatic(problem, options, progress, seconds.read, search)
         if options.starts == 1 and not (options.steps or options.save_every or resumed):
-            result = FitRun(problem, options, progress, seconds).result()
+            result = FitRun(problem, options, progress, seconds).result(begin=begin)
             return replace(result, starts=(single_start(result),))
         Findings(check_steps(problem, options.steps)).finish()
         return _Multistart(problem, options, progress, keep, resumed or {}).result(seconds)

@@ -28,7 +28,7 @@ from kennfeld.threads import blas_threads
 
 SAME_END = 1e-4  # relative difference of the costs of two searches that may have ended at the same values
 
-Search = Callable[[Problem], Result]
+Search = Callable[[Problem, Float | None], Result]
 
 
 def resolve_automatic(
@@ -41,7 +41,7 @@ def resolve_automatic(
         options: options of the search.
         progress: called after every accepted step.
         read: time in s that reading the data took, for the account of the time.
-        search: calibrates a problem without automatic settings.
+        search: calibrates a problem without automatic settings; a single search from free values if they are given.
     """
     began = time.perf_counter()
     shifts: dict[str, dict[str, float]] = {}
@@ -56,7 +56,7 @@ def resolve_automatic(
         with blas_threads(plain.exact.values.free):
             result = plain.while_connected(_Smoothing(plain, options, search).result)
     else:
-        result = search(ready)
+        result = search(ready, None)
     total = time.perf_counter() - began + read
     compiling = result.seconds.compile
     spent = Seconds(total, read, compiling, total - read - compiling)
@@ -98,12 +98,13 @@ class _Smoothing:
         start, _ = plain.feasible_start(limits)
         if start is None:  # it cannot be fitted with any factors
             problem = plain.problem
-            return self.search(replace(problem, smoothness={n: problem.factors(n) for n in problem.smoothness}))
+            return self.search(replace(problem, smoothness={n: problem.factors(n) for n in problem.smoothness}), None)
         choice = choose_smoothness(plain, start, limits)
         if choice.fit.status == "stopped":
             stopped = replace(choice.fit, iterations=0, evaluations=0)
             return self._merge(self._run_last(choice, lambda start, limits: stopped), choice)
-        result = self.search(with_choice(plain.problem, choice))
+        begin = None if choice.fit.cut_short or plain.problem.free_axes else choice.fit.values
+        result = self.search(with_choice(plain.problem, choice), begin)
         if options.method == "global" or options.steps or plain.problem.limits or result.status == "stopped":
             return self._merge(result, choice)
         end = plain.exact.values.pack(result.parameters)[: start.size]

@@ -6,7 +6,10 @@ noisy data with spline functions, 1979). A gamma above 1 guards small data sets 
 C. Gu, Smoothing spline Gaussian regression, 2004). First and second derivatives by the logarithms of the factors are
 exact. With data at many grid points, the trace is estimated from random signs (M. F. Hutchinson, A stochastic estimator
 of the trace of the influence matrix for Laplacian smoothing splines, 1989), the same ones for all factors, so that its
-derivatives are those of the estimate.
+derivatives are those of the estimate. With H = C C' the matrix of the data and V the inverse of that with the penalty,
+the signs u give u'C'V C u: the eigenvalues of this symmetric matrix are between 0 and 1, so that the variance of the
+estimate is at most 2 F divided by the number of probes. Signs on both sides of V H, which has the same trace, give a
+variance without limit, and another one in other units of the values.
 
 If errors are correlated in time, blocks of the data are also held out in turn: with D_b the misfit of block b by the
 linearised fit to all other blocks, the mean of log D_b is a second estimate of the logarithm of the error (S. N. Wood,
@@ -32,12 +35,13 @@ GAMMA = 1.2
 SPREAD = 0.5 * float(np.log(10))  # standard deviation of the logarithm of a factor, if blocks are held out
 HOLDOUT_SHARE = 0.75  # of the estimate from held-out blocks in the mean
 RIDGE = 1e-8  # of the diagonal; keeps undetermined values where they are
+LITTLE_RIDGE = 1e-10  # the same, for the factor of the data's matrix
 MIN_RESIDUAL_SHARE = 0.01  # of the samples that a fit must leave as residual degrees of freedom
 MAX_STEP = 4.0  # change of a logarithm in one Newton step
-MIN_GAIN = 0.02  # of the criterion in a step, for the search to continue
+MIN_GAIN = 0.002  # for a further step: of the criterion, for each value that the data determine
 MAX_UNIT_PROBES = 256  # values with data up to which the trace is exact
 RANDOM_PROBES = 64
-MAX_EXPLICIT = 512  # values up to which the inverse is computed as a whole
+MAX_EXPLICIT = 1024  # values up to which the inverse is computed as a whole
 
 Solve = Callable[[Float], Float]  # the inverse times a vector, or times each row of a matrix
 Misfit = tuple[float, Float, Float]  # its value, slope and curvature
@@ -67,6 +71,7 @@ class Point:
     value: float
     slope: Float  # Float[blocks]
     curvature: Float  # Float[blocks, blocks]
+    freedom: float = 0.0  # F
 
 
 def balanced_factor(block: Roughness, diagonal: Float) -> float:
@@ -101,9 +106,8 @@ class Prediction:
         self._data = _part(fit.matrix, self._free)
         self._cholesky = Cholesky(self._free.size)
         self._probes = _probes(self._data)
-        self._probed = self._probes @ self._data
-        size, exact = self._free.size, len(self._probes) == np.count_nonzero(self._data.diagonal() > 0)
-        self._explicit = exact and size <= MAX_EXPLICIT and len(self._probes) * len(blocks) > size
+        size = self._free.size
+        self._explicit = size <= MAX_EXPLICIT and len(self._probes) * (1 + len(blocks)) >= size
 
     def at(self, logarithms: Float) -> Point:
         """Evaluate the criterion at the logarithms of the factors, shape (blocks,)."""
@@ -123,7 +127,7 @@ class Prediction:
         slope = samples * (d_misfit / misfit + 2 * GAMMA * d_freedom / residual)
         curvature = dd_misfit / misfit - np.outer(d_misfit, d_misfit) / misfit**2
         curvature += 2 * GAMMA * dd_freedom / residual + 2 * GAMMA**2 * np.outer(d_freedom, d_freedom) / residual**2
-        point = Point(float(value), slope, samples * curvature)
+        point = Point(float(value), slope, samples * curvature, freedom)
         if not self._fit.blocks:
             return point
         held_out, share = self._held_out(factors, matrix), HOLDOUT_SHARE
@@ -132,6 +136,7 @@ class Prediction:
             (1 - share) * point.value + share * held_out.value + float(away @ away),
             (1 - share) * point.slope + share * held_out.slope + 2 * away / SPREAD,
             (1 - share) * point.curvature + share * held_out.curvature + 2 * np.eye(away.size) / SPREAD**2,
+            freedom,
         )
 
     @property
@@ -159,7 +164,7 @@ class Prediction:
     def freedom(self, logarithms: Float) -> float:
         """Return the effective number of values that the data determine."""
         solve = self._inverse(self._add_penalty(np.exp(logarithms)))
-        return float("nan") if solve is None else float(np.sum(solve(self._probes) * self._probed))
+        return float("nan") if solve is None else self._freedom(np.exp(logarithms), solve)[0]
 
     def _add_penalty(self, factors: Float) -> Float | Sparse:
         """Return matrix plus penalty over the free values."""
@@ -231,16 +236,15 @@ class Prediction:
         return float(np.trace(influence)), np.array(traces), np.array(squares)
 
     def _probed_traces(self, solve: Solve) -> tuple[float, Float, Float]:
-        """Return the same traces, as the sums of u'V H u and so on over the probes u, which are rows."""
-        before, after = solve(self._probes).T, solve(self._probed).T
-        pulled = [penalty.times(before) for penalty in self._blocks]
-        traces, squares = [], []
-        for penalty in self._blocks:
-            twice = penalty.times(after)
-            traces.append(np.sum(before * twice))
-            back = solve(twice.T).T
+        """Return the same traces, as the sums of w'V w, of w'V P_i V w and so on over the probes w, which are rows."""
+        inner = solve(self._probes).T
+        pulled = [penalty.times(inner) for penalty in self._blocks]
+        traces = [np.sum(inner * each) for each in pulled]
+        squares = []
+        for each in pulled:
+            back = solve(each.T).T
             squares.append([np.sum(other * back) for other in pulled])
-        return float(np.sum(before.T * self._probed)), np.array(traces), np.array(squares)
+        return float(np.sum(inner.T * self._probes)), np.array(traces), np.array(squares)
 
 
 def _solve(factor: Factor, scale: Float, rows: Float) -> Float:
@@ -324,16 +328,28 @@ def _with_diagonal(matrix: Float | Sparse, diagonal: Float) -> Float | Sparse:
 
 
 def _probes(data: Float | Sparse) -> Float:
-    """Return rows u whose sum of u u' leaves the trace of the data's matrix times any other as it is, or nearly so."""
+    """Return rows w whose sum of w w' is the data's matrix H, up to a share `LITTLE_RIDGE`, or an estimate of it.
+
+    They are the rows of U C', with C C' = H and the rows of U unit vectors or random signs. With H + ridge = L L', C'
+    is computed as the inverse of L times H, which has nothing in the directions without data.
+    """
     seen = np.flatnonzero(data.diagonal() > 0)
+    own = _part(data, seen)
+    scale = 1 / np.sqrt(own.diagonal())
+    factor = Cholesky(seen.size).factor(scaled(own, scale), np.full(seen.size, LITTLE_RIDGE))
     few = seen.size <= MAX_UNIT_PROBES
     probes = np.zeros((seen.size if few else RANDOM_PROBES, data.shape[0]))
-    if few:
-        probes[np.arange(seen.size), seen] = 1.0
-    else:
-        signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(RANDOM_PROBES, seen.size))
-        probes[:, seen] = signs / RANDOM_PROBES**0.5
+    if factor is None:  # not finite
+        return np.full(probes.shape, np.nan)
+    signs = np.zeros((len(probes), factor.inverse.size))
+    signs[:, : seen.size] = np.eye(seen.size) if few else _random_signs(seen.size)
+    probes[:, seen] = (scale * factor.solve_upper(signs)) @ own
     return probes
+
+
+def _random_signs(size: int) -> Float:
+    signs = np.array([-1.0, 1.0]) / RANDOM_PROBES**0.5
+    return np.asarray(np.random.default_rng(0).choice(signs, size=(RANDOM_PROBES, size)))
 
 
 def minimise_prediction(
@@ -356,7 +372,7 @@ def minimise_prediction(
             break
         gain = point.value - accepted[1].value
         values, point = accepted
-        if gain < MIN_GAIN:
+        if gain < MIN_GAIN * max(point.freedom, 1.0):
             break
     return values
 

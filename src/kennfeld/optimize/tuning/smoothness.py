@@ -37,12 +37,14 @@ MIN_CHANGE = 0.1  # of a logarithm, for another fit
 MAX_ROUNDS = 12
 PATH = (3, 2, 1, 0, -1)  # powers of ten of the factors tried first, relative to the data
 LIGHT = -2  # power of ten of the factors for the fit whose errors give the number of independent samples
-MIN_GAIN = 0.1  # of n times the logarithm of the criterion, for another round
+MIN_GAIN = 0.005  # for another round: of n times the logarithm of the criterion, for each value that data determine
 POOR, GOOD = 0.25, 0.75  # ratio of actual to predicted gain at which the radius is halved, or doubled
 NO_FACTOR = -np.inf  # logarithm of the factor 0, for tables without data
 MIN_CORRELATION = 2.0  # samples per independent sample, from which blocks are held out
 ACTIVE_TOLERANCE = 1e-9  # relative to the size of a linear row
-ROUGH = SolverSettings(max_iterations=40, tolerance=1e-5, patience=2)
+ROUGH = SolverSettings(max_iterations=40, patience=2)
+LOOSE = 15  # iterations of a fit without restraints, which would follow a scale that no data determine without end
+NOISE_SHARE, TOLERANCES = 0.05, (1e-5, 1e-3)  # as `fit.default_tolerance`, for fits that a last search follows
 
 Samples = Callable[[Float], float]
 
@@ -57,6 +59,7 @@ class Round:
     prediction: Prediction | None = None  # the criterion of the linearised problem
     live: Bool = field(default_factory=lambda: np.zeros(0, dtype=bool))  # factors whose tables have data
     middle: Float = field(default_factory=lambda: np.zeros(0))  # live logarithms at equal weight of roughness and data
+    freedom: float = 0.0  # effective number of values that the data determine
 
     @property
     def stopped(self) -> bool:
@@ -134,7 +137,9 @@ class SmoothnessSelection:
 
     def __post_init__(self) -> None:
         self.problem = self.compiled.problem
-        self.settings = replace(ROUGH, max_iterations=min(ROUGH.max_iterations, self.settings.max_iterations))
+        share = NOISE_SHARE * self.compiled.values.free / max(self.compiled.residuals, 1)
+        most = min(ROUGH.max_iterations, self.settings.max_iterations)
+        self.settings = replace(ROUGH, max_iterations=most, tolerance=float(np.clip(share, *TOLERANCES)))
         self.restraints: Mapping[str, Restraint] = {}
         self.scored = count_scored(self.compiled)
         self.samples = self.scored  # the same for all rounds, so that these are comparable
@@ -179,7 +184,7 @@ class SmoothnessSelection:
         if self.independent is not None:
             # a lightly smoothed fit: the errors of a smoother one are correlated by the smoothness itself
             self._set_samples(self.independent(self._fit(reference + LIGHT * np.log(10), start).values))
-        plain = self._fit(reference, start)
+        plain = self._fit(reference, start, LOOSE)
         if plain.cut_short:
             return Round(reference, plain)
         self.restraints = self._restraints(plain.values, move_start=False)
@@ -226,7 +231,7 @@ class SmoothnessSelection:
         radius, last = np.inf, self.rounds + MAX_ROUNDS
         while np.isfinite(best.value) and self.rounds < last and radius > MIN_CHANGE:
             proposal, gain = best.propose(radius)
-            if gain < MIN_GAIN:
+            if gain < MIN_GAIN * max(best.freedom, 1.0):
                 break
             trial = self._round(proposal, best.fit.values)
             if trial.fit.cut_short:
@@ -261,12 +266,13 @@ class SmoothnessSelection:
     def _round(self, logarithms: Float, start: Float) -> Round:
         return self._judge(logarithms, self._fit(logarithms, start))
 
-    def _fit(self, logarithms: Float, start: Float) -> SolverResult:
-        """Fit with some factors."""
+    def _fit(self, logarithms: Float, start: Float, most: int = ROUGH.max_iterations) -> SolverResult:
+        """Fit with some factors, in at most that many iterations."""
         self._use(logarithms)
         self.rounds += 1
         report = partial(self.report, f"{CHOICE} {self.rounds}")
-        fit = levenberg_marquardt(self.objective, start, self.limits, self.settings, report)
+        settings = replace(self.settings, max_iterations=min(most, self.settings.max_iterations))
+        fit = levenberg_marquardt(self.objective, start, self.limits, settings, report)
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations
         return fit
@@ -282,7 +288,8 @@ class SmoothnessSelection:
         holdout = self.holdout if hold_out else None
         parts = tuple(holdout.linearise(self.compiled.full(fit.values))) if holdout else ()
         prediction = self._prediction(fit.values, gradient, matrix, live, parts)
-        return Round(logarithms, fit, prediction.at(logarithms[live]).value, prediction, live, np.log(scales[live]))
+        point = prediction.at(logarithms[live])
+        return Round(logarithms, fit, point.value, prediction, live, np.log(scales[live]), point.freedom)
 
     def _prediction(
         self,
