@@ -7,9 +7,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
+from io import BufferedIOBase
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
+from kennfeld.archives import limited
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.file_state import note_opened
@@ -95,8 +97,10 @@ class FileHead:
         if member not in self.members:
             return b""
         try:
-            with zipfile.ZipFile(self.path) as archive, archive.open(member) as stream:
+            with zipfile.ZipFile(self.path) as archive, open_member(archive, member) as stream:
                 return stream.read(size)
+        except InputError:
+            raise
         except ZIP_ERRORS:
             raise InputError.of(Location(self.path.name), DAMAGED, COPY) from None
 
@@ -133,11 +137,21 @@ def read_head(path: Path) -> FileHead:
 
 
 def open_unpacked(path: Path, packing: str) -> BinaryIO:
-    """Open a file that is compressed in this way, or the file itself for an empty `packing`."""
+    """Open a file that is compressed in this way, or the file itself for an empty `packing`.
+
+    Reading the stream raises `InputError` if it unpacks to far more than the size of the file.
+    """
     if not packing:
         return path.open("rb")
-    opener: Callable[..., BinaryIO] = import_module(_OPENERS[packing]).open
-    return opener(path, "rb")
+    opener: Callable[..., BufferedIOBase] = import_module(_OPENERS[packing]).open
+    return limited(opener(path, "rb"), path.name, path.stat().st_size)
+
+
+def open_member(archive: zipfile.ZipFile, member: str) -> BinaryIO:
+    """Open a member of a ZIP archive, with the same limit."""
+    return limited(
+        cast(BufferedIOBase, archive.open(member)), PurePosixPath(member).name, archive.getinfo(member).compress_size
+    )
 
 
 @contextmanager

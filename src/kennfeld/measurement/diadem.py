@@ -54,7 +54,7 @@ class _Header:
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each length of channels that has a requested one."""
     groups, unreadable = _groups(source, _header(source))
-    size = source.size + sum(path.stat().st_size for path in companions(source) if path.is_file())
+    size = source.stored_size(*companions(source))
     return tables_of(source, groups, selection, unreadable, size)
 
 

@@ -128,7 +128,7 @@ def test_members_outside_of_the_folder_are_refused(tmp_path, member):
 
 
 def test_zip_bombs_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("kennfeld.archives.LARGE", 5_000_000)
+    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 80)
     path = pack(tmp_path / "lag.fmu", description_2(), {"resources/zeros": b"\0" * 10_000_000})
     with pytest.raises(InputError, match="packed into"):
         read_archive(path)
