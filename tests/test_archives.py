@@ -77,6 +77,6 @@ def test_a_stream_ends_in_a_finding_at_its_limit(monkeypatch):
     most = most_unpacked(1000)
     with limited(BytesIO(bytes(most)), "drive.csv.gz", 1000) as stream:
         assert len(stream.read()) == most
-    with limited(BytesIO(bytes(most + 1)), "drive.csv.gz", 1000) as stream:
-        with pytest.raises(InputError, match=r"^drive\.csv\.gz: its 0\.001 MB unpack to more than 0 MB, 101 times"):
-            stream.read()
+    beyond = limited(BytesIO(bytes(most + 1)), "drive.csv.gz", 1000)
+    with pytest.raises(InputError, match=r"^drive\.csv\.gz: its 0\.001 MB unpack to more than 0 MB, 101 times"), beyond:
+        beyond.read()

@@ -75,7 +75,7 @@ def test_files_beside_a_header_in_an_archive_are_read(tmp_path, monkeypatch):
     members["mon/other.r64"] = bytes(100_000)
     zipped(path, members)
     monkeypatch.setattr("kennfeld.archives._PER_BYTE", 10_000)
-    with pytest.raises(InputError, match="suspicious archive: mon/other.r64 holds 0 MB or more"):
+    with pytest.raises(InputError, match=r"suspicious archive: mon/other\.r64 holds 0 MB or more"):
         read(f"{path}#run.dat")
 
 

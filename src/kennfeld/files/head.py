@@ -81,6 +81,11 @@ class FileHead:
         """True if it contains NUL bytes and is not UTF-16."""
         return b"\0" in self.raw and not self.raw.startswith((b"\xff\xfe", b"\xfe\xff"))
 
+    @property
+    def is_blank(self) -> bool:
+        """True if it contains nothing but blanks and control characters that count as such."""
+        return not self.raw.strip() or not (self.is_binary or self.text.strip())
+
     @cached_property
     def members(self) -> tuple[str, ...]:
         """The names of the members of a ZIP archive; none if it is damaged."""
