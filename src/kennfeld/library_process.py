@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.library_process import main; main()"
 _TIME, _TIME_PER_BYTE = 20.0, 1e-6  # s of computing for any file, and for each of its bytes
+_LOADING = 512 << 20  # bytes that a job of Windows, which counts all memory, may take for Python and the library
 _COUNT = struct.Struct("<Q")
 _REMEDY = "Copy or export it again."
 
@@ -85,7 +86,7 @@ class LibraryProcess:
             process = self._started()
             try:
                 bound = memory_bound(source.stored_size())
-                self._job.set_limits(memory=bound)
+                self._job.set_limits(memory=self._job.most_memory() + _LOADING + bound)
                 _send(process.stdin, (work.__module__, work.__qualname__, source, arguments, bound, Path.cwd()))
                 good, answer = _receive(process.stdout)
             except (EOFError, OSError):
