@@ -5,8 +5,9 @@ from io import BytesIO
 
 import pytest
 
-from kennfeld.archives import find_oversized, limited, most_unpacked
+from kennfeld.archives import find_oversized, most_unpacked
 from kennfeld.errors import InputError
+from kennfeld.files.limited_stream import limited
 
 
 def packed(path, content, method=zipfile.ZIP_DEFLATED):

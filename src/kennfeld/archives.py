@@ -5,13 +5,11 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterator
-from typing import BinaryIO, cast
 
-from kennfeld.errors import InputError, Location
 from kennfeld.process_limits import memory_bound
 
 _PER_BYTE = 12  # bytes of memory that a byte of text takes while it is read: a column with one digit a row
-_CHUNK, _BUFFER = 1 << 20, 1 << 16
+_CHUNK = 1 << 20
 _BEST_RATIO = 1032  # of Deflate
 _SHARED = "xl/sharedStrings.xml"
 _HEAD = 4096  # bytes that contain the root element of the document
@@ -27,43 +25,6 @@ def most_unpacked(packed: int) -> int:
     (33, 50)
     """
     return memory_bound(packed) // _PER_BYTE
-
-
-def limited(stream: io.BufferedIOBase, name: str, packed: int) -> BinaryIO:
-    """Return a stream that unpacks so many packed bytes of a file.
-
-    It raises `InputError` as soon as it has unpacked more than `most_unpacked`.
-    """
-    return cast(BinaryIO, io.BufferedReader(_LimitedStream(stream, name, packed), _BUFFER))
-
-
-class _LimitedStream(io.RawIOBase):
-    """The unpacked content of a file up to a limit."""
-
-    def __init__(self, stream: io.BufferedIOBase, name: str, packed: int) -> None:
-        self._stream, self._name, self._packed = stream, name, packed
-        self._room = most_unpacked(packed)
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        content = self._stream.read1(len(buffer))
-        self._room -= len(content)
-        if self._room < 0:
-            raise InputError.of(Location(self._name), _describe_size(self._packed), "Unpack it first if you trust it.")
-        buffer[: len(content)] = content
-        return len(content)
-
-    def close(self) -> None:
-        self._stream.close()
-        super().close()
-
-
-def _describe_size(packed: int) -> str:
-    most = most_unpacked(packed)
-    ratio = f"{most / packed:.0f} times its size" if packed else "too much"
-    return f"its {packed / 1e6:.3g} MB unpack to more than {most / 1e6:.0f} MB, {ratio}"
 
 
 def find_oversized(archive: zipfile.ZipFile) -> str:

@@ -11,11 +11,11 @@ from io import BufferedIOBase
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, cast
 
-from kennfeld.archives import limited
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.file_state import note_opened
 from kennfeld.files.encoding import decode
+from kennfeld.files.limited_stream import limited
 from kennfeld.files.xml_root import xml_root
 from kennfeld.lazy_dataclass import dataclass
 

@@ -132,11 +132,16 @@ def _channel(
 
 
 def _even(start: float, step: float, length: int) -> Float:
-    return np.asarray(start + step * np.arange(length), dtype=np.float64)
+    return _scaled(np.arange(length, dtype=np.float64), step, start)
 
 
 def _physical(stored: "_Stored", factor: float, offset: float) -> Float:
-    return stored.values() * factor + offset
+    return _scaled(stored.values(), factor, offset)
+
+
+def _scaled(values: Float, factor: float, offset: float) -> Float:
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite values are reported as of all formats
+        return np.asarray(values * factor + offset)
 
 
 @dataclass(frozen=True)
