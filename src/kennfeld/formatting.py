@@ -12,6 +12,9 @@ _MAX_LABELS = 5  # names of labels in a message
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
 
 
+_MOST_OF_REASON = 160  # characters
+
+
 def nearest(name: str, candidates: Iterable[str]) -> str:
     """Return a question that offers the most similar name, or an empty string.
 
@@ -47,6 +50,15 @@ def holds_control_characters(text: str) -> bool:
 def one_line(text: str) -> str:
     """Return the text with line breaks and other control characters replaced by blanks."""
     return _CONTROL.sub(" ", text)
+
+
+def reason_of(error: Exception) -> str:
+    r"""Return the message of a library's error as one short line: it may quote the file; its type if it has none.
+
+    >>> reason_of(ValueError("no\n  end"))
+    'no end'
+    """
+    return " ".join(str(error).split())[:_MOST_OF_REASON] or type(error).__name__
 
 
 def count_noun(number: int, thing: str) -> str:

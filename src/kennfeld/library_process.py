@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.library_process import main; main()"
 _TIME, _TIME_PER_BYTE = 20.0, 1e-6  # s of computing for any file, and for each of its bytes
+_LOADING = 512 << 20  # bytes that a job of Windows, which counts all memory, may take for Python and the library
 _COUNT = struct.Struct("<Q")
 _REMEDY = "Copy or export it again."
 
@@ -35,10 +36,12 @@ Work = Callable[..., Any]
 
 
 class LibraryInput(Protocol):
-    """A file to read: its size in bytes, and its location in findings."""
+    """A file to read: its size in bytes, unpacked and as stored, and its location in findings."""
 
     @property
     def size(self) -> int: ...
+
+    def stored_size(self) -> int: ...
 
     @property
     def location(self) -> Location: ...
@@ -82,13 +85,13 @@ class LibraryProcess:
         with self._lock:
             process = self._started()
             try:
-                bound = memory_bound(source.size)
-                self._job.set_limits(memory=bound)
+                bound = memory_bound(source.stored_size())
+                self._job.set_limits(memory=self._job.most_memory() + _LOADING + bound)
                 _send(process.stdin, (work.__module__, work.__qualname__, source, arguments, bound, Path.cwd()))
                 good, answer = _receive(process.stdout)
             except (EOFError, OSError):
                 self._end()
-                raise LibraryFailure(_reason(process.returncode, source.size)) from None
+                raise LibraryFailure(_reason(process.returncode, source.stored_size())) from None
             except BaseException:  # such as Ctrl-C: the answer would be taken for that of the next file
                 self._end()
                 raise
@@ -165,7 +168,7 @@ def _answer(
         limit_time(_TIME + _TIME_PER_BYTE * source.size)
         return True, work(source, *arguments)
     except MemoryError:
-        return False, LibraryFailure(_too_large(source.size))
+        return False, LibraryFailure(_too_large(source.stored_size()))
     except InputError as error:
         return False, error
     except Exception as error:  # a fault of the program, which the other process shows with its place there

@@ -38,6 +38,11 @@ class _ExtendedLimits(ctypes.Structure):
     )
 
 
+def _kernel() -> Any:
+    """Return the functions of Windows; None on other systems."""
+    return getattr(ctypes, "WinDLL")("kernel32") if os.name == "nt" else None  # noqa: B009 - unknown to their types
+
+
 class WindowsJob:
     """A job that ends its processes when it is closed, or when this process ends; elsewhere it does nothing.
 
@@ -51,9 +56,9 @@ class WindowsJob:
         self._flags = _KILL_ON_CLOSE | (_SILENT_BREAKAWAY if breakaway else 0)
         self._handle: Any = None
         self._library: Any = None
-        if os.name != "nt":
+        self._library = _kernel()
+        if self._library is None:
             return
-        self._library = getattr(ctypes, "WinDLL")("kernel32")  # noqa: B009 - unknown to the types of other systems
         for name in ("CreateJobObjectW", "OpenProcess"):
             getattr(self._library, name).restype = ctypes.c_void_p
         self._handle = ctypes.c_void_p(self._library.CreateJobObjectW(None, None))
@@ -71,6 +76,15 @@ class WindowsJob:
         limits.JobMemoryLimit = memory
         size = ctypes.sizeof(limits)
         self._library.SetInformationJobObject(self._handle, _EXTENDED_LIMITS, ctypes.byref(limits), size)
+
+    def most_memory(self) -> int:
+        """Return the bytes that the processes took together at most; 0 elsewhere."""
+        if self._handle is None:
+            return 0
+        limits = _ExtendedLimits()
+        size = ctypes.sizeof(limits)
+        self._library.QueryInformationJobObject(self._handle, _EXTENDED_LIMITS, ctypes.byref(limits), size, None)
+        return int(limits.PeakJobMemoryUsed)
 
     def add(self, process: int) -> None:
         """Put a process into the job, and those that it starts from now on."""

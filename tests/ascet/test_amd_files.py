@@ -64,7 +64,7 @@ def test_files_of_a_folder_of_another_name_are_those_beside(tmp_path):
     ids=["bomb", "twins", "cut off", "few bytes"],
 )
 def test_archives_that_are_not_harmless_are_refused(members, length, part, monkeypatch):
-    monkeypatch.setattr("kennfeld.archives.LARGE", 10_000_000)
+    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 40)
     raw = archive(*(("a.main.amd", content) for content in members))
     with pytest.raises(InputError, match=part):
         open_archive(raw[:length], "a.axl")

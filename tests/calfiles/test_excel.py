@@ -187,7 +187,7 @@ def repacked(path, change):
 def test_a_sheet_that_unpacks_to_gigabytes_is_refused(book, monkeypatch):
     path = repacked(book(), lambda name, raw: raw + b" " * 30_000_000 if name.endswith("sheet1.xml") else raw)
     assert path.stat().st_size < 200_000
-    monkeypatch.setattr("kennfeld.archives.LARGE", 20_000_000)
+    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 20)
     assert "sheet1.xml holds 30 MB or more, packed into 0.0 MB" in refused(path)
 
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
-from kennfeld.measurement import read
+from kennfeld.measurement import clock_numbers, read
 from kennfeld.measurement.clock_numbers import seconds_of_clock
 from kennfeld.measurement.stamps import is_stamp, parse_stamps
+from kennfeld.measurement.table import Column
 
 
 def clock(seconds):
@@ -100,3 +101,17 @@ def test_other_words_are_no_stamps(cell):
 def test_gaps_among_stamps_are_missing_stamps(csv):
     with pytest.raises(InputError, match=r"line 3, column Time: the time stamp is missing"):
         read(csv("Time;n\n11-Nov-2026 10:00:00;1\n-;2\n11-Nov-2026 10:00:02;3\n"))
+
+
+def test_blocks_give_the_numbers_of_the_whole(monkeypatch):
+    seconds = 86_380.0 + 1.5 * np.arange(60)
+    clock = seconds % 86_400
+    numbers = 1e4 * (clock // 3600) + 100 * (clock % 3600 // 60) + clock % 60
+    numbers[[0, 5, 6, 7, 8, 20]] = np.nan
+    dates = numbers + 1e6 * np.where(seconds < 86_400, 20_261_231, 20_270_101)
+    whole = [clock_numbers.seconds_of_clock(numbers), clock_numbers.seconds_of_dates(dates)]
+    monkeypatch.setattr(clock_numbers, "_BLOCK", 4)
+    np.testing.assert_array_equal(clock_numbers.seconds_of_clock(numbers), whole[0])
+    np.testing.assert_array_equal(clock_numbers.seconds_of_dates(dates), whole[1])
+    np.testing.assert_allclose(whole[0][1:5], seconds[1:5])
+    assert clock_numbers.decode_clock(Column("time", "", "time", numbers)).dated

@@ -36,6 +36,12 @@ def test_samples_of_all_types_are_scaled(file, kind, order):
     assert (data["Öltemp"].unit, data["Öltemp"].description) == ("°C", "oil")
 
 
+def test_values_beyond_the_largest_number_are_missing(file):
+    data = read(file(famos_curve("p", Component(np.array([1.0, 1e300]), "bar", 1e10))))
+    np.testing.assert_array_equal(data["p"].values, [1e10, np.nan])
+    assert "infinite" in str(data.findings[0])
+
+
 def test_steps_in_milliseconds_and_a_first_time_count(file):
     curve = famos_curve("a", Component(RAW.astype("f4")), step=10.0, unit="ms", origin=500.0)
     np.testing.assert_allclose(read(file(curve)).time, 0.5 + 0.01 * RAW)

@@ -69,6 +69,7 @@ DAMAGES = {
     "a channel beyond the end": lambda raw: raw[:8] + (10**6).to_bytes(4, "little") + raw[12:],
     "too many samples": lambda raw: raw[:1774] + (10**9).to_bytes(4, "little") + raw[1778:],
     "a scale of 0": lambda raw: raw[:1790] + bytes(2) + raw[1792:],
+    "too many decimals": lambda raw: raw[:1792] + (400).to_bytes(2, "little") + raw[1794:],
     "no rate": lambda raw: raw[:1784] + bytes(2) + raw[1786:],
 }
 

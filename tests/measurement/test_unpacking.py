@@ -11,9 +11,10 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
+from kennfeld.calfiles import read as read_calibration
 from kennfeld.errors import InputError
-from kennfeld.files import unpacking as module
 from kennfeld.measurement import describe, read
+from kennfeld.measurement.reader import _readable
 
 CSV = b"time,Speed\n0,900\n0.1,950\n"
 
@@ -71,9 +72,10 @@ def test_files_beside_a_header_in_an_archive_are_read(tmp_path, monkeypatch):
     assert read(f"{path}#run.dat")["Speed"].values.tolist() == [0.0, 1.0, 2.0]
     with pytest.raises(InputError, match=r"file run\.r64 is not beside the header"):
         read(str(zipped(tmp_path / "alone.zip", {"run.dat": DIADEM, "tue/run.r64": bytes(24)})) + "#run.dat")
-    monkeypatch.setattr(module, "_HARMLESS", len(DIADEM) + 10)
-    monkeypatch.setattr(module, "_MAX_RATIO", 0)
-    with pytest.raises(InputError, match="unpack to more than"):
+    members["mon/other.r64"] = bytes(100_000)
+    zipped(path, members)
+    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 10_000)
+    with pytest.raises(InputError, match=r"suspicious archive: mon/other\.r64 holds 0 MB or more"):
         read(f"{path}#run.dat")
 
 
@@ -84,13 +86,38 @@ def test_what_is_compressed_twice_or_empty_is_refused(tmp_path):
         read(zipped(tmp_path / "empty.zip", {".hidden": b""}))
 
 
-def test_bombs_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_HARMLESS", 1000)
-    monkeypatch.setattr(module, "_CHUNK", 1000)
-    path = tmp_path / "bomb.mf4.gz"
-    path.write_bytes(gzip.compress(b"MDF     4.10" + bytes(10_000_000)))
-    with pytest.raises(InputError, match=r"bomb\.mf4\.gz: its 0\.0 MB unpack to more than"):
+@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])
+@pytest.mark.parametrize("content", [b"MDF     4.10" + bytes(1_000_000), b"time,Speed\n" + b"1,900\n" * 200_000])
+def test_bombs_are_refused(tmp_path, monkeypatch, pack, content):
+    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 1000)
+    path = tmp_path / "bomb.x"
+    path.write_bytes(pack(content))
+    with pytest.raises(InputError, match=r"bomb\.x: its .* MB unpack to more than 0 MB, \d+ times its size\. Unpack"):
         read(path)
+
+
+def test_bombs_that_claim_to_be_calibrations_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 1000)
+    path = tmp_path / "start.dcm.gz"
+    path.write_bytes(gzip.compress(b"KONSERVIERUNG_FORMAT 2.0\n" + b"* note\n" * 100_000))
+    with pytest.raises(InputError, match=r"start\.dcm\.gz: its .* MB unpack to more than 0 MB, \d+ times its size"):
+        read_calibration(path)
+
+
+def test_a_log_of_an_engine_at_rest_that_packs_a_hundredfold_is_read(tmp_path):
+    rows = "".join(f"{k / 10:.1f},0,20,101.3,0,0,12.5,0,0,0,0,0,0,ready\n" for k in range(20_000))
+    path = tmp_path / "rest.csv.xz"
+    path.write_bytes(lzma.compress(b"time,Speed,T,p,a,b,U,c,d,e,f,g,h,State\n" + rows.encode()))
+    assert len(rows) > 80 * path.stat().st_size
+    assert read(path).samples == 20_000
+
+
+def test_memory_of_an_unpacked_file_is_in_proportion_to_the_packed_one(tmp_path, recording):
+    path = tmp_path / "drive.parquet.gz"
+    path.write_bytes(gzip.compress(recording))
+    with _readable(path, None) as source:
+        assert source.size == len(recording)
+        assert source.stored_size() == path.stat().st_size
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress])

@@ -176,7 +176,7 @@ def test_a_start_whose_process_dies_is_a_row(monkeypatch):
     assert killed
     assert len(dead) <= 1  # the start may have come to its end before, and the next one have been handed over
     assert len(result.starts) == 5
-    assert all("exit status" in row.message for row in dead)
+    assert all("process of this start ended" in row.message for row in dead)
     assert all(worker.process.returncode is not None for worker in made)
 
 

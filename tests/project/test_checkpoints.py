@@ -1,5 +1,6 @@
 """States of a search in the results folder, and going on from them."""
 
+import itertools
 import json
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
@@ -9,6 +10,7 @@ import pytest
 
 from kennfeld import InputError, Stop, cli, read_parameters
 from kennfeld.calfiles import describe
+from kennfeld.optimize.search import worker_pool
 from kennfeld.project import Project
 from kennfeld.project.checkpoints import Saves
 from kennfeld.project.document import ProjectDocument
@@ -462,3 +464,52 @@ def test_four_runs_at_once_leave_whole_checkpoints(make, tmp_path):
     result = make(SAVING).calibrate(resume=True)
     assert result.cost_after == results[0].cost_after
     assert "incomplete" not in result.message
+
+
+class _Killer:
+    """Kills some busy workers of a pool, all at once, after so many steps."""
+
+    def __init__(self, monkeypatch, count, steps):
+        self.workers, self.count, self.steps = [], count, steps
+        outer = self
+
+        class Mortal(worker_pool._Worker):
+            def __init__(self, *arguments):
+                super().__init__(*arguments)
+                outer.workers.append(self)
+
+        monkeypatch.setattr(worker_pool, "_Worker", Mortal)
+
+    def __call__(self, line):
+        self.steps -= 1
+        if self.steps == 0:
+            for worker in [worker for worker in self.workers if worker.point is not None][: self.count]:
+                worker.process.kill()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 4])
+def test_after_workers_were_killed_the_run_ends_and_resuming_completes_it(make, monkeypatch, count):
+    project = make("[optimizer]\nsave_every = 1\nstarts = 6")
+    whole = project.calibrate(workers=1)
+    broken = project.calibrate(_Killer(monkeypatch, count, 3), workers=4)
+    failed = [row for row in broken.starts if row.status == "failed"]
+    assert 1 <= len(failed) <= count  # one may have come to its end before
+    assert broken.status == "converged"
+    assert f"{len(failed)} of them failed, one with the message: The worker process of this start" in broken.message
+    resumed = project.calibrate(workers=4, resume=True)
+    assert {row.status for row in resumed.starts} == {"converged"}
+    np.testing.assert_allclose(resumed.parameters["C"].values, whole.parameters["C"].values, rtol=1e-5)
+
+
+def test_a_clock_that_goes_backwards_changes_nothing(make, monkeypatch):
+    project = make(SAVING)
+    whole = project.calibrate()
+    clock = itertools.count(1_800_000_000, -3600)
+    monkeypatch.setattr("time.time", lambda: float(next(clock)))
+    monkeypatch.setattr("time.time_ns", lambda: 10**9 * next(clock))
+    stopped = project.calibrate(after(3))
+    resumed = project.calibrate(resume=True)
+    assert stopped.status == "stopped"
+    np.testing.assert_allclose(resumed.parameters["C"].values, whole.parameters["C"].values, rtol=1e-5)
+    assert all(seconds >= 0 for seconds in vars(resumed.seconds).values() if isinstance(seconds, float))

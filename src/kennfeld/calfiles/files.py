@@ -218,7 +218,7 @@ def _summarise(member: Parameter, others: Sequence[Item]) -> ParameterSummary:
 def _read_content(path: Path, a2l: str | Path | None = None) -> ReadResult:
     identity = identify(path, Role.CALIBRATION)
     converter = identity.format.calibration
-    if converter is None or identity.role is not Role.CALIBRATION or not identity.head.raw.strip():
+    if converter is None or identity.role is not Role.CALIBRATION or identity.head.is_blank:
         raise InputError([_other_file(identity)])
     source = _source(identity.head, None if a2l is None else Path(a2l))
     with no_collection():
@@ -239,7 +239,7 @@ def _other_file(identity: Identity) -> Finding:
     """Return why a file is not read as a calibration: what it is instead."""
     known, head = identity.format, identity.head
     location, expected = Location(head.name), f"Expected {_describe_formats()}."
-    if not head.raw.strip():
+    if head.is_blank:
         return Finding(location, "is empty", expected)
     if known is A2L_FRAGMENT:
         return Finding(location, *(fragment_of_a2l(head.text) or ("", "")))

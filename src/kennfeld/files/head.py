@@ -7,14 +7,15 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
-from io import BytesIO
+from io import BufferedIOBase, BytesIO
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.file_state import note_opened
 from kennfeld.files.encoding import decode
+from kennfeld.files.limited_stream import limited
 from kennfeld.files.xml_root import xml_root
 from kennfeld.lazy_dataclass import dataclass
 
@@ -83,6 +84,11 @@ class FileHead:
         """True if it contains NUL bytes and is not UTF-16."""
         return b"\0" in self.raw and not self.raw.startswith((b"\xff\xfe", b"\xfe\xff"))
 
+    @property
+    def is_blank(self) -> bool:
+        """True if it contains nothing but blanks and control characters that count as such."""
+        return not self.raw.strip() or not (self.is_binary or self.text.strip())
+
     @cached_property
     def members(self) -> tuple[str, ...]:
         """The names of the members if the content is a ZIP archive, compressed or not; none if it is damaged."""
@@ -99,8 +105,10 @@ class FileHead:
         if member not in self.members:
             return b""
         try:
-            with self._opened() as archive, archive.open(member) as stream:
+            with self._opened() as archive, open_member(archive, member) as stream:
                 return stream.read(size)
+        except InputError:
+            raise
         except ZIP_ERRORS:
             raise InputError.of(Location(self.path.name), DAMAGED, COPY) from None
 
@@ -144,11 +152,21 @@ def read_head(path: Path) -> FileHead:
 
 
 def open_unpacked(path: Path, packing: str) -> BinaryIO:
-    """Open a file that is compressed in this way, or the file itself for an empty `packing`."""
+    """Open a file that is compressed in this way, or the file itself for an empty `packing`.
+
+    Reading the stream raises `InputError` if it unpacks to far more than the size of the file.
+    """
     if not packing:
         return path.open("rb")
-    opener: Callable[..., BinaryIO] = import_module(_OPENERS[packing]).open
-    return opener(path, "rb")
+    opener: Callable[..., BufferedIOBase] = import_module(_OPENERS[packing]).open
+    return limited(opener(path, "rb"), path.name, path.stat().st_size)
+
+
+def open_member(archive: zipfile.ZipFile, member: str) -> BinaryIO:
+    """Open a member of a ZIP archive, with the same limit."""
+    return limited(
+        cast(BufferedIOBase, archive.open(member)), PurePosixPath(member).name, archive.getinfo(member).compress_size
+    )
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Files within compressed files and ZIP archives, unpacked to a temporary file while they are read."""
 
+import shutil
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,12 +10,10 @@ from typing import BinaryIO, NamedTuple
 
 from kennfeld.archives import find_oversized
 from kennfeld.errors import InputError, Location
-from kennfeld.files.head import COPY, DAMAGED, ZIP_ERRORS, FileHead, open_unpacked
+from kennfeld.files.head import COPY, DAMAGED, ZIP_ERRORS, FileHead, open_member, open_unpacked
 from kennfeld.formatting import join_names, nearest
 
 _CHUNK = 1 << 20  # bytes
-_HARMLESS = 1_000_000_000  # bytes; unpacked content up to this size is never refused
-_MAX_RATIO = 200  # of unpacked to packed size beyond that; recordings shrink to a thirtieth at best
 _MAX_LISTED = 8  # members in a message
 _ENCRYPTED = 1  # flag of a member
 _UNPACK = "Unpack it first."
@@ -56,9 +55,10 @@ def unpacked(head: FileHead, member: str = "", *, with_others: bool = False) -> 
                     raise InputError.of(location, f"suspicious archive: {oversized}", _UNPACK)
                 if archive.getinfo(chosen).flag_bits & _ENCRYPTED:
                     raise InputError.of(location, f"{chosen} in it is encrypted", _UNPACK)
-                size = _write(head.path, _open(archive, chosen), path)
-                for other in _neighbours(head, chosen) if with_others else ():
-                    size += _write(head.path, _open(archive, other), path.with_name(PurePosixPath(other).name), size)
+                for each in (chosen, *(_neighbours(head, chosen) if with_others else ())):
+                    _write(head.path, open_member(archive, each), path.with_name(PurePosixPath(each).name))
+        except InputError:
+            raise
         except ZIP_ERRORS:
             raise InputError.of(location, DAMAGED, COPY) from None
         yield Unpacked(path, f"{head.path.name}#{path.name}")
@@ -104,26 +104,12 @@ def _is_hidden(member: str) -> bool:
     return any(part.startswith((".", "__MACOSX")) for part in PurePosixPath(member).parts)
 
 
-def _open(archive: zipfile.ZipFile, member: str) -> BinaryIO:
-    return archive.open(member)  # type: ignore[return-value]
-
-
-def _write(packed: Path, stream: BinaryIO, path: Path, before: int = 0) -> int:
-    """Write the content of a stream to a file and return its size; raise `InputError` if it is damaged or too large.
-
-    The `before` bytes of other files that were unpacked count too.
-    """
-    location, packed_size = Location(packed.name), packed.stat().st_size
-    limit = max(_HARMLESS, _MAX_RATIO * packed_size)
-    size = 0
+def _write(packed: Path, stream: BinaryIO, path: Path) -> None:
+    """Write the content of a stream to a file; raise `InputError` if it is damaged or too large."""
+    location = Location(packed.name)
     try:
         with stream, path.open("wb") as file:
-            while chunk := stream.read(_CHUNK):
-                size += len(chunk)
-                if before + size > limit:
-                    message = f"its {packed_size / 1e6:.1f} MB unpack to more than {limit / 1e6:.0f} MB"
-                    raise InputError.of(location, message, "Unpack it first if you trust it.")
-                file.write(chunk)
+            shutil.copyfileobj(stream, file, _CHUNK)
     except InputError:
         raise
     except Exception as error:  # of many kinds: one for each way to compress
@@ -131,4 +117,3 @@ def _write(packed: Path, stream: BinaryIO, path: Path, before: int = 0) -> int:
             message = f"cannot be unpacked ({error.strerror})"
             raise InputError.of(location, message, "Make room for temporary files, or unpack it first.") from None
         raise InputError.of(location, DAMAGED, COPY) from None
-    return size

@@ -85,7 +85,7 @@ def describe_end(process: int, status: int) -> str:
     folder = watch_folder()
     calls = [call for call in (read_calls(folder) if folder is not None else ()) if call.process == process]
     if not calls:
-        return f"exit status {status}"
+        return describe_status(status) or f"exit status {status}"
     finding = crash_finding(calls, [call.file for call in calls], status)
     return f"{finding.location}: {finding.message}"
 

@@ -42,6 +42,9 @@ class _FileBytes:
     def size(self) -> int:
         return len(self.content)
 
+    def stored_size(self) -> int:
+        return self.size
+
     @property
     def location(self) -> Location:
         return Location()

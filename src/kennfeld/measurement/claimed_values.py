@@ -15,7 +15,7 @@ def check_claimed(source: MeasurementFile, values: int, size: int | None = None)
         values: the number of values of all channels that are read.
         size: bytes of the file with those that belong to it; by default its own.
     """
-    size = source.size if size is None else size
+    size = source.stored_size() if size is None else size
     if _VALUE * values > memory_bound(size):
         message = f"the file is damaged: it claims {values} values in {size / 1e6:.3g} MB"
         raise InputError.of(source.location, message, "Copy or export it again.")

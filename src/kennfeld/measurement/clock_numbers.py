@@ -5,12 +5,13 @@ by numbers that are clock times throughout and pass from 59 s to the next minute
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import date
 
 import numpy as np
 
-from kennfeld.arrays import Bool, Float
+from kennfeld.arrays import Float
 from kennfeld.measurement.table import Column
 from kennfeld.measurement.unit_text import states_unit_of_time, time_unit
 
@@ -18,6 +19,7 @@ _UNIT = re.compile(r"hh?:?mm:?ss(?:[.,:]?[sxz0]*)?", re.IGNORECASE)
 _MINUTE, _HOUR, _DAY = 60.0, 3600.0, 86_400.0
 _FIRST_DATE, _LAST_DATE = 19_700_101, 21_001_231
 _LEAST_SHARE = 0.3  # of a minute that the numbers must cover for the pattern to be no chance
+_BLOCK = 1 << 16  # samples
 
 
 def seconds_of_clock(numbers: Float) -> Float | None:
@@ -28,16 +30,19 @@ def seconds_of_clock(numbers: Float) -> Float | None:
     >>> seconds_of_clock(np.array([235959.9, 0.4, 100.0]))
     array([86399.9, 86400.4, 86460. ])
     """
-    known = np.isfinite(numbers)
-    hours, rest = np.divmod(numbers[known], 10_000.0)
-    minutes, seconds = np.divmod(rest, 100.0)
-    # a 61st second is a leap second
-    if not np.all((hours >= 0) & (hours < 24) & (minutes < _MINUTE) & (seconds < _MINUTE + 1)):
-        return None
     values = np.full(numbers.size, np.nan)
-    values[known] = np.round(_HOUR * hours + _MINUTE * minutes + seconds, 6)
-    days = np.cumsum(np.diff(values[known], prepend=values[known][:1]) < -_DAY / 2)
-    values[known] += _DAY * days
+    last, days = np.nan, 0
+    for block in _blocks(numbers):
+        known = np.isfinite(numbers[block])
+        hours, rest = np.divmod(numbers[block][known], 10_000.0)
+        minutes, seconds = np.divmod(rest, 100.0)
+        # a 61st second is a leap second
+        if not np.all((hours >= 0) & (hours < 24) & (minutes < _MINUTE) & (seconds < _MINUTE + 1)):
+            return None
+        clock = np.round(_HOUR * hours + _MINUTE * minutes + seconds, 6)
+        day = days + np.cumsum(np.diff(clock, prepend=last) < -_DAY / 2)
+        values[block][known] = clock + _DAY * day
+        last, days = (clock[-1], day[-1]) if clock.size else (last, days)
     return values
 
 
@@ -47,23 +52,27 @@ def seconds_of_dates(numbers: Float) -> Float | None:
     >>> seconds_of_dates(np.array([20261231235959.0, 20270101000000.0]))
     array([86399., 86400.])
     """
-    known = np.isfinite(numbers)
-    days, clock = np.divmod(numbers[known], 1e6)
-    if not days.size or days.min() < _FIRST_DATE or days.max() > _LAST_DATE:
-        return None
-    dates, place = np.unique(days, return_inverse=True)
-    try:
-        ordinals = [date.fromisoformat(f"{day:.0f}").toordinal() for day in dates.tolist()]
-    except ValueError:
-        return None
-    hours, rest = np.divmod(clock, 1e4)
-    minutes, seconds = np.divmod(rest, 100.0)
-    if not np.all((hours < 24) & (minutes < _MINUTE) & (seconds < _MINUTE + 1)):
-        return None
-    values = np.full(numbers.size, np.nan)
-    since = _DAY * (np.array(ordinals, dtype=np.float64) - ordinals[0])
-    values[known] = since[place] + _HOUR * hours + _MINUTE * minutes + np.round(seconds, 2)
-    return values
+    values, first = np.full(numbers.size, np.nan), 0
+    for block in _blocks(numbers):
+        known = np.isfinite(numbers[block])
+        days, clock = np.divmod(numbers[block][known], 1e6)
+        if not days.size:
+            continue
+        if days.min() < _FIRST_DATE or days.max() > _LAST_DATE:
+            return None
+        dates, place = np.unique(days, return_inverse=True)
+        try:
+            ordinals = [date.fromisoformat(f"{day:.0f}").toordinal() for day in dates.tolist()]
+        except ValueError:
+            return None
+        hours, rest = np.divmod(clock, 1e4)
+        minutes, seconds = np.divmod(rest, 100.0)
+        if not np.all((hours < 24) & (minutes < _MINUTE) & (seconds < _MINUTE + 1)):
+            return None
+        first = first or ordinals[0]
+        since = _DAY * (np.array(ordinals, dtype=np.float64) - first)
+        values[block][known] = since[place] + _HOUR * hours + _MINUTE * minutes + np.round(seconds, 2)
+    return values if first else None
 
 
 def decode_clock(column: Column) -> Column:
@@ -85,10 +94,25 @@ def decode_clock(column: Column) -> Column:
 
 def _passes_minutes(numbers: Float, seconds: Float) -> bool:
     """Return whether the numbers pass from 59 s to the next minute, and never otherwise step more than the seconds."""
-    known = np.isfinite(numbers)
-    steps, elapsed = np.diff(numbers[known]), np.diff(seconds[known])
-    if not steps.size or not np.all((elapsed > 0) & (elapsed < _MINUTE)):
-        return False
-    jumps: Bool = np.abs(steps - elapsed) > 1.0
-    within_minute = (numbers[known] % 100.0).max() - (numbers[known] % 100.0).min()
-    return bool(jumps.any()) and within_minute > _LEAST_SHARE * _MINUTE and float(np.median(elapsed)) < 0.1 * _MINUTE
+    jumps, short, count = False, 0, 0
+    low, high = np.inf, -np.inf
+    last = np.empty(0), np.empty(0)
+    for block in _blocks(numbers):
+        known = np.isfinite(numbers[block])
+        clock, time = (
+            np.append(before, each[block][known]) for before, each in zip(last, (numbers, seconds), strict=True)
+        )
+        steps, elapsed = np.diff(clock), np.diff(time)
+        if not np.all((elapsed > 0) & (elapsed < _MINUTE)):
+            return False
+        jumps = jumps or bool(np.any(np.abs(steps - elapsed) > 1.0))
+        short, count = short + int(np.count_nonzero(elapsed < 0.1 * _MINUTE)), count + elapsed.size
+        low, high = min(low, np.min(clock % 100.0, initial=low)), max(high, np.max(clock % 100.0, initial=high))
+        last = clock[-1:], time[-1:]
+    return jumps and high - low > _LEAST_SHARE * _MINUTE and 2 * short >= count
+
+
+def _blocks(numbers: Float) -> Iterator[slice]:
+    """Yield the samples in blocks: a long recording shall not need many times its size in memory."""
+    for begin in range(0, numbers.size, _BLOCK):
+        yield slice(begin, begin + _BLOCK)

@@ -54,7 +54,7 @@ class _Header:
 def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each length of channels that has a requested one."""
     groups, unreadable = _groups(source, _header(source))
-    size = source.size + sum(path.stat().st_size for path in companions(source) if path.is_file())
+    size = source.stored_size(*companions(source))
     return tables_of(source, groups, selection, unreadable, size)
 
 
@@ -132,11 +132,16 @@ def _channel(
 
 
 def _even(start: float, step: float, length: int) -> Float:
-    return np.asarray(start + step * np.arange(length), dtype=np.float64)
+    return _scaled(np.arange(length, dtype=np.float64), step, start)
 
 
 def _physical(stored: "_Stored", factor: float, offset: float) -> Float:
-    return stored.values() * factor + offset
+    return _scaled(stored.values(), factor, offset)
+
+
+def _scaled(values: Float, factor: float, offset: float) -> Float:
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite values are reported as of all formats
+        return np.asarray(values * factor + offset)
 
 
 @dataclass(frozen=True)

@@ -40,10 +40,10 @@ def epoch_unit(column: Column) -> str:
         return ""
     if time_unit(column.name, column.unit) is None and not says_time(column.name):
         return ""
-    known: Float = column.values[~np.isnan(column.values)]
-    if not known.size:
+    low, high = column.extent
+    candidates = [(u, s) for u, s in _UNITS.items() if _SINCE * s <= low and high <= _UNTIL * s]
+    if not candidates:
         return ""
+    known: Float = column.values[~np.isnan(column.values)]
     step = float(np.median(np.abs(np.diff(known)))) if known.size > 1 else 0.0
-    low, high = float(known.min()), float(known.max())
-    units = (u for u, s in _UNITS.items() if _SINCE * s <= low and high <= _UNTIL * s and step <= _LONGEST_STEP * s)
-    return next(units, "")
+    return next((u for u, s in candidates if step <= _LONGEST_STEP * s), "")

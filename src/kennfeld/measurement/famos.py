@@ -293,8 +293,9 @@ class _FamosFile:
         with np.errstate(invalid="ignore"):
             values: Float = np.asarray(raw, dtype=np.float64).copy()
         values[np.isnan(values)] = np.nan
-        values *= component.factor
-        values += component.offset
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite values are reported as of all formats
+            values *= component.factor
+            values += component.offset
         return values
 
     def _bit(self, component: _Component, bit: int) -> Float:

@@ -95,7 +95,7 @@ def _with_file(source: MeasurementFile, work: Callable[["_Content"], list[Table]
 
     try:
         with h5py.File(source.path, "r") as file:
-            content = _Content(source.size)
+            content = _Content(source.stored_size())
             content.visit(file, "", 0, {})
             if content.groups:
                 return work(content)

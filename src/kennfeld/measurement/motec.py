@@ -28,6 +28,7 @@ _FLOATS = {2: "<f2", 4: "<f4"}
 _INTEGERS = {2: "<i2", 4: "<i4"}
 _FLOATING, _WHOLE = (7,), (0, 3, 5)
 _MOST_CHANNELS = 100_000
+_MOST_DECIMALS = 30  # more than a double has, and few enough that no value overflows
 _COPY_AGAIN = "Copy it again from the logger."
 
 
@@ -99,6 +100,8 @@ def _channel(
         problem = "has no rate"
     elif not scale:
         problem = "has a scale of 0"
+    elif abs(decimals) > _MOST_DECIMALS:
+        problem = f"has {decimals} decimals"
     if problem:
         location = source.location.within(f"channel {name}")
         raise InputError.of(location, f"the MoTeC log is damaged or cut off: it {problem}", _COPY_AGAIN)

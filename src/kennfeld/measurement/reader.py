@@ -165,7 +165,8 @@ def _readable(
         return
     member = (whole.sheet or "") if is_archive else ""
     with unpacked(head, member, with_others=is_archive and _has_companions(head, member)) as (inner, label):
-        source = replace(locate(inner, None if is_archive else whole.sheet), label=label, databases=databases)
+        source = locate(inner, None if is_archive else whole.sheet)
+        source = replace(source, label=label, packed_size=head.path.stat().st_size, databases=databases)
         if source.packed or source.format is ZIP_ARCHIVE:
             message = f"{inner.name} in it is compressed as well"
             raise InputError.of(whole.location, message, "Unpack it first.")

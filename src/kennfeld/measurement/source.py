@@ -25,6 +25,7 @@ class MeasurementFile:
     packed: bool = False  # by gzip
     sheet: str | None = None
     label: str = ""  # of a file that was unpacked
+    packed_size: int | None = None  # of a file that was unpacked: bytes of the compressed file
     databases: tuple[DatabaseFile, ...] = ()
 
     @property
@@ -55,6 +56,12 @@ class MeasurementFile:
         with self.path.open("rb") as file:
             file.seek(-4, 2)
             return int.from_bytes(file.read(4), "little")
+
+    def stored_size(self, *companions: Path) -> int:
+        """Return the bytes of the file as the user has it, and of files beside it: what memory is measured by."""
+        if self.packed_size is not None:
+            return self.packed_size
+        return sum(path.stat().st_size for path in (self.path, *companions) if path.is_file())
 
     def open(self) -> BinaryIO:
         """Return the content, unpacked."""

@@ -75,6 +75,11 @@ class Column:
         """Return a column that is not a channel; it is kept so that a message can show what it holds."""
         return cls(name, "", name, np.full(samples, np.nan), ((0, content),), max(samples, 1))
 
+    @property
+    def extent(self) -> tuple[float, float]:
+        """The smallest and the largest number; NaN if there is none."""
+        return float(np.fmin.reduce(self.values, initial=np.nan)), float(np.fmax.reduce(self.values, initial=np.nan))
+
     def select(self, rows: Bool) -> "Column":
         """Return the column with these samples alone."""
         sample = np.cumsum(rows) - 1

@@ -56,7 +56,7 @@ def read_tables(source: MeasurementFile, selection: Selection) -> list[Table]:
     """Return a table for each raster that has a requested channel."""
     document = _Document(source, _parse(source))
     groups = list(document.groups())
-    size = source.size + (document.binary_path.stat().st_size if document.binary_path.is_file() else 0)
+    size = source.stored_size(document.binary_path)
     return tables_of(source, groups, selection, document.unreadable, size)
 
 

@@ -11,6 +11,7 @@ After a restart of the ECU time may start again, and the lines of names and unit
 import codecs
 import io
 import re
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
 from itertools import islice
@@ -183,7 +184,7 @@ class RowCollector:
     limit: int  # cells beyond which a row must be empty
     builders: dict[int, ColumnBuilder]
     decimal: Decimal
-    lines: list[int] = field(default_factory=list)
+    lines: "array[int]" = field(default_factory=lambda: array("q"))
     odd: list[tuple[int, int]] = field(default_factory=list)  # line, cells
     marks: list[NumberedLine] = field(default_factory=list)
     mark_count: int = 0
@@ -340,32 +341,23 @@ def _thousands_warnings(source: MeasurementFile, dialect: Dialect, table: Table)
 
 def _find_grouped(source: MeasurementFile, dialect: Dialect) -> dict[int, _GroupedNumbers]:
     """Return the possibly grouped numbers of each column; none if a cell certainly has a decimal point."""
-    grouped: dict[int, _GroupedNumbers] | None = {}
-    for size in (_START, _MOST):
-        with io.TextIOWrapper(source.open(), dialect.encoding, errors="replace", newline=None) as stream:
-            text = stream.read(size)
-        grouped = _find_grouped_in(text, dialect)
-        if grouped is None or len(text) < size:
-            break
-    return grouped or {}
-
-
-def _find_grouped_in(text: str, dialect: Dialect) -> dict[int, _GroupedNumbers] | None:
-    """Return the same of a text; None if it shows a decimal point."""
     grouped: dict[int, _GroupedNumbers] = {}
-    mark = _mark(dialect)
-    for number, line in enumerate(text.split("\n"), 1):
+    mark, searched = _mark(dialect), 0
+    for number, line in iterate_lines(source, dialect.encoding):
+        searched += len(line)
+        if searched > _MOST:
+            break
         if number <= dialect.header.data or not (mark in line or (dialect.grouped and "." in line)):
             continue
         for i, raw in enumerate(split_line(line, dialect.separator)):
             cell = raw.strip(' "')
             if dialect.grouped and "." in cell and _POINTED.fullmatch(cell.replace(mark, "")):
-                return None
+                return {}
             pointed = cell.replace(mark, ".")
             if mark not in cell or not _POINTED.fullmatch(pointed):
                 continue
             if not _GROUPED.fullmatch(pointed):
-                return None
+                return {}
             grouped.setdefault(i, _GroupedNumbers(cell, number)).count += 1
     return grouped
 

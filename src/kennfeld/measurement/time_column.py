@@ -51,8 +51,8 @@ def find_time(table: Table, asked: Collection[str] = ()) -> Column | None:
 
 
 def _is_usable(column: Column) -> bool:
-    known = column.values[~np.isnan(column.values)]
-    varies = known.size == 1 == column.values.size or bool(known.size and np.any(known != known[0]))
+    low, high = column.extent
+    varies = low < high or (column.values.size == 1 and low == high)
     return varies and not column.is_text
 
 

@@ -28,18 +28,20 @@ def repeat_findings(problem: Problem, location: Callable[[Dataset], Location]) -
     Samples are equal if all inputs and targets are, to the last digit. Of recordings, runs of samples are compared that
     are not all equal, as at standstill. Targets with few different numbers are coarse: equal samples are then likely.
     """
-    seen: dict[tuple[str, ...], dict[str, Keys]] = {}
+    seen: dict[tuple[str, ...], _SeenKeys] = {}
     for data in problem.fitted_datasets:
         names = shared_names(problem, data, data)
         keys = _keys_of(data, names)
         if keys.size and not _is_coarse(problem, data, keys):
-            before = seen.setdefault((*names, str(data.time is None)), {})
-            repeated, sources = _find_repeats(keys, data.name, before)
-            count = int(repeated.sum())
-            if count > 1 and count > SHARE * keys.size:
-                message = _describe(count / keys.size, data.name, sources)
+            before = seen.setdefault((*names, str(data.time is None)), _SeenKeys())
+            repeated = np.append(False, keys[1:] == keys[:-1])
+            sources = [data.name] if _is_notable(repeated) else []
+            repeated |= before.contain(keys)
+            if _is_notable(repeated):
+                sources += before.sources_of(keys)
+                message = _describe(repeated.mean(), data.name, sources)
                 yield Finding(location(data), message, REMEDY, severity="warning")
-            before[data.name] = keys
+            before.add(data.name, keys)
 
 
 def _keys_of(data: Dataset, names: tuple[str, ...]) -> Keys:
@@ -77,17 +79,35 @@ def _is_coarse(problem: Problem, data: Dataset, keys: Keys) -> bool:
     return most < FINE * np.unique(keys).size
 
 
-def _find_repeats(keys: Keys, name: str, before: dict[str, Keys]) -> tuple[Bool, list[str]]:
-    """Mark the samples that occur before, and name the datasets in which they do; all keys are sorted."""
-    repeated = np.zeros(keys.size, dtype=bool)
-    repeated[1:] = keys[1:] == keys[:-1]
-    sources = [name] if repeated.sum() > max(1, SHARE * keys.size) else []
-    for other, known in before.items():
-        shared = contained(keys, known)
-        if shared.sum() > max(1, SHARE * keys.size):
-            sources.append(other)
-        repeated |= shared
-    return repeated, sources
+class _SeenKeys:
+    """Sorted keys of datasets. Looking keys up takes little longer for thousands of datasets than for one."""
+
+    def __init__(self) -> None:
+        self._by_name: dict[str, Keys] = {}
+        self._merged: list[Keys] = []  # each more than twice as long as the next one
+
+    def add(self, name: str, keys: Keys) -> None:
+        """Add the keys of a dataset."""
+        self._by_name[name] = keys
+        while self._merged and self._merged[-1].size <= 2 * keys.size:
+            keys = np.sort(np.concatenate([self._merged.pop(), keys]), kind="stable")  # merges what is sorted
+        self._merged.append(keys)
+
+    def contain(self, keys: Keys) -> Bool:
+        """Mark the keys that a dataset has."""
+        marked = np.zeros(keys.size, dtype=bool)
+        for part in self._merged:
+            marked |= contained(keys, part)
+        return marked
+
+    def sources_of(self, keys: Keys) -> list[str]:
+        """Return the datasets that have more of the keys than chance explains."""
+        return [name for name, known in self._by_name.items() if _is_notable(contained(keys, known))]
+
+
+def _is_notable(repeated: Bool) -> bool:
+    """Return whether more samples repeat than chance explains."""
+    return int(repeated.sum()) > max(1.0, SHARE * repeated.size)
 
 
 def _describe(share: float, name: str, sources: list[str]) -> str:

@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 
 from kennfeld.archives import find_oversized, iterate_chunks
 from kennfeld.errors import InputError, Location
+from kennfeld.formatting import reason_of
 from kennfeld.process_limits import memory_bound
 from kennfeld.workbooks.biff import check_records
 from kennfeld.workbooks.compound import MAGIC, workbook_stream
@@ -207,8 +208,7 @@ def _guard_damage(name: str) -> Iterator[None]:
     except python_calamine.WorksheetNotFound:
         raise
     except (python_calamine.CalamineError, OSError, ValueError, OverflowError, *_UNPACKING) as error:
-        reason = " ".join(str(error).split())  # a panic has several lines
-        raise InputError.of(location, f"the workbook cannot be read ({reason})", _SAVE_AGAIN) from None
+        raise InputError.of(location, f"the workbook cannot be read ({reason_of(error)})", _SAVE_AGAIN) from None
 
 
 def _protected(name: str) -> InputError:

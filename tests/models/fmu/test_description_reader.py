@@ -127,8 +127,18 @@ def test_members_outside_of_the_folder_are_refused(tmp_path, member):
         read_archive(path)
 
 
+def test_what_a_damaged_archive_quotes_is_one_short_line(tmp_path):
+    path = pack(tmp_path / "lag.fmu", description_2())
+    raw = path.read_bytes()
+    at = raw.index(b"PK\x03\x04") + 26  # the length of the name, which reaches far into the description
+    path.write_bytes(raw[:at] + (4000).to_bytes(2, "little") + raw[at + 2 :])
+    with pytest.raises(InputError, match="is not a readable ZIP archive") as caught:
+        read_archive(path)
+    assert len(caught.value.findings[0].message) < 300
+
+
 def test_zip_bombs_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("kennfeld.archives.LARGE", 5_000_000)
+    monkeypatch.setattr("kennfeld.archives._PER_BYTE", 80)
     path = pack(tmp_path / "lag.fmu", description_2(), {"resources/zeros": b"\0" * 10_000_000})
     with pytest.raises(InputError, match="packed into"):
         read_archive(path)

@@ -119,6 +119,21 @@ def test_a_small_file_that_creates_large_tensors_is_refused(tmp_path):
     assert "the maximum is 1000000" in message_of(path)
 
 
+@pytest.mark.parametrize(
+    ("attributes", "reason"),
+    [
+        ({"group": 0}, "its kernel does not fit 2 channels in 0 groups"),
+        ({"group": 2}, "its kernel does not fit 2 channels in 2 groups"),
+        ({"strides": [0], "auto_pad": "SAME_UPPER"}, "its windows have invalid sizes"),
+        ({"strides": [1], "dilations": [-1]}, "its windows have invalid sizes"),
+    ],
+)
+def test_damaged_attributes_of_a_convolution_are_refused(tmp_path, attributes, reason):
+    node = helper.make_node("Conv", ["x", "kernel"], ["y"], **attributes)
+    path = save(tmp_path / "net.onnx", [node], {"x": [1, 2, 4]}, {"y": ["a", "b", "c"]}, {"kernel": np.ones((2, 2, 3))})
+    assert reason in message_of(path)
+
+
 def test_a_network_that_grows_without_bound_is_refused(tmp_path):
     nodes = [helper.make_node("Concat", [f"t{i}"] * 8, [f"t{i + 1}"], axis=0) for i in range(12)]
     path = save(tmp_path / "net.onnx", nodes, {"t0": [1]}, {"t12": ["n"]})

@@ -19,6 +19,7 @@ from kennfeld.archives import find_oversized
 from kennfeld.ascet.amd.xml_document import MAX_BYTES, parse_amd
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.formatting import reason_of
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.xml_document import XmlElement
 
@@ -88,7 +89,7 @@ def _unpacking(name: str, member: str) -> Iterator[None]:
     try:
         yield
     except _UNPACKING as error:
-        message = f"cannot be unpacked: {error}"
+        message = f"cannot be unpacked: {reason_of(error)}"
         raise InputError.of(Location(name, path=member), message, "Use a complete copy of the file.") from None
 
 
@@ -105,7 +106,7 @@ def open_archive(raw: bytes, name: str) -> AmdFiles:
             reason = _oversized(archive, members)
     except _UNPACKING as error:
         remedy = "Use a complete copy of the file."
-        raise InputError.of(Location(name), f"is not a readable archive: {error}", remedy) from None
+        raise InputError.of(Location(name), f"is not a readable archive: {reason_of(error)}", remedy) from None
     if reason:
         raise InputError.of(Location(name), f"is refused: {reason}", "Export fewer components.")
     names = [member.filename for member in members if member.filename.lower().endswith(ENDING)]

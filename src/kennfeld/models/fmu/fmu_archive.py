@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from kennfeld.archives import find_oversized
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
+from kennfeld.formatting import reason_of
 from kennfeld.models.fmu.description import FmuDescription
 from kennfeld.models.fmu.description_reader import LIMITS, read_description
 from kennfeld.watch_folder import watch_folder
@@ -40,7 +41,7 @@ def read_archive(path: Path) -> FmuDescription:
                 with archive.open(_DESCRIPTION) as stream:
                     raw = stream.read(LIMITS.size + 1)
         except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
-            message = f"is not a readable ZIP archive: {error}"
+            message = f"is not a readable ZIP archive: {reason_of(error)}"
             raise InputError.of(Location.of_file(path), message, "Use a complete copy.") from None
     parts = [PurePosixPath(name).parts for name in names]
     platforms = sorted({part[1] for part in parts if len(part) == 3 and part[0] == "binaries"})

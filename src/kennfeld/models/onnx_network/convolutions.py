@@ -54,6 +54,8 @@ def _windows(op: Operator, sizes: Sequence[int], kernel: Sequence[int]) -> _Wind
     count = len(sizes)
     strides, dilations = (list(op.get(name) or [1] * count) for name in ("strides", "dilations"))
     pads = list(op.get("pads") or [0] * 2 * count)
+    if min([*strides, *dilations, *kernel], default=1) < 1:
+        raise UnsupportedOperatorError("its windows have invalid sizes")
     extents = [dilation * (size - 1) + 1 for dilation, size in zip(dilations, kernel, strict=True)]
     mode = op.get("auto_pad", "NOTSET")
     if mode in ("SAME_UPPER", "SAME_LOWER"):
@@ -71,7 +73,7 @@ def _windows(op: Operator, sizes: Sequence[int], kernel: Sequence[int]) -> _Wind
             end + _rest(size + begin + end, begin + size, extent, stride)
             for size, begin, end, extent, stride in zip(sizes, begins, ends, extents, strides, strict=True)
         ]
-    if min(pads, default=0) < 0 or min([*strides, *dilations, *kernel]) < 1:
+    if min(pads, default=0) < 0:
         raise UnsupportedOperatorError("its windows have invalid sizes")
     return _Windows(kernel, strides, dilations, begins, ends)
 
@@ -89,7 +91,9 @@ def convolution(c: Context, op: Operator, arguments: Arguments) -> Tensor:
     assert x is not None
     assert kernel is not None
     groups, (outputs, depth, *sizes) = op.get("group", 1), shape_of(kernel)
-    batch = shape_of(x)[0]
+    batch, channels = shape_of(x)[:2]
+    if groups < 1 or outputs % groups or channels != groups * depth:
+        raise UnsupportedOperatorError(f"its kernel does not fit {channels} channels in {groups} groups")
     windows = _windows(op, shape_of(x)[2:], sizes)
     patches = windows.of(c.nodes(x), c.builder.const(0.0))
     places = patches.shape[2:-1]

@@ -130,11 +130,16 @@ class _Pool:
                 worker.run_start(self.waiting.pop(0))
 
     def _remove(self, worker: _Worker) -> None:
-        """Remove a worker whose process has ended; its start has failed."""
+        """Remove a worker whose process has ended; its start has failed.
+
+        One that ended before it was ready is not replaced: the next one may end as well.
+        """
         self.workers.remove(worker)
         worker.close()
         if not worker.ready:
-            raise _WorkerUnusableError
+            self.max_workers -= 1
+            if not self.max_workers:
+                raise _WorkerUnusableError
         if worker.point is not None:
             message = f"The worker process of this start ended: {worker.describe_end()}."
             self.outcomes.append(worker.point.skip("failed", message))

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import field
 
 from kennfeld.archives import find_oversized
+from kennfeld.formatting import reason_of
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
 
@@ -49,7 +50,7 @@ class ModelPackage:
             return self._unpack(self.members[name], self.archive)
         except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as error:
             # RuntimeError: encrypted member; NotImplementedError: unknown compression method
-            self.diagnostics.error(name, f"cannot be unpacked: {error or type(error).__name__}", _REMEDY)
+            self.diagnostics.error(name, f"cannot be unpacked: {reason_of(error)}", _REMEDY)
             return None
 
     def _unpack(self, member: zipfile.ZipInfo, archive: zipfile.ZipFile) -> bytes | None:
@@ -86,7 +87,7 @@ def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
         too_much = find_oversized(archive)
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
         remedy = "The file may be truncated: use a complete copy of the file."
-        diagnostics.error("", f"is a damaged zip archive: {error}", remedy)
+        diagnostics.error("", f"is a damaged zip archive: {reason_of(error)}", remedy)
         return ModelPackage(diagnostics)
     if too_much:
         diagnostics.error("", f"expands to far more data than a model contains: {too_much}", _REMEDY)
@@ -117,5 +118,5 @@ def _content(raw: bytes, encoded: bool, name: str, diagnostics: ReadDiagnostics)
     try:
         return base64.b64decode(raw)
     except (binascii.Error, ValueError) as error:
-        diagnostics.warn(f"{name[:80]} cannot be decoded: {error}")
+        diagnostics.warn(f"{name[:80]} cannot be decoded: {reason_of(error)}")
         return b""
