@@ -16,8 +16,9 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 
 FAR = 1e8  # ratio to the start, or to 1 if that is larger, from which a value may have run away
-FARTHER = 1e3  # ratio to a start that is not 0 from which it may have, if the data do not tell its size
+FARTHER = 1e3  # ratio to a start that is not 0 from which it may have
 SAME, ALIKE = 1e-12, 1e-9  # eigenvalues of the scaled J'J of values whose effects are the same, relative to the largest
+ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the targets: noise of data that are met exactly
 MOST = 1500  # values whose effects are compared
 SHARE = 1e-4  # squared share of a value in such directions
 MAX_NAMES = 5  # in a warning
@@ -29,8 +30,9 @@ def find_runaways(
 ) -> list[Finding]:
     """Return a warning that names the parameters that ran away, if any did.
 
-    They have grown by orders of magnitude, and their effect is that of other values as well. A value with an effect of
-    its own is an optimum, however large it is.
+    They have grown by orders of magnitude, their effect is that of other values as well, and the data do not tell their
+    size. A value with an effect of its own is an optimum, however large it is; so is the offset of a line over seconds
+    since 1970.
 
     Args:
         compiled: the problem.
@@ -43,8 +45,9 @@ def find_runaways(
         return []
     effects = Effects.at(objective, end)
     noise = np.sqrt(objective.data_cost(end) / max(compiled.residuals - end.size, 1))
-    unknown = noise * effects.deviations > np.abs(end)
-    lost = (far & effects.replaceable(SAME)) | (farther & unknown & effects.replaceable(ALIKE))
+    rounding = ROUNDING * np.sqrt(objective.target_squares / max(compiled.residuals, 1))
+    unknown = max(float(noise), float(rounding)) * effects.deviations > np.abs(end)
+    lost = unknown & ((far & effects.replaceable(SAME)) | (farther & effects.replaceable(ALIKE)))
     ran = {n: end[part][lost[part]] for n, part in _parts(compiled).items() if lost[part].any()}
     if not ran:
         return []
@@ -115,7 +118,7 @@ class Effects:
         if not np.isfinite(scaled[used] if squared else scaled).all():
             return cls(np.zeros(0), np.zeros((units.size, 0)), used | True, units)
         if squared:
-            return cls(*np.linalg.eigh(scaled[used]), used, units)
+            return cls(*_spectrum(scaled[used]), used, units)
         missing = max(int(used.sum()) - len(scaled), 0)
         _, singular, directions = np.linalg.svd(np.vstack([scaled, np.zeros((missing, int(used.sum())))]))
         return cls(np.square(singular), directions.T, used, units)
@@ -135,3 +138,14 @@ class Effects:
         variances = np.sum(np.square(self.directions) / np.maximum(self.sizes, least), axis=1)
         deviations[self.used] = np.sqrt(variances) / self.units[self.used]
         return deviations
+
+
+def _spectrum(matrix: Float) -> tuple[Float, Float]:
+    """Return eigenvalues and eigenvectors of a symmetric matrix; none if a Cholesky factor shows that all are large."""
+    bound = np.abs(matrix).sum(axis=0).max(initial=0.0)  # of the eigenvalues
+    try:
+        np.linalg.cholesky(matrix - ALIKE * bound * np.eye(len(matrix)))
+    except np.linalg.LinAlgError:
+        sizes, directions = np.linalg.eigh(matrix)
+        return sizes, directions
+    return np.zeros(0), np.zeros((len(matrix), 0))
