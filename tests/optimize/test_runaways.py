@@ -102,3 +102,14 @@ def test_a_large_offset_that_data_determine_has_none(text, x, target, start):
     result = kf.calibrate(text, {"x": x, "q": target}, start, target="q")
     assert abs(result.parameters["a"].value) > 1e8
     assert not warnings_on_effects(result)
+
+
+def test_a_table_that_shares_a_size_with_a_factor_has_none():
+    """Their fit is as good wherever they are; the trust names the combination."""
+    x = np.linspace(0, 10, 1000)
+    target = 700 * x + 0.1 * np.random.default_rng(0).normal(size=x.size)
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 10, 80), np.full(80, 1e-3)), kf.Scalar("k", 1e-3)])
+    result = kf.calibrate("y = C(x)*k*x", {"x": x, "q": target}, start, target="q")
+    assert result.parameters["k"].value > 1.0
+    assert not warnings_on_effects(result)
+    assert result.trust.directions

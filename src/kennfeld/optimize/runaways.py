@@ -40,7 +40,7 @@ def find_runaways(
         start: free values, Float[values].
         end: the same at the end.
     """
-    far, farther = _grown(start, end)
+    far, farther = _grown(objective, start, end)
     if not (far | farther).any() or end.size > MOST:
         return []
     effects = Effects.at(objective, end)
@@ -59,7 +59,7 @@ def find_runaways(
 
 def run_away(compiled: CompiledProblem, objective: LeastSquaresObjective, start: Float, end: Float) -> list[Bool]:
     """Return marks of the values of each parameter that may have run away, that which has grown most first."""
-    far, farther = _grown(start, end)
+    far, farther = _grown(objective, start, end)
     if not (far | farther).any() or end.size > MOST:
         return []
     lost = (far | farther) & Effects.at(objective, end).replaceable(ALIKE)
@@ -70,10 +70,14 @@ def run_away(compiled: CompiledProblem, objective: LeastSquaresObjective, start:
     return [(places >= part.start) & (places < part.stop) for part in parts]
 
 
-def _grown(start: Float, end: Float) -> tuple[Bool, Bool]:
-    """Mark the values that are far from their start, and those that are farther than its size explains."""
-    size = np.abs(start)
-    return np.abs(end) > FAR * np.maximum(size, 1.0), (size > 0) & (np.abs(end) > FARTHER * size)
+def _grown(objective: LeastSquaresObjective, start: Float, end: Float) -> tuple[Bool, Bool]:
+    """Mark the values that are far from their start, and those that are farther than its size explains.
+
+    The latter only of small problems: in others, they are rather tables that share a size with a factor, whose fit is
+    as good wherever they are, and searches that begin again take long.
+    """
+    size, grown = np.abs(start), np.abs(end)
+    return grown > FAR * np.maximum(size, 1.0), objective.uses_qr & (size > 0) & (grown > FARTHER * size)
 
 
 def _parts(compiled: CompiledProblem) -> dict[str, slice]:
