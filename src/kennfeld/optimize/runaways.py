@@ -89,7 +89,7 @@ def _parts(compiled: CompiledProblem) -> dict[str, slice]:
 
 @dataclass(frozen=True)
 class Effects:
-    """How far the effects of values on the residuals are told apart: the spectrum of J'J with a diagonal of 1.
+    """Effects of values on the residuals, to tell them apart: the spectrum of J'J with a diagonal of 1.
 
     Args:
         sizes: eigenvalues, Float[used].
