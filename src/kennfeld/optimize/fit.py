@@ -391,7 +391,8 @@ class FitRun:
 
     def _descend_beside_kinks(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Descend with the values held that are at a kink; return the same end if that does not lower the cost."""
-        first, ends, held = end, [], np.zeros(start.size, dtype=bool)
+        first, held = end, np.zeros(start.size, dtype=bool)
+        ends: list[SolverResult] = []
         small = self.objective.uses_qr and self.options.method != "global"
         while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
             more = values_at_kinks(self.objective, end.values, start, limits) & ~held

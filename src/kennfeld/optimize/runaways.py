@@ -77,7 +77,8 @@ def _grown(objective: LeastSquaresObjective, start: Float, end: Float) -> tuple[
     as good wherever they are, and searches that begin again take long.
     """
     size, grown = np.abs(start), np.abs(end)
-    return grown > FAR * np.maximum(size, 1.0), objective.uses_qr & (size > 0) & (grown > FARTHER * size)
+    farther: Bool = (size > 0) & (grown > FARTHER * size)
+    return grown > FAR * np.maximum(size, 1.0), farther if objective.uses_qr else np.zeros_like(farther)
 
 
 def _parts(compiled: CompiledProblem) -> dict[str, slice]:
