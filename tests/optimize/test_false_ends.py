@@ -80,6 +80,16 @@ def test_an_end_worse_than_the_mean_has_a_warning_that_says_what_to_do():
     assert result.status != "converged" or any("worse than by the mean" in m and "starts = 10" in m for m in messages)
 
 
+def test_a_poor_end_that_limits_enforce_names_them():
+    start = kf.ParameterSet([kf.Curve("C", [0.0, 1.0, 2.0], [0.0, 0.0, 0.0])])
+    data = {"x": [0.0, 1.0, 2.0, 2.0], "m": [1.0, 2.0, 3.0, 3.1]}
+    total = kf.Equality([kf.Term("C")], 4.5)
+    result = kf.calibrate("y = C(x)", data, start, target="m", limits={"C": (0.0, 1.5)}, constraints=[total])
+    (warning,) = result.warnings
+    assert "worse than by the mean" in warning.message
+    assert warning.remedy == "Bounds, pins and limits hold all values where they are: check them."
+
+
 def test_a_minimum_has_a_certificate_and_other_values_have_none():
     random = np.random.default_rng(0)
     y = 2 * np.exp(0.3 * X) + random.normal(0, 0.1, X.size)

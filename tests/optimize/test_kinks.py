@@ -38,3 +38,12 @@ def test_values_beside_one_at_a_kink_are_optimal(text, start):
 def test_a_smooth_minimum_is_no_kink():
     result = kf.calibrate("y = a^2*x + b*z + c", {"x": X, "z": Z, "m": Y}, {"a": 1.0, "b": 0.0, "c": 0.0}, target="m")
     assert not result.warnings
+
+
+def test_the_edge_of_what_a_function_is_defined_for_does_not_hold_a_value_for_good():
+    """The search first runs against b = -1, from which the cost falls once the other values have moved."""
+    x = np.linspace(1, 20, 80)
+    data = {"x": x, "q": 0.65 * (x + 0.6) ** 1.7 + 3}
+    result = kf.calibrate("y = a*(x + b)^n + c", data, {"a": 0.82, "b": 0.115, "n": 17.9, "c": 15.5}, target="q")
+    assert result.converged
+    assert result.parameters["b"].value == pytest.approx(0.6)

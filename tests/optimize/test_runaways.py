@@ -87,3 +87,29 @@ def test_values_that_noise_hardly_moves_have_none_although_their_effects_are_ali
     result = kf.calibrate("y = a + b*x", {"x": x, "q": target}, {"a": 1.0, "b": 1.0}, target="q")
     assert result.parameters["a"].value == pytest.approx(-1e6)
     assert not warnings_on_effects(result)
+
+
+@pytest.mark.parametrize(
+    ("text", "x", "target", "start"),
+    [
+        ("y = a + b*x", X + 1.7e9, 3 * X, {"a": 1.0, "b": 1.0}),
+        ("y = a + b*x + c*x^2 + d*x^3", X + 1e4, 1e-3 * (X - 5) ** 3, {"a": 1.0, "b": 1.0, "c": 1.0, "d": 1.0}),
+    ],
+    ids=["a line over seconds since 1970", "a cubic far from 0"],
+)
+def test_a_large_offset_that_data_determine_has_none(text, x, target, start):
+    target = target + 1e-3 * np.random.default_rng(0).normal(size=x.size)
+    result = kf.calibrate(text, {"x": x, "q": target}, start, target="q")
+    assert abs(result.parameters["a"].value) > 1e8
+    assert not warnings_on_effects(result)
+
+
+def test_a_table_that_shares_a_size_with_a_factor_has_none():
+    """Their fit is as good wherever they are; the trust names the combination."""
+    x = np.linspace(0, 10, 1000)
+    target = 700 * x + 0.1 * np.random.default_rng(0).normal(size=x.size)
+    start = kf.ParameterSet([kf.Curve("C", np.linspace(0, 10, 80), np.full(80, 1e-3)), kf.Scalar("k", 1e-3)])
+    result = kf.calibrate("y = C(x)*k*x", {"x": x, "q": target}, start, target="q")
+    assert result.parameters["k"].value > 1.0
+    assert not warnings_on_effects(result)
+    assert result.trust.directions

@@ -1,6 +1,6 @@
 """Warnings about an end that was reached as the search defines it, but that a user should not take for the optimum."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -16,22 +16,24 @@ POOR = -1e-6  # R2 that is clearly below 0, not its rounding
 SLOPED = 1e-4  # cosine between residuals and a column of J from which a value should have moved
 HIDDEN = 1e-12  # share of the cost of which four digits are left
 SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
+HELD = "Bounds, pins and limits hold all values where they are: check them."
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
-def find_poor_fits(quality: Sequence[Quality], scored: Collection[str]) -> Iterator[Finding]:
+def find_poor_fits(quality: Sequence[Quality], scored: Collection[str], held: Callable[[], bool]) -> Iterator[Finding]:
     """Yield a warning for each criterion that the mean of its target would meet better, in all training datasets.
 
     Args:
         quality: of all criteria on all datasets.
         scored: the criteria with a weight.
+        held: returns True if the limits hold all values.
     """
     training = [row for row in quality if row.use == "training" and row.criterion in scored and row.samples]
     for criterion, rows in groupby(sorted(training, key=lambda row: row.criterion), key=lambda row: row.criterion):
         best = max(row.r2_after for row in rows)  # NaN of a constant target is kept
         if best < POOR:
             message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
-            yield Finding(Location(), message, OTHER_START, severity="warning")
+            yield Finding(Location(), message, HELD if held() else OTHER_START, severity="warning")
 
 
 def describe_outlier(losses: Float, quality: Sequence[Quality], scored: Collection[str]) -> str:

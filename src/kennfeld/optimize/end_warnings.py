@@ -17,6 +17,7 @@ from kennfeld.optimize.linear_limits import touching_pairs
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.options import Options
 from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.projection import leaves_room
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.repeats import repeat_findings
 from kennfeld.optimize.runaways import find_runaways
@@ -72,7 +73,7 @@ class EndWarnings:
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
         return (
             *find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share),
-            *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem))),
+            *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem), self._are_held)),
             *find_slopes(certificate, steep, moved=moved, in_steps=in_steps),
             *(() if misleading is None else self._slopes(misleading)),
             *(() if problem.partitions is not None else repeat_findings(problem, dataset_location)),
@@ -81,6 +82,11 @@ class EndWarnings:
             *find_short_lags(problem, fitted),
             *find_crossed(problem, fitted),
         )
+
+    def _are_held(self) -> bool:
+        """Return True if all values are at bounds, or determined by the limits."""
+        values, limits = self.end.values, self.limits
+        return not leaves_room(values, limits, (limits.lower < values) & (values < limits.upper))
 
     def _slopes(self, misleading: Int) -> Iterator[Finding]:
         """Yield warnings about slopes that do not describe how the cost changes."""

@@ -16,8 +16,9 @@ from kennfeld.optimize.compiled import CompiledProblem
 from kennfeld.optimize.objective import LeastSquaresObjective
 
 FAR = 1e8  # ratio to the start, or to 1 if that is larger, from which a value may have run away
-FARTHER = 1e3  # ratio to a start that is not 0 from which it may have, if the data do not tell its size
+FARTHER = 1e3  # ratio to a start that is not 0 from which it may have
 SAME, ALIKE = 1e-12, 1e-9  # eigenvalues of the scaled J'J of values whose effects are the same, relative to the largest
+ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the targets: noise of data that are met exactly
 MOST = 1500  # values whose effects are compared
 SHARE = 1e-4  # squared share of a value in such directions
 MAX_NAMES = 5  # in a warning
@@ -29,8 +30,9 @@ def find_runaways(
 ) -> list[Finding]:
     """Return a warning that names the parameters that ran away, if any did.
 
-    They have grown by orders of magnitude, and their effect is that of other values as well. A value with an effect of
-    its own is an optimum, however large it is.
+    They have grown by orders of magnitude, their effect is that of other values as well, and the data do not tell their
+    size. A value with an effect of its own is an optimum, however large it is; so is the offset of a line over seconds
+    since 1970.
 
     Args:
         compiled: the problem.
@@ -38,13 +40,14 @@ def find_runaways(
         start: free values, Float[values].
         end: the same at the end.
     """
-    far, farther = _grown(start, end)
+    far, farther = _grown(objective, start, end)
     if not (far | farther).any() or end.size > MOST:
         return []
     effects = Effects.at(objective, end)
     noise = np.sqrt(objective.data_cost(end) / max(compiled.residuals - end.size, 1))
-    unknown = noise * effects.deviations > np.abs(end)
-    lost = (far & effects.replaceable(SAME)) | (farther & unknown & effects.replaceable(ALIKE))
+    rounding = ROUNDING * np.sqrt(objective.target_squares / max(compiled.residuals, 1))
+    unknown = max(float(noise), float(rounding)) * effects.deviations > np.abs(end)
+    lost = unknown & ((far & effects.replaceable(SAME)) | (farther & effects.replaceable(ALIKE)))
     ran = {n: end[part][lost[part]] for n, part in _parts(compiled).items() if lost[part].any()}
     if not ran:
         return []
@@ -56,7 +59,7 @@ def find_runaways(
 
 def run_away(compiled: CompiledProblem, objective: LeastSquaresObjective, start: Float, end: Float) -> list[Bool]:
     """Return marks of the values of each parameter that may have run away, that which has grown most first."""
-    far, farther = _grown(start, end)
+    far, farther = _grown(objective, start, end)
     if not (far | farther).any() or end.size > MOST:
         return []
     lost = (far | farther) & Effects.at(objective, end).replaceable(ALIKE)
@@ -67,10 +70,15 @@ def run_away(compiled: CompiledProblem, objective: LeastSquaresObjective, start:
     return [(places >= part.start) & (places < part.stop) for part in parts]
 
 
-def _grown(start: Float, end: Float) -> tuple[Bool, Bool]:
-    """Mark the values that are far from their start, and those that are farther than its size explains."""
-    size = np.abs(start)
-    return np.abs(end) > FAR * np.maximum(size, 1.0), (size > 0) & (np.abs(end) > FARTHER * size)
+def _grown(objective: LeastSquaresObjective, start: Float, end: Float) -> tuple[Bool, Bool]:
+    """Mark the values that are far from their start, and those that are farther than its size explains.
+
+    The latter only of small problems: in others, they are rather tables that share a size with a factor, whose fit is
+    as good wherever they are, and searches that begin again take long.
+    """
+    size, grown = np.abs(start), np.abs(end)
+    farther: Bool = (size > 0) & (grown > FARTHER * size)
+    return grown > FAR * np.maximum(size, 1.0), farther if objective.uses_qr else np.zeros_like(farther)
 
 
 def _parts(compiled: CompiledProblem) -> dict[str, slice]:
@@ -115,7 +123,7 @@ class Effects:
         if not np.isfinite(scaled[used] if squared else scaled).all():
             return cls(np.zeros(0), np.zeros((units.size, 0)), used | True, units)
         if squared:
-            return cls(*np.linalg.eigh(scaled[used]), used, units)
+            return cls(*_spectrum(scaled[used]), used, units)
         missing = max(int(used.sum()) - len(scaled), 0)
         _, singular, directions = np.linalg.svd(np.vstack([scaled, np.zeros((missing, int(used.sum())))]))
         return cls(np.square(singular), directions.T, used, units)
@@ -135,3 +143,14 @@ class Effects:
         variances = np.sum(np.square(self.directions) / np.maximum(self.sizes, least), axis=1)
         deviations[self.used] = np.sqrt(variances) / self.units[self.used]
         return deviations
+
+
+def _spectrum(matrix: Float) -> tuple[Float, Float]:
+    """Return eigenvalues and eigenvectors of a symmetric matrix; none if a Cholesky factor shows that all are large."""
+    bound = np.abs(matrix).sum(axis=0).max(initial=0.0)  # of the eigenvalues
+    try:
+        np.linalg.cholesky(matrix - ALIKE * bound * np.eye(len(matrix)))
+    except np.linalg.LinAlgError:
+        sizes, directions = np.linalg.eigh(matrix)
+        return sizes, directions
+    return np.zeros(0), np.zeros((len(matrix), 0))

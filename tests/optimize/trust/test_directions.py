@@ -277,3 +277,29 @@ def test_a_direction_known_to_one_percent_is_coupled_but_determined():
     assert direction.sentence.endswith("coupled, but determined (standard deviation 0.041 %).")
     assert undetermined_lines(trust, "") == ["Coupled, but determined:", f"  {direction.sentence}"]
     assert trust.as_json()["directions"][0]["determined"]
+
+
+@pytest.mark.parametrize(
+    ("formula", "target", "bounds", "sentence"),
+    [
+        ("y = a + b", 50.0, {"a": (0, 10), "b": (0, 60)}, "Lowering a by 0.1 and raising b by 0.1"),
+        ("y = a*b*x", 50.0, {"a": (0.9, 1.1), "b": (0, 100)}, "Scaling a by 1/1.01 and b by 1.01"),
+    ],
+    ids=["a sum", "a product"],
+)
+def test_a_direction_leads_away_from_the_bound_that_a_value_has_reached(formula, target, bounds, sentence):
+    x = np.linspace(0.9, 1.1, 60)
+    data = {"x": x, "q": target + 0.1 * np.random.default_rng(0).normal(size=60)}
+    result = kf.calibrate(formula, data, {"a": 1.0, "b": 1.0}, target="q", limits=bounds)
+    assert result.parameters["a"].value == bounds["a"][1]
+    assert found(result.trust, sentence)
+
+
+def test_a_direction_leads_away_from_a_curve_that_would_fall():
+    x = np.linspace(0, 10, 60)
+    data = {"x": x, "q": np.interp(x, [0, 5, 10], [1, 3, 4])}
+    start = kf.ParameterSet([kf.Curve("C", [0.0, 5.0, 10.0], [1.0, 1.0, 1.0]), kf.Scalar("k", 1.0)])
+    rising = [kf.Shape("C", 0, "slope", lower=0.0)]
+    result = kf.calibrate("y = C(x) + k*x", data, start, target="q", constraints=rising)
+    assert result.parameters["k"].value == pytest.approx(0.2)
+    assert found(result.trust, "Lowering k and raising C at 10 and 5")

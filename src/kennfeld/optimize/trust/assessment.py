@@ -13,6 +13,7 @@ from kennfeld.optimize.jumps import jumps_of
 from kennfeld.optimize.linear_limits import linear_limits
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.problem import Problem
+from kennfeld.optimize.projection import FEASIBLE
 from kennfeld.optimize.quality import Scorer
 from kennfeld.optimize.solver.levenberg_marquardt import Status
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
@@ -112,7 +113,8 @@ class TrustAssessment:
         for name, columns in split.columns.items():
             known[columns] = informed[name].ravel()
         axes = {name: axis.places[0] for name, axis in split.axes.items()}
-        words = Describer(problem.model.graph, parameters, problem.parameters, split(samples), axes)
+        admits = partial(_keeps_limits, limits, self.values)
+        words = Describer(problem.model.graph, parameters, problem.parameters, split(samples), axes, admits)
         moving = {table for axis in split.axes.values() for table, _ in axis.places}
         weak = self._weak_directions(local, split, parameters)
         minima = self._second_minima(limits, local, weak, outputs)
@@ -262,6 +264,13 @@ class TrustAssessment:
             f"The search ended with status {self.status}. The gradient suggests that values would still move {size}; "
             "uncertainties refer to the last iterate."
         )
+
+
+def _keeps_limits(limits: LinearLimits, values: Float, change: Float) -> bool:
+    """Return True if values keep bounds and rows with a change, Float[values]."""
+    changed = values + change
+    within = (limits.lower <= changed) & (changed <= limits.upper)
+    return bool(np.all(within | (change == 0))) and limits.violation(changed) <= FEASIBLE
 
 
 def _coupled_tables(local: Estimate, columns: Mapping[str, Int], tables: Sequence[str]) -> dict[str, list[str]]:

@@ -1,6 +1,6 @@
 """Sentences that describe poorly determined directions of a result, each with a remedy."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,7 @@ class Describer:
         start: the parameters before the calibration.
         samples: number of training samples at each value, by parameter and axis with free breakpoints.
         free_axes: for each axis with free breakpoints a table on it, and the number of the axis in that table.
+        admits: returns True if a change of all values, Float[values], keeps their bounds and limits.
     """
 
     def __init__(
@@ -72,8 +73,9 @@ class Describer:
         start: ParameterSet,
         samples: Mapping[str, Int],
         free_axes: Mapping[str, tuple[str, int]],
+        admits: Callable[[Float], bool] = lambda change: True,
     ) -> None:
-        self._parameters, self._start, self._samples = parameters, start, samples
+        self._parameters, self._start, self._samples, self._admits = parameters, start, samples, admits
         self._free_axes = {name: parameters[table].axes[number] for name, (table, number) in free_axes.items()}
         self.layers = graph.layers
         self._axes = {name: _axes(graph, parameters[name]) for name in samples if name not in free_axes}
@@ -165,7 +167,7 @@ class Describer:
         """
         ordered = sorted(weak.amounts, key=lambda pair: ORDER.index(pair[0].kind))
         first, first_amount = ordered[0]
-        unit = self._round_amount(first) / first_amount
+        unit = self._possible(weak, self._round_amount(first) / first_amount)
         amounts = [(shape, amount * unit) for shape, amount in ordered]
         size = abs(amounts[0][1]) * weak.deviation / abs(unit)  # as an amount of the first table change
         text = f"{100 * size:.2g} %" if first.kind in RELATIVE else f"{size:.2g}{self._unit_of(first)}"
@@ -182,7 +184,7 @@ class Describer:
         shares = _shares(weights)
         names = self.strongest(weights)
         first = int(shares[names[0]].argmax())
-        unit = PERCENT * self._typical_size(names[0]) / float(parts[names[0]].ravel()[first])
+        unit = self._possible(weak, PERCENT * self._typical_size(names[0]) / float(parts[names[0]].ravel()[first]))
         verbs = [v for name in names for v in self._points(name, parts[name] * unit, shares[name])]
         reference = "mean distance of breakpoints" if names[0] in self._free_axes else "largest value"
         relative = PERCENT * weak.deviation / abs(unit)
@@ -218,6 +220,11 @@ class Describer:
         remedy = towards.remedy if equal else f"Start from those values. {towards.remedy}"
         changed = {name: part for name, part in parts.items() if np.any(part)}
         return Direction(sentence, remedy, changed, False, towards.ratio, 1.0, towards.remedies)
+
+    def _possible(self, weak: WeakDirection, amount: float) -> float:
+        """Return an amount of a direction, or its opposite if only that keeps the limits."""
+        backwards = not self._admits(amount * weak.change) and self._admits(-amount * weak.change)
+        return -amount if backwards else amount
 
     def _two_values(self, name: str, change: Float) -> str:
         """Name the value of a table that changes most, and what it is here and there."""
