@@ -191,3 +191,12 @@ def test_the_mean_itself_is_no_worse_than_the_mean():
     for seed in range(8):
         m = 5 + np.random.default_rng(seed).normal(size=50)
         assert not kf.calibrate("y = c + 0*x", {"x": np.arange(50.0), "m": m}, {"c": 0.0}, target="m").warnings
+
+
+def test_an_output_that_became_a_constant_has_a_warning():
+    """The bell runs away to where the data see its offset alone."""
+    x = np.linspace(0.2, 8, 60)
+    data = {"x": x, "q": 3 * np.exp(-(((x - 4) / 1.2) ** 2)) + 1}
+    start = {"h": 1.0, "m": -5.0, "s": 1.0, "c": 0.0}
+    result = kf.calibrate("y = h*exp(-((x - m)/s)^2) + c", data, start, target="q")
+    assert any("no better than by the mean of its target" in warning.message for warning in result.warnings)

@@ -12,7 +12,7 @@ from kennfeld.optimize.solver.certificate import Certificate
 
 STEEP = 1e-2  # share of the cost that an undamped step may promise without a warning, after it was tried
 NOTICEABLE = 0.25, 0.05  # variances of the noise that it may promise, and as many for each fitted value
-POOR = -1e-6  # R2 that is clearly below 0, not its rounding
+POOR, MEAN = -1e-6, 1e-9  # R2 that is clearly below 0, and clearly above it, not its rounding
 SLOPED = 1e-4  # cosine between residuals and a column of J from which a value should have moved
 HIDDEN = 1e-12  # share of the cost of which four digits are left
 SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
@@ -20,13 +20,18 @@ HELD = "Bounds, pins and limits hold all values where they are: check them."
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
-def find_poor_fits(quality: Sequence[Quality], scored: Collection[str], held: Callable[[], bool]) -> Iterator[Finding]:
+def find_poor_fits(
+    quality: Sequence[Quality], scored: Collection[str], held: Callable[[], bool], faded: Callable[[], bool]
+) -> Iterator[Finding]:
     """Yield a warning for each criterion that the mean of its target would meet better, in all training datasets.
+
+    One that is met as well by the mean has a warning if values have lost their effect: the output became a constant.
 
     Args:
         quality: of all criteria on all datasets.
         scored: the criteria with a weight.
         held: returns True if the limits hold all values.
+        faded: returns True if parameters have lost their effect on the way.
     """
     training = [row for row in quality if row.use == "training" and row.criterion in scored and row.samples]
     for criterion, rows in groupby(sorted(training, key=lambda row: row.criterion), key=lambda row: row.criterion):
@@ -34,6 +39,11 @@ def find_poor_fits(quality: Sequence[Quality], scored: Collection[str], held: Ca
         if best < POOR:
             message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
             yield Finding(Location(), message, HELD if held() else OTHER_START, severity="warning")
+        elif best < MEAN and faded():
+            message = (
+                f"{criterion} is reproduced no better than by the mean of its target: values have lost their effect"
+            )
+            yield Finding(Location(), message, OTHER_START, severity="warning")
 
 
 def describe_outlier(losses: Float, quality: Sequence[Quality], scored: Collection[str]) -> str:

@@ -73,7 +73,7 @@ class EndWarnings:
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
         return (
             *find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share),
-            *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem), self._are_held)),
+            *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem), self._are_held, self._have_faded)),
             *find_slopes(certificate, steep, moved=moved, in_steps=in_steps),
             *(() if misleading is None else self._slopes(misleading)),
             *(() if problem.partitions is not None else repeat_findings(problem, dataset_location)),
@@ -87,6 +87,10 @@ class EndWarnings:
         """Return True if all values are at bounds, or determined by the limits."""
         values, limits = self.end.values, self.limits
         return not leaves_room(values, limits, (limits.lower < values) & (values < limits.upper))
+
+    def _have_faded(self) -> bool:
+        """Return whether parameters have lost all their effect since the start."""
+        return not np.array_equal(self.objective.with_effect(self.end.values, self.objective.start), self.end.values)
 
     def _slopes(self, misleading: Int) -> Iterator[Finding]:
         """Yield warnings about slopes that do not describe how the cost changes."""
