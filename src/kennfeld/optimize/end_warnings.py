@@ -30,6 +30,7 @@ from kennfeld.optimize.worsening import admissible_share, find_worsening
 from kennfeld.parameter_set import ParameterSet
 
 MAX_LISTED = 5
+NEARER, SAME = 0.1, 1e-9  # share of the way back to the start, and change of the cost that is none
 
 
 def scored_nodes(problem: Problem) -> set[str]:
@@ -89,8 +90,14 @@ class EndWarnings:
         return not leaves_room(values, limits, (limits.lower < values) & (values < limits.upper))
 
     def _have_faded(self) -> bool:
-        """Return whether parameters have lost all their effect since the start."""
-        return not np.array_equal(self.objective.with_effect(self.end.values, self.objective.start), self.end.values)
+        """Return whether parameters have lost all their effect since the start, also a tenth of the way back there.
+
+        At a minimum, as that of a^2 at a = 0, only the slope vanishes.
+        """
+        values = self.end.values
+        back = self.objective.with_effect(values, self.objective.start)
+        nearer = values + NEARER * (back - values)
+        return not np.array_equal(back, values) and self.objective.cost(nearer) < (1 + SAME) * self.end.cost
 
     def _slopes(self, misleading: Int) -> Iterator[Finding]:
         """Yield warnings about slopes that do not describe how the cost changes."""
