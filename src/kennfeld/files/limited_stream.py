@@ -22,15 +22,20 @@ class _LimitedStream(io.RawIOBase):
 
     def __init__(self, stream: io.BufferedIOBase, name: str, packed: int) -> None:
         self._stream, self._name, self._packed = stream, name, packed
-        self._room = most_unpacked(packed)
+        self._most = most_unpacked(packed)
 
     def readable(self) -> bool:
         return True
 
+    def seekable(self) -> bool:
+        return self._stream.seekable()
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        return self._stream.seek(offset, whence)
+
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
         content = self._stream.read1(len(buffer))
-        self._room -= len(content)
-        if self._room < 0:
+        if self._stream.tell() > self._most:
             raise InputError.of(Location(self._name), _describe_size(self._packed), "Unpack it first if you trust it.")
         buffer[: len(content)] = content
         return len(content)

@@ -208,20 +208,10 @@ class RowCollector:
             self.marks.append((line, text.strip(' "')))
 
     def table(self, location: Location) -> Table:
-        """Return the table of all rows taken, without a last one that is `cut_row`."""
+        """Return the table of all rows taken."""
         self._flush()
         columns = tuple(builder.build() for builder in self.builders.values())
-        lines = np.array(self.lines, dtype=np.int64)
-        if self.cut_row is None:
-            return Table(location, columns, lines)
-        whole = np.arange(lines.size) < lines.size - 1
-        return Table(location, tuple(column.select(whole) for column in columns), lines[whole])
-
-    @property
-    def cut_row(self) -> tuple[int, int] | None:
-        """Line and cells of a last row that ends too early, as a recorder leaves it that is switched off."""
-        is_cut = len(self.lines) > 1 and bool(self.odd) and self.odd[-1][0] == self.lines[-1]
-        return self.odd[-1] if is_cut and self.odd[-1][1] < self.width else None
+        return Table(location, columns, np.array(self.lines, dtype=np.int64))
 
     def _flush(self) -> None:
         columns = list(zip(*self._block, strict=True))
@@ -255,22 +245,18 @@ def _split_rows(source: MeasurementFile, dialect: Dialect, rows: RowCollector) -
 
 def row_findings(file: str, rows: RowCollector) -> list[Finding]:
     """Report the rows with too many or too few cells."""
+    last = rows.lines[-1] if rows.lines else 0
 
     def report(row: tuple[int, int]) -> Finding:
         line, cells = row
         message = f"the row has {cells} cell{'s' * (cells != 1)}, the header names {rows.width}"
-        return Finding(Location(file, line), message, "Give the row as many cells as the header.")
+        if line == last and cells < rows.width:
+            remedy = "The file seems to be cut off here: copy or export it again, or remove this line."
+        else:
+            remedy = "Give the row as many cells as the header."
+        return Finding(Location(file, line), message, remedy)
 
-    cut = rows.cut_row
-    odd = rows.odd if cut is None else rows.odd[:-1]
-    findings = limit_findings(odd, report, Location(file), "rows with too many or too few cells")
-    return findings if cut is None else [*findings, _cut_row_finding(file, cut, rows.width)]
-
-
-def _cut_row_finding(file: str, row: tuple[int, int], width: int) -> Finding:
-    line, cells = row
-    message = f"the file ends within this row, which has {cells} of {width} cells and was left out"
-    return Finding(Location(file, line), message, "If rows are missing, copy or export it again.", severity="warning")
+    return limit_findings(rows.odd, report, Location(file), "rows with too many or too few cells")
 
 
 def _marks(table: Table, rows: RowCollector) -> tuple[tuple[str, str], ...]:
