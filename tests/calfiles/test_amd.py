@@ -171,6 +171,18 @@ def test_a_set_of_another_file_size_or_kind_is_refused(path, tmp_path):
         write(ParameterSet([Scalar("gain", 1.0)], origin=origin), tmp_path / "new.amd")
 
 
+def test_a_file_in_another_encoding_is_read_but_not_changed():
+    name = "Plant.data.amd"
+    raw = PLANT.files()[f"Engine/{name}"].decode().replace('encoding="UTF-8"', 'encoding="UTF-16"').encode("utf-16")
+    values = read_amd(CalibrationSource(name, raw)).parameters
+    assert values["gain"].value == 2.5
+    assert write_amd(values, name).raw == raw
+    with pytest.raises(InputError) as caught:
+        write_amd(values.with_parameters(values["gain"].with_values(3.0)), name)
+    reason = "cannot be replaced, since the file is not encoded in UTF-8 or ASCII. Save it in UTF-8."
+    assert str(caught.value) == f"{name} gain: {reason}"
+
+
 def test_nothing_is_lost(path):
     assert losses(read(path), "copy.axl") == ()
 

@@ -122,6 +122,29 @@ class TestReading:
         assert list(read(path)) == ["A"]
         assert "(C): has breakpoints that cannot be derived from the CURVE_AXIS A; skipped" in remarks(path)[0]
 
+    def test_further_variants_of_an_axis_are_skipped(self, cdfx):
+        def variants(name, category, first, second, *axes):
+            held = (
+                f"<SW-INSTANCE-PROPS-VARIANT>{said}<SW-VALUE-CONT>{values}</SW-VALUE-CONT>"
+                f"<SW-AXIS-CONTS>{''.join(axes)}</SW-AXIS-CONTS></SW-INSTANCE-PROPS-VARIANT>"
+                for said, values in (("", first), ("<VARIANT-DEF-REF>Manual</VARIANT-DEF-REF>", second))
+            )
+            head = f"<SW-INSTANCE><SHORT-NAME>{name}</SHORT-NAME><CATEGORY>{category}</CATEGORY>"
+            return f"{head}<SW-INSTANCE-PROPS-VARIANTS>{''.join(held)}</SW-INSTANCE-PROPS-VARIANTS></SW-INSTANCE>\n"
+
+        group = variants("N", "COM_AXIS", numbers(1, 2), numbers(3, 4))
+        maker = variants("A", "CURVE_AXIS", numbers(0, 1), numbers(0, 2), axis(numbers(10, 40)))
+        curves = (
+            instance("C", "CURVE", numbers(7, 8), axis(reference("N"), "COM_AXIS")),
+            instance("D", "CURVE", numbers(7, 8), axis(reference("A"), "CURVE_AXIS")),
+        )
+        path = cdfx(group, maker, *curves)
+        found = read(path)
+        assert [list(found[name].axes[0].breakpoints) for name in "CD"] == [[1, 2], [10, 40]]
+        assert found.in_variant("Manual")["A"].values.tolist() == [0, 2]
+        [remark] = remarks(path)
+        assert "(N): is the axis in another variant (Manual)" in remark
+
     def test_a_rescale_axis_gives_breakpoints(self, cdfx):
         pairs = instance("A", "RES_AXIS", groups([10, 0], [40, 1]))
         path = cdfx(pairs, instance("C", "CURVE", numbers(7, 8), axis(reference("A"), "RES_AXIS")))

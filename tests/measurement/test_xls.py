@@ -6,7 +6,8 @@ import pytest
 
 from kennfeld.errors import InputError
 from kennfeld.measurement import describe, read
-from tests.measurement.xls_files import SECTOR, compound, records, xls
+from kennfeld.workbooks.biff import check_records
+from tests.measurement.xls_files import BOF_BOOK, SECTOR, compound, part, records, wide, xls
 
 ROWS = [["time", "Speed", "on"], ["s", "rpm", "-"], *([0.1 * i, 1000.5 + i, i % 2] for i in range(60))]
 LARGE = [*ROWS, *([0.1 * i, 1000.5 + i, i % 2] for i in range(60, 9000))]  # more tables than one sector holds
@@ -115,6 +116,13 @@ def test_claims_beyond_the_content_are_refused(book, claims, said):
     with pytest.raises(InputError, match="the workbook cannot be read") as caught:
         read(book(xls({"Data": ROWS}, **claims)))
     assert said in str(caught.value)
+
+
+def test_empty_texts_are_the_shortest():
+    head, empty = part(0x0809, BOF_BOOK), 100 * wide("")
+    check_records(head + part(0x00FC, struct.pack("<ii", 100, 100) + empty) + part(0x000A), 10)
+    with pytest.raises(ValueError, match="it claims 105 texts in 312 bytes"):
+        check_records(head + part(0x00FC, struct.pack("<ii", 105, 105) + empty) + part(0x000A), 10)
 
 
 def test_a_cell_far_outside_is_refused(book):

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kennfeld.notebook.pictures import height_colour, ink_on, line_chart, strip, ticks
+from kennfeld.notebook.pictures import heat_map, height_colour, ink_on, line_chart, strip, ticks
 
 numbers = st.floats(-1e9, 1e9, allow_nan=False)
 
@@ -40,3 +40,12 @@ def test_text_and_grid_have_the_colour_of_the_page():
     picture = line_chart(np.arange(3.0), np.arange(3.0), "x", "y")
     assert picture.count('fill="currentColor"') == picture.count("<text")
     assert picture.count('stroke="currentColor"') == picture.count("<line ")
+
+
+def test_a_line_chart_has_a_line_at_each_tick_and_a_heat_map_has_none():
+    x, y = np.arange(4.0), np.array([0.0, 10.0, 5.0, 20.0])
+    chart = line_chart(x, y, "x", "y")
+    assert chart.count("<line ") == len(ticks(0, 3)) + len(ticks(0, 20))
+    coloured = heat_map(np.outer(x, y), x, np.sort(y), "x", "y", "T")
+    assert "<line " not in coloured
+    assert coloured.count("<rect") >= 16

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import kennfeld as kf
+from kennfeld.optimize.tuning.shift_estimation import WIDEST, Minimum, _find_doubtful
 from kennfeld.preprocessing.time_shift import shift_channels
 from kennfeld.project.demo import torque
 from tests.draws import mostly_slow
@@ -127,6 +128,21 @@ def test_a_shift_at_the_edge_of_the_widest_window_is_a_warning():
     [warning] = result.as_json()["warnings"]
     assert "is at the edge of the search window, 3 s to either side" in warning["sentence"]
     assert "shift = { m = ... }" in warning["remedy"]
+
+
+@pytest.mark.parametrize(
+    ("most", "step", "unit", "remedy"),
+    [
+        (WIDEST - 1, 0.1, "s", "A longer recording has a wider window, up to a quarter of it."),
+        (WIDEST, 0.1, "s", "A coarser raster, such as raster = 1, has a wider window."),
+        (WIDEST, 1.0, "samples", f"More than {WIDEST} samples are not searched."),
+    ],
+)
+def test_a_shift_at_the_edge_of_its_window_says_how_to_search_farther(most, step, unit, remedy):
+    costs = {float(lag): 1.0 + lag for lag in range(most + 1)}
+    edge = Minimum("m", "drive", most * step, step, unit, float(most), most, costs, scored=1000)
+    [finding] = _find_doubtful([edge])
+    assert finding.remedy == f"If it is known, write it as a number, shift = {{ m = ... }}. {remedy}"
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Python functions over many samples: arrays or numbers, own derivatives or differences."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -108,6 +109,37 @@ def test_wrong_derivatives_are_an_error():
     message = r"gain: the derivative of result 1 along argument 2 is .* by jac and .* by differences, at 0\.5, 1"
     with pytest.raises(InputError, match=message):
         evaluation.evaluate(POINTS, (0,))
+
+
+@pytest.mark.parametrize(
+    ("jacobian", "message"),
+    [
+        (lambda x, y: ((y, x),), "returns rows of 2 slopes, expected 2 of 2"),
+        (lambda x, y: ((y, x), (2 * x, 0 * x), (y, x)), "returns rows of 2 and 2 and 2 slopes, expected 2 of 2"),
+        (lambda x, y: ((y, x), (2 * x,)), "returns rows of 2 and 1 slopes, expected 2 of 2"),
+        (lambda x, y: ((y, x), None), "fails at 0.5, 1: TypeError"),
+        (lambda x, y: 1 / 0, "fails at 0.5, 1: ZeroDivisionError"),
+    ],
+)
+def test_derivatives_of_another_shape_are_an_error(jacobian, message):
+    evaluation = PythonEvaluation("f", lambda x, y: (x * y, x**2), 2, 2, jacobian)
+    with pytest.raises(InputError, match=re.escape(f"f: jac {message}")):
+        evaluation.evaluate(POINTS, (0, 1))
+    assert np.isnan(evaluation.point_slopes([3.0, 4.0], [0])).all()
+
+
+def test_derivatives_with_fewer_rows_for_arrays_are_called_with_numbers():
+    def jacobian(x, y):
+        rows = (y, x), (2 * x, 0.0)
+        return rows if np.ndim(x) == 0 else rows[:1]
+
+    counted = Counted(jacobian)
+    evaluation = PythonEvaluation("f", lambda x, y: (x * y, x**2), 2, 2, counted)
+    _, slopes = evaluation.evaluate(POINTS, (0, 1))
+    assert np.array_equal(slopes[1], [2 * POINTS[0], 0 * POINTS[0]])
+    counted.calls = 0
+    evaluation.evaluate(POINTS, (0, 1))
+    assert counted.calls == 1 + POINTS.shape[1]
 
 
 def test_own_derivatives_may_differ_at_a_kink():

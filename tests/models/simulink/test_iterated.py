@@ -1,5 +1,7 @@
 """Subsystems that run several times in a step: For Iterator, While Iterator and For Each."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -472,5 +474,6 @@ def test_the_number_of_elements_can_be_stated(tmp_path):
 def test_inputs_and_parameters_of_different_numbers_are_told(tmp_path):
     mask = Mask({"g": "[1 2]"})
     drawn = each(mask=mask, lists={"SubsysMaskParameterPartition": ["on"]})
-    with pytest.raises(InputError, match="require different iteration counts"):
+    message = "model.slx Each/For Each: its inputs and its parameters require different iteration counts."
+    with pytest.raises(InputError, match=f"^{re.escape(message)} Bind it: [^\n]*$"):
         imported(drawn, tmp_path, parameters=[{"k": 0.3}])

@@ -144,6 +144,18 @@ def test_sources(tmp_path):
     np.testing.assert_allclose(found["r"], 1 + 2 * np.maximum(0.1 * k - 0.5, 0), atol=1e-12)
 
 
+@pytest.mark.parametrize(("width", "step"), [("35", 0.05), ("50", 0.5)])
+def test_a_variable_step_hits_the_edges_of_pulses(width, step, tmp_path):
+    drawn = Model(solver="VariableStepDiscrete")
+    drawn.block("DiscretePulseGenerator", "P", ports=(0, 1), PulseType="Time based", Period="1", PulseWidth=width)
+    drawn.outport("y")
+    drawn.chain("P", "y")
+    model = imported(drawn, tmp_path)
+    assert model.step == pytest.approx(step)
+    high = int(width) / 100
+    np.testing.assert_array_equal(run(model, samples=40)["y"], (np.arange(40) * step + 1e-9) % 1 < high)
+
+
 @pytest.mark.parametrize("units", ["Hertz", "rad/sec"])
 def test_a_signal_generator_makes_sines_and_squares(units, tmp_path):
     drawn = Model(step="0.01", solver="FixedStepDiscrete")

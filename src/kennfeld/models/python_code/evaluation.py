@@ -123,6 +123,8 @@ class PythonEvaluation:
             return
         picked, along = _picked(points), range(self.inputs)
         own = self._jacobians(picked, self._by_sample)
+        if np.isnan(own).all():
+            self._check_rows(picked[:, 0].tolist())
         differences = self._differences(picked, along, np.zeros(self.inputs), self._by_sample)
         size = np.maximum(np.abs(own), np.abs(differences)).max(axis=2, keepdims=True, initial=0.0)
         wrong = np.abs(own - differences) > _AGREEMENT * size  # at a kink they may differ
@@ -135,6 +137,19 @@ class PythonEvaluation:
             )
             raise InputError.of(Location(self.name), message, "Correct jac, or leave it out.")
         self._jacobian_agrees = True
+
+    def _check_rows(self, arguments: Sequence[float]) -> None:
+        """Raise `InputError` with the reason why the function's own derivative has no slopes, if it has none."""
+        at = ", ".join(f"{x:.6g}" for x in arguments)
+        remedy = "It must return one slope for each argument; for several results, such a row for each result."
+        try:
+            lengths = [len(row) for row in self._numbers_of_jacobian(arguments)]
+        except (Exception, SystemExit) as error:
+            raise InputError.of(Location(self.name), f"jac fails at {at}: {error!r:.200}", remedy) from error
+        if lengths != [self.inputs] * self.outputs:
+            counts = " and ".join(map(str, lengths)) or "0"
+            message = f"jac returns rows of {counts} slopes, expected {self.outputs} of {self.inputs}"
+            raise InputError.of(Location(self.name), message, remedy)
 
     def _differences(
         self, points: Float, along: Sequence[int], least: Float, compute: Callable[[Float], Float]
@@ -165,19 +180,21 @@ class PythonEvaluation:
                     for own, item in zip(row, result, strict=True):
                         own[:] = item
                 return slopes
-            except Exception:  # it takes numbers only
+            except (Exception, SystemExit):  # it takes numbers only
                 pass
         for at, arguments in enumerate(points.T.tolist()):
             slopes[:, :, at] = self._rows_of_jacobian(arguments)
         return slopes
 
     def _rows_of_jacobian(self, arguments: Sequence[float]) -> Float:
-        assert self.jacobian is not None
         try:
-            rows = [[float(item) for item in row] for row in self._by_result(self.jacobian(*arguments))]
-            return np.array(rows).reshape(self.outputs, self.inputs)
-        except Exception:
+            return np.array(self._numbers_of_jacobian(arguments)).reshape(self.outputs, self.inputs)
+        except (Exception, SystemExit):
             return np.full((self.outputs, self.inputs), np.nan)
+
+    def _numbers_of_jacobian(self, arguments: Sequence[float]) -> list[list[float]]:
+        assert self.jacobian is not None
+        return [[float(item) for item in row] for row in self._by_result(self.jacobian(*arguments))]
 
     def _by_result(self, jacobian: Any) -> Sequence[Any]:
         """Return the rows of a derivative: one for each result, of one item for each argument."""
