@@ -2,12 +2,14 @@
 
 import math
 import warnings
+from contextlib import nullcontext
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 
 from kennfeld.measurement import describe, mdf, read
+from kennfeld.measurement.sorted_mdf import SortedFile, UnusualLayoutError
 from kennfeld.measurement.source import locate
 from kennfeld.measurement.table import Selection
 
@@ -99,6 +101,17 @@ def read_both(path):
     own = read(path)["x"]
     np.testing.assert_array_equal(column.values, own.values)
     return own
+
+
+@pytest.mark.parametrize(("nested", "without_library"), [(4, True), (5, False)])
+def test_conversions_within_tables_are_read_to_any_depth(tmp_path, nested, without_library):
+    conversion = scale(2.0, 1.0)
+    for level in range(nested):
+        conversion = {"val_0": 100.0 + level, "text_0": f"code {level}", "default_addr": conversion}
+    path = write(tmp_path / "x.mf4", np.uint8([0, 1, 7, 100]), conversion)
+    np.testing.assert_array_equal(read_both(path).values, [1.0, 3.0, 15.0, math.nan])
+    with nullcontext() if without_library else pytest.raises(UnusualLayoutError), SortedFile(path):
+        pass
 
 
 @pytest.mark.parametrize("raw_type", RAW_TYPES)
