@@ -14,7 +14,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float
 from kennfeld.dataset import Channel, Clock, Dataset, common_start_time
 from kennfeld.errors import Finding, InputError, Location
-from kennfeld.formatting import join_names, nearest
+from kennfeld.formatting import join_names, nearest, one_line
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.instants import instant_findings, separate_instants
 from kennfeld.measurement.resampling import even_grid, resample_all
@@ -113,7 +113,7 @@ def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | 
 
 def _describe_rasters(groups: Sequence[_ChannelGroup]) -> str:
     rasters = [
-        f"{g.columns[0].name} {f'every {g.step:.3g} s' if g.stamps.size > 1 else 'once'} from {g.stamps[0]:.6g} s"
+        f"{one_line(g.columns[0].name)} {f'every {g.step:.3g} s' if g.stamps.size > 1 else 'once'} from {g.stamps[0]:.6g} s"
         for g in groups
         if g.columns
     ]
