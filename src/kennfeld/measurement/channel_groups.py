@@ -112,11 +112,11 @@ def _read_groups(tables: Sequence[Table], selection: Selection, raster: float | 
 
 
 def _describe_rasters(groups: Sequence[_ChannelGroup]) -> str:
-    rasters = [
-        f"{one_line(g.columns[0].name)} {f'every {g.step:.3g} s' if g.stamps.size > 1 else 'once'} from {g.stamps[0]:.6g} s"
-        for g in groups
-        if g.columns
-    ]
+    rasters = []
+    for group in groups:
+        if group.columns:
+            step = f"every {group.step:.3g} s" if group.stamps.size > 1 else "once"
+            rasters.append(f"{one_line(group.columns[0].name)} {step} from {group.stamps[0]:.6g} s")
     return join_names(rasters, 4)
 
 
