@@ -8,6 +8,8 @@ from collections.abc import Iterator
 
 from kennfeld.process_limits import memory_bound
 
+# what `zipfile` raises for damaged archives and unusual ways of compression, beside `OSError`
+ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, KeyError)
 _PER_BYTE = 12  # bytes of memory that a byte of text takes while it is read: a column with one digit a row
 _CHUNK = 1 << 20
 _BEST_RATIO = 1032  # of Deflate

@@ -11,6 +11,7 @@ from io import BufferedIOBase, BytesIO
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, cast
 
+from kennfeld.archives import ZIP_ERRORS
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import nearest_file
 from kennfeld.file_state import note_opened
@@ -28,10 +29,6 @@ _PACKED_ENDINGS = (".gz", ".bz2", ".xz")
 _NESTED = 200_000_000  # bytes of an archive within a compressed file, such as a workbook, that are unpacked to list it
 DAMAGED = "the compressed file is damaged or cut off"
 COPY = "Copy it again from its source."
-# what the libraries raise for damaged archives and unusual ways of compression
-ZIP_ERRORS = (
-    *(zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError, KeyError),
-)
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ class FileHead:
         try:
             with self._opened() as archive:
                 return tuple(archive.namelist())
-        except (*ZIP_ERRORS, InputError):
+        except (*ZIP_ERRORS, OSError, InputError):
             return ()
 
     def first_bytes(self, member: str, size: int) -> bytes:
@@ -109,7 +106,7 @@ class FileHead:
                 return stream.read(size)
         except InputError:
             raise
-        except ZIP_ERRORS:
+        except (*ZIP_ERRORS, OSError):
             raise InputError.of(Location(self.path.name), DAMAGED, COPY) from None
 
     def whole(self, limit: int = -1) -> bytes:

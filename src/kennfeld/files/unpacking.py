@@ -8,9 +8,9 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import BinaryIO, NamedTuple
 
-from kennfeld.archives import find_oversized
+from kennfeld.archives import ZIP_ERRORS, find_oversized
 from kennfeld.errors import InputError, Location
-from kennfeld.files.head import COPY, DAMAGED, ZIP_ERRORS, FileHead, open_member, open_unpacked
+from kennfeld.files.head import COPY, DAMAGED, FileHead, open_member, open_unpacked
 from kennfeld.formatting import join_names, nearest
 
 _CHUNK = 1 << 20  # bytes
@@ -59,7 +59,7 @@ def unpacked(head: FileHead, member: str = "", *, with_others: bool = False) -> 
                     _write(head.path, open_member(archive, each), path.with_name(PurePosixPath(each).name))
         except InputError:
             raise
-        except ZIP_ERRORS:
+        except (*ZIP_ERRORS, OSError):
             raise InputError.of(location, DAMAGED, COPY) from None
         yield Unpacked(path, f"{head.path.name}#{path.name}")
 

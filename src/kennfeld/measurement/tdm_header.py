@@ -8,7 +8,6 @@ Times are those of LabVIEW: seconds since 1904 and a fraction of 64 bits.
 
 import re
 import zipfile
-import zlib
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cached_property, partial
@@ -17,7 +16,7 @@ from xml.etree.ElementTree import Element, ParseError, fromstring
 
 import numpy as np
 
-from kennfeld.archives import find_oversized
+from kennfeld.archives import ZIP_ERRORS, find_oversized
 from kennfeld.arrays import Float
 from kennfeld.errors import InputError
 from kennfeld.file_errors import nearest_file
@@ -85,7 +84,7 @@ def _unpack(source: MeasurementFile) -> bytes:
                 raise InputError.of(source.location, f"suspicious archive: {oversized}", _EXPORT)
             with archive.open(_MEMBER) as member:
                 return member.read(_MAX_SIZE)
-    except (zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError, EOFError, KeyError) as error:
+    except (*ZIP_ERRORS, OSError) as error:
         raise damaged(source, "TDM", error) from None
 
 

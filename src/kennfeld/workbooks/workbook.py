@@ -6,13 +6,12 @@ The library that reads them is written in Rust and panics on some damaged files.
 import os
 import re
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import SEEK_END, BytesIO
 from typing import Any, BinaryIO
 
-from kennfeld.archives import find_oversized, iterate_chunks
+from kennfeld.archives import ZIP_ERRORS, find_oversized, iterate_chunks
 from kennfeld.errors import InputError, Location
 from kennfeld.formatting import reason_of
 from kennfeld.process_limits import memory_bound
@@ -30,7 +29,6 @@ _SHEET = re.compile(r"xl/worksheets/.*\.(?:xml|bin)", re.IGNORECASE)
 _BINARY_BOOK, _BINARY_LINKS = "xl/workbook.bin", "xl/_rels/workbook.bin.rels"
 _MANIFEST = "META-INF/manifest.xml"  # of OpenDocument
 _ENCRYPTED_PACKAGE = "EncryptedPackage\0".encode("utf-16-le")  # the stream of a protected .xlsx or .xlsb
-_UNPACKING = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
 _SAVE_AGAIN = "Open it in Excel and save it again."
 
 
@@ -207,7 +205,7 @@ def _guard_damage(name: str) -> Iterator[None]:
         raise _protected(name) from None
     except python_calamine.WorksheetNotFound:
         raise
-    except (python_calamine.CalamineError, OSError, ValueError, OverflowError, *_UNPACKING) as error:
+    except (python_calamine.CalamineError, OSError, OverflowError, *ZIP_ERRORS) as error:
         raise InputError.of(location, f"the workbook cannot be read ({reason_of(error)})", _SAVE_AGAIN) from None
 
 

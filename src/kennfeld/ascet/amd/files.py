@@ -6,7 +6,6 @@ A component `/Lib/Filter/DT1` has several files: `Lib/Filter/DT1.main.amd` decla
 """
 
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import field
@@ -15,7 +14,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from kennfeld.archives import find_oversized
+from kennfeld.archives import ZIP_ERRORS, find_oversized
 from kennfeld.ascet.amd.xml_document import MAX_BYTES, parse_amd
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
@@ -32,7 +31,7 @@ SPECIFICATION: Final = ".specification.amd"
 _PARTS: Final = (MAIN, DATA, IMPLEMENTATION, SPECIFICATION)
 _MAX_MEMBERS: Final = 20_000
 _MAX_TOTAL: Final = 500_000_000  # bytes of an archive, unpacked
-_UNPACKING: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError)
+_UNPACKING: Final = (*ZIP_ERRORS, OSError)
 
 
 @dataclass(eq=False)

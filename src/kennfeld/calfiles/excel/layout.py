@@ -12,12 +12,12 @@ dimensions are tables below each other, each with its breakpoints in a row `z | 
 
 import re
 import zipfile
-import zlib
 from collections.abc import Iterable
 from datetime import date, time, timedelta
 from io import BytesIO
 from math import isfinite, nan
 
+from kennfeld.archives import ZIP_ERRORS
 from kennfeld.calfiles.content import parse_float
 from kennfeld.calfiles.format import FileFindings
 from kennfeld.errors import InputError, Location
@@ -154,7 +154,7 @@ def holds_calibration(head: FileHead) -> bool:
             return False
         book = open_workbook(head.name, raw)
         return index_heading(sheet_of(book, INDEX, FileFindings(head.name))) is not None
-    except (InputError, KeyError, zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError):
+    except (InputError, OSError, *ZIP_ERRORS):
         return False
 
 

@@ -6,11 +6,10 @@ import shutil
 import sys
 import tempfile
 import zipfile
-import zlib
 from hashlib import blake2b
 from pathlib import Path, PurePosixPath
 
-from kennfeld.archives import find_oversized
+from kennfeld.archives import ZIP_ERRORS, find_oversized
 from kennfeld.errors import InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.formatting import reason_of
@@ -40,7 +39,7 @@ def read_archive(path: Path) -> FmuDescription:
                     )
                 with archive.open(_DESCRIPTION) as stream:
                     raw = stream.read(LIMITS.size + 1)
-        except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
+        except ZIP_ERRORS as error:
             message = f"is not a readable ZIP archive: {reason_of(error)}"
             raise InputError.of(Location.of_file(path), message, "Use a complete copy.") from None
     parts = [PurePosixPath(name).parts for name in names]

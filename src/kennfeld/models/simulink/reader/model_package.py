@@ -5,11 +5,10 @@ import binascii
 import io
 import re
 import zipfile
-import zlib
 from collections.abc import Iterator
 from dataclasses import field
 
-from kennfeld.archives import find_oversized
+from kennfeld.archives import ZIP_ERRORS, find_oversized
 from kennfeld.formatting import reason_of
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.models.simulink.reader.section_tree import ReadDiagnostics, SectionNode, json_section, xml_section
@@ -48,7 +47,7 @@ class ModelPackage:
             return None
         try:
             return self._unpack(self.members[name], self.archive)
-        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, ValueError) as error:
+        except (*ZIP_ERRORS, OSError) as error:
             # RuntimeError: encrypted member; NotImplementedError: unknown compression method
             self.diagnostics.error(name, f"cannot be unpacked: {reason_of(error)}", _REMEDY)
             return None
@@ -85,7 +84,7 @@ def zip_package(raw: bytes, diagnostics: ReadDiagnostics) -> ModelPackage:
         archive = zipfile.ZipFile(io.BytesIO(raw))
         members = {member.filename.lstrip("/"): member for member in archive.infolist()}
         too_much = find_oversized(archive)
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
+    except (*ZIP_ERRORS, OSError) as error:
         remedy = "The file may be truncated: use a complete copy of the file."
         diagnostics.error("", f"is a damaged zip archive: {reason_of(error)}", remedy)
         return ModelPackage(diagnostics)
