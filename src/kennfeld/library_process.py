@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.library_process import main; main()"
 _TIME, _TIME_PER_BYTE = 20.0, 1e-6  # s of computing for any file, and for each of its bytes
 _LOADING = 512 << 20  # bytes that a job of Windows, which counts all memory, may take for Python and the library
+_BLOCK = 1 << 20  # bytes
 _COUNT = struct.Struct("<Q")
 _REMEDY = "Copy or export it again."
 _ENDLESS = "the library that reads it does not come to an end"
@@ -149,8 +150,11 @@ class LibraryProcess:
 
 
 def _digest(source: LibraryInput) -> str:
+    digest = hashlib.sha256()
     with source.open() as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+        while block := stream.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 def _reason(status: int, size: int) -> str:
