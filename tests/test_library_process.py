@@ -50,6 +50,13 @@ def search(source: MeasurementFile) -> None:
         pass
 
 
+def search_once(source: MeasurementFile, trace: Path) -> None:
+    """Exhaust the time at once, and leave a trace of having been called."""
+    with trace.open("a", encoding="utf-8") as stream:
+        stream.write("read\n")
+    os.kill(os.getpid(), signal.SIGXCPU)
+
+
 def refuse(source: MeasurementFile) -> None:
     raise InputError.of(source.location, "holds nothing", "Look for another.")
 
@@ -80,6 +87,22 @@ def test_a_crash_is_one_message_and_the_next_file_is_read(process, source):
 def test_a_library_that_does_not_come_to_an_end_is_ended(process, source):
     with pytest.raises(InputError, match=r"damaged: the library that reads it does not come to an end\. Copy"):
         process.call(search, source)
+
+
+@POSIX
+def test_a_file_whose_reading_does_not_end_is_read_once(process, source, tmp_path):
+    trace = tmp_path / "trace.txt"
+    message = r"does not come to an end"
+    for _ in range(3):
+        with pytest.raises(InputError, match=message):
+            process.call(search_once, source, trace)
+    other = tmp_path / "another.csv"
+    other.write_bytes(source.path.read_bytes())
+    with pytest.raises(InputError, match=message):
+        process.call(search_once, locate(other), trace)
+    assert trace.read_text("utf-8") == "read\n"
+    other.write_bytes(source.path.read_bytes().replace(b"2", b"3"))
+    assert process.call(double, locate(other), np.ones(1)).tolist() == [2.0]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits the memory of a process exactly")

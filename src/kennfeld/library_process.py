@@ -7,6 +7,7 @@ discarded.
 """
 
 import atexit
+import hashlib
 import os
 import pickle
 import signal
@@ -17,7 +18,7 @@ from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Protocol
 
 from kennfeld.errors import InputError, Location
 from kennfeld.process_limits import MEMORY_EXCEEDED, limit_memory, limit_time, memory_bound
@@ -29,19 +30,23 @@ if TYPE_CHECKING:
 _COMMAND = "import sys; sys.path[:] = {path!r}; from kennfeld.library_process import main; main()"
 _TIME, _TIME_PER_BYTE = 20.0, 1e-6  # s of computing for any file, and for each of its bytes
 _LOADING = 512 << 20  # bytes that a job of Windows, which counts all memory, may take for Python and the library
+_BLOCK = 1 << 20  # bytes
 _COUNT = struct.Struct("<Q")
 _REMEDY = "Copy or export it again."
+_ENDLESS = "the library that reads it does not come to an end"
 
 Work = Callable[..., Any]
 
 
 class LibraryInput(Protocol):
-    """A file to read: its size in bytes, unpacked and as stored, and its location in findings."""
+    """A file to read: its content, its size in bytes, unpacked and as stored, and its location in findings."""
 
     @property
     def size(self) -> int: ...
 
     def stored_size(self) -> int: ...
+
+    def open(self) -> BinaryIO: ...
 
     @property
     def location(self) -> Location: ...
@@ -60,6 +65,7 @@ class LibraryProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
         self._job = WindowsJob()
+        self._endless: dict[int, set[str]] = {}  # size and hashes of files with which the library did not end
 
     @property
     def is_running(self) -> bool:
@@ -83,6 +89,8 @@ class LibraryProcess:
         if getattr(sys, "frozen", False) or not sys.executable:  # there is no interpreter to start
             return work(source, *arguments)
         with self._lock:
+            if self._is_endless(source):  # another reading of it would take as long
+                raise LibraryFailure(_ENDLESS)
             process = self._started()
             try:
                 bound = memory_bound(source.stored_size())
@@ -91,13 +99,23 @@ class LibraryProcess:
                 good, answer = _receive(process.stdout)
             except (EOFError, OSError):
                 self._end()
-                raise LibraryFailure(_reason(process.returncode, source.stored_size())) from None
+                reason = _reason(process.returncode, source.stored_size())
+                if reason == _ENDLESS:
+                    self._endless.setdefault(source.size, set()).add(_digest(source))
+                raise LibraryFailure(reason) from None
             except BaseException:  # such as Ctrl-C: the answer would be taken for that of the next file
                 self._end()
                 raise
         if good:
             return answer
         raise answer
+
+    def _is_endless(self, source: LibraryInput) -> bool:
+        """Return whether an earlier reading of this content did not end; hashes only files of the size of such one."""
+        if not self._endless:
+            return False
+        digests = self._endless.get(source.size)
+        return digests is not None and _digest(source) in digests
 
     def _started(self) -> "subprocess.Popen[bytes]":
         if self._process is not None and self._owner == os.getpid() and self._process.poll() is None:
@@ -131,12 +149,20 @@ class LibraryProcess:
                 stream.close()  # type: ignore[union-attr]
 
 
+def _digest(source: LibraryInput) -> str:
+    digest = hashlib.sha256()
+    with source.open() as stream:
+        while block := stream.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
 def _reason(status: int, size: int) -> str:
     """Return why the process ended with an exit status while it read a file of so many bytes."""
     if status == MEMORY_EXCEEDED:
         return _too_large(size)
     if status == -getattr(signal, "SIGXCPU", 0):
-        return "the library that reads it does not come to an end"
+        return _ENDLESS
     name = next((member.name for member in signal.Signals if member == -status), f"exit status {status}")
     return f"the library that reads it crashed ({name})"
 

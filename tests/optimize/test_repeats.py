@@ -35,6 +35,13 @@ def test_rows_that_occur_twice_in_a_dataset_are_told():
     ]
 
 
+def test_of_many_datasets_those_with_equal_samples_are_named_in_their_order():
+    parts = [steady(f"part {i}", X[10 * i : 10 * i + 10], Y[10 * i : 10 * i + 10]) for i in range(20)]
+    both = np.r_[120:125, 120:125, 31:37, 5]  # 5 samples of part 12 twice, 6 of part 3, and by chance one of part 0
+    (warning,) = warnings(*parts, steady("both", X[both], Y[both]))
+    assert warning.endswith("of both have the same inputs and targets as samples of part 3, part 12")
+
+
 def test_a_recording_that_is_part_of_another_is_named():
     (warning,) = warnings(recording("long", X, Y), recording("part", X[50:120], Y[50:120]))
     assert warning.startswith("dataset part: all training samples of part have")

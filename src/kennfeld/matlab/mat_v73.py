@@ -45,6 +45,9 @@ class _FileBytes:
     def stored_size(self) -> int:
         return self.size
 
+    def open(self) -> BinaryIO:
+        return BytesIO(self.content)
+
     @property
     def location(self) -> Location:
         return Location()

@@ -7,8 +7,9 @@ out smaller by the square root of 2.
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-from kennfeld.arrays import Bool
+from kennfeld.arrays import Bool, Int
 from kennfeld.dataset import SAMPLES_PER_BLOCK, Dataset
 from kennfeld.errors import Finding, Location
 from kennfeld.formatting import join_names
@@ -19,6 +20,7 @@ SHARE = 0.01  # of the samples of a dataset; fewer repeat themselves by chance
 FINE = 0.5  # different targets for each different sample, from which equal ones are not due to rounding
 RUN = 4  # consecutive samples of a recording that are compared as one
 MAX_NAMES = 5  # in a warning
+Owners = NDArray[np.int32]  # places of datasets in a list
 REMEDY = "Remove the copies: they add no information, and make the standard deviations of the values too small."
 
 
@@ -80,34 +82,58 @@ def _is_coarse(problem: Problem, data: Dataset, keys: Keys) -> bool:
 
 
 class _SeenKeys:
-    """Sorted keys of datasets. Looking keys up takes little longer for thousands of datasets than for one."""
+    """Sorted keys of datasets, and the dataset of each; thousands of datasets take little longer than one."""
 
     def __init__(self) -> None:
-        self._by_name: dict[str, Keys] = {}
-        self._merged: list[Keys] = []  # each more than twice as long as the next one
+        self._names: list[str] = []
+        self._merged: list[tuple[Keys, Owners]] = []  # each more than twice as long as the next one
 
     def add(self, name: str, keys: Keys) -> None:
         """Add the keys of a dataset."""
-        self._by_name[name] = keys
-        while self._merged and self._merged[-1].size <= 2 * keys.size:
-            keys = np.sort(np.concatenate([self._merged.pop(), keys]), kind="stable")  # merges what is sorted
-        self._merged.append(keys)
+        owners = np.full(keys.size, len(self._names), dtype=np.int32)
+        self._names.append(name)
+        while self._merged and self._merged[-1][0].size <= 2 * keys.size:
+            last_keys, last_owners = self._merged.pop()
+            keys, owners = np.concatenate([last_keys, keys]), np.concatenate([last_owners, owners])
+            order = np.argsort(keys, kind="stable")  # merges what is sorted
+            keys, owners = keys[order], owners[order]
+        self._merged.append((keys, owners))
 
     def contain(self, keys: Keys) -> Bool:
         """Mark the keys that a dataset has."""
         marked = np.zeros(keys.size, dtype=bool)
-        for part in self._merged:
+        for part, _ in self._merged:
             marked |= contained(keys, part)
         return marked
 
     def sources_of(self, keys: Keys) -> list[str]:
-        """Return the datasets that have more of the keys than chance explains."""
-        return [name for name, known in self._by_name.items() if _is_notable(contained(keys, known))]
+        """Return the datasets that have more of the keys than chance explains, the first one added first."""
+        distinct, weights = np.unique(keys, return_counts=True)
+        counts = np.zeros(len(self._names))
+        for part, owners in self._merged:
+            places, at = _places_of(distinct, part)
+            pairs = np.unique(owners[places].astype(np.int64) * distinct.size + at)  # a dataset may have a key twice
+            owner, key = np.divmod(pairs, max(distinct.size, 1))
+            counts += np.bincount(owner, weights[key], counts.size)
+        return [self._names[i] for i in np.flatnonzero(counts > _chance(keys.size))]
+
+
+def _places_of(distinct: Keys, ordered: Keys) -> tuple[Int, Int]:
+    """Return the places of all keys that are equal to one of the distinct ones, and the place of that one."""
+    first, last = (np.searchsorted(ordered, distinct, side) for side in ("left", "right"))
+    at = np.repeat(np.arange(distinct.size), last - first)
+    starts = np.cumsum(last - first) - (last - first)  # of each key among the places
+    return np.arange(at.size) - starts[at] + first[at], at
 
 
 def _is_notable(repeated: Bool) -> bool:
     """Return whether more samples repeat than chance explains."""
-    return int(repeated.sum()) > max(1.0, SHARE * repeated.size)
+    return int(repeated.sum()) > _chance(repeated.size)
+
+
+def _chance(size: int) -> float:
+    """Return how many of so many samples chance may repeat."""
+    return max(1.0, SHARE * size)
 
 
 def _describe(share: float, name: str, sources: list[str]) -> str:

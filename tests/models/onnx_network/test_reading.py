@@ -12,7 +12,7 @@ from onnx import TensorProto, external_data_helper, helper, numpy_helper
 
 import kennfeld as kf
 from kennfeld.errors import InputError
-from kennfeld.models.onnx_network import loops, reading
+from kennfeld.models.onnx_network import loops, reading, tensors
 from kennfeld.models.onnx_network.reading import read_network
 from tests.models.onnx_network.networks import perceptron, random_layers, save
 
@@ -259,3 +259,19 @@ def test_an_input_that_is_no_tensor_is_refused(tmp_path):
     graph = helper.make_graph([helper.make_node("ConcatFromSequence", ["x"], ["y"], axis=0)], "g", [sequence], [output])
     onnx.save(helper.make_model(graph, ir_version=8), tmp_path / "net.onnx")
     assert "must be tensors, got sequence_type" in message_of(tmp_path / "net.onnx")
+
+
+@pytest.mark.parametrize(
+    ("limit", "argument", "text"),
+    [
+        ("MAX_COMPUTED", "x", "the network computes more than 50 elements"),
+        ("MAX_FOLDED", "c", "the network computes more than 50 elements of constants"),
+    ],
+)
+def test_equal_operators_count_although_they_share_their_nodes(tmp_path, monkeypatch, limit, argument, text):
+    monkeypatch.setattr(tensors, limit, 50)
+    names = [f"y{i}" for i in range(20)]
+    nodes = [helper.make_node("Tanh", [argument], [name]) for name in names]
+    nodes.append(helper.make_node("Sum", [*names, "x"], ["y"]))
+    path = save(tmp_path / "net.onnx", nodes, {"x": [4]}, {"y": [4]}, {"c": np.ones(4)})
+    assert text in message_of(path)

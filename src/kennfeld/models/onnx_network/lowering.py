@@ -82,14 +82,18 @@ def _apply(context: Context, op: Operator) -> list[Finding]:
         if name and name not in context.tensors:
             return []
         arguments.append(context.tensors[name] if name else None)
-    location = Location.of_file(context.network.file).within(f"{op.label} {op.name}".strip())
     try:
         context.compute(op, arguments)
     except (UnsupportedOperatorError, EvaluationError) as error:
-        return [Finding(location, str(error), _REMEDY)]
+        return [Finding(_location(context, op), str(error), _REMEDY)]
     except (ValueError, IndexError, TypeError, KeyError, AttributeError, AssertionError, OverflowError, MemoryError):
-        return [Finding(location, "its arguments or attributes do not fit together", "Export the network again.")]
+        message = "its arguments or attributes do not fit together"
+        return [Finding(_location(context, op), message, "Export the network again.")]
     return []
+
+
+def _location(context: Context, op: Operator) -> Location:
+    return Location.of_file(context.network.file).within(f"{op.label} {op.name}".strip())
 
 
 def output_nodes(context: Context) -> list[int]:

@@ -71,7 +71,7 @@ class Context:
         """Return the outputs of a graph within an operator."""
         inner = Context(body, self.builder, self._prefix)
         inner.layers, inner.remarks, inner._names = self.layers, self.remarks, self._names
-        inner._products = self._products
+        inner._products, inner.apply = self._products, self.apply
         inner.tensors.update(zip((port.name for port in body.inputs), arguments, strict=True))
         for op in body.used_operators:
             if (op.domain, op.kind) not in RULES:

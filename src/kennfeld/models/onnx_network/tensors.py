@@ -11,6 +11,8 @@ from kennfeld.models.onnx_network.network import Array
 
 MAX_ELEMENTS = 1_000_000  # of a tensor
 MAX_NODES = 250_000  # of the graph
+MAX_COMPUTED = 4 * MAX_NODES  # elements that depend on the inputs; equal ones share a node, but take their time
+MAX_FOLDED = 8 * MAX_ELEMENTS  # elements of constants
 
 
 class UnsupportedOperatorError(Exception):
@@ -75,19 +77,37 @@ class Arithmetic:
 
     def __init__(self, builder: GraphBuilder) -> None:
         self.builder = builder
+        self._computed = self._folded = 0  # elements
 
     def __call__(self, op: str, *args: Tensor | float) -> Tensor:
         tensors = [np.asarray(arg, dtype=np.float64) if isinstance(arg, float | int) else arg for arg in args]
         shape = np.broadcast_shapes(*(shape_of(tensor) for tensor in tensors))
         check_size(shape)
+        depends = any(isinstance(tensor, NodeTensor) for tensor in tensors)
+        self._count(int(np.prod(shape)), depends)
         spread = [np.broadcast_to(nodes_of(self.builder, tensor), shape) for tensor in tensors]
         nodes = elementwise(self.builder, op, *spread) if np.prod(shape) else np.zeros(shape, dtype=np.int64)
-        if len(self.builder.nodes) > MAX_NODES:
-            raise UnsupportedOperatorError(f"the network requires more than {MAX_NODES} operations per step")
-        if any(isinstance(tensor, NodeTensor) for tensor in tensors):
+        self._check_nodes()
+        if depends:
             return NodeTensor(nodes)
         values = [self.builder.nodes[int(node)].payload for node in nodes.ravel()]
         return np.array(values, dtype=np.float64).reshape(shape)
+
+    def _count(self, size: int, depends: bool) -> None:
+        """Raise `UnsupportedOperatorError` if all operations together are too many, whether or not they are equal."""
+        self._check_nodes()  # of an operator before this one
+        if depends:
+            self._computed += size
+        else:
+            self._folded += size
+        if self._computed > MAX_COMPUTED:
+            raise UnsupportedOperatorError(f"the network computes more than {MAX_COMPUTED} elements")
+        if self._folded > MAX_FOLDED:
+            raise UnsupportedOperatorError(f"the network computes more than {MAX_FOLDED} elements of constants")
+
+    def _check_nodes(self) -> None:
+        if len(self.builder.nodes) > MAX_NODES:
+            raise UnsupportedOperatorError(f"the network requires more than {MAX_NODES} operations per step")
 
     def fold(self, op: str, tensors: Sequence[Tensor]) -> Tensor:
         """Combine tensors from first to last."""
