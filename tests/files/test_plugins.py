@@ -127,3 +127,16 @@ def test_what_is_no_recording_is_refused(packages, tmp_path):
     (tmp_path / "a.l").write_text("[1]", encoding="utf-8")
     with pytest.raises(kf.errors.InputError, match="the format list returned a value of the type list, not Dataset"):
         kf.read(tmp_path / "a.l")
+
+
+@pytest.mark.parametrize("place", ["", "."])
+def test_a_package_in_the_present_folder_is_not_loaded(tmp_path, monkeypatch, place):
+    """As in a notebook, or with `python -m`: the folder may be the project of a stranger."""
+    install(tmp_path, "stranger", "raise SystemExit('code of a stranger')", "stranger = stranger:FORMAT")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [place and str(tmp_path), *sys.path])
+    formats_of_plugins.cache_clear()
+    try:
+        assert formats_of_plugins() == ()
+    finally:
+        formats_of_plugins.cache_clear()

@@ -1,7 +1,10 @@
 """Formats that other packages add by the entry point `kennfeld.formats`."""
 
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kennfeld.errors import Finding, Location, warn
@@ -18,16 +21,30 @@ _REMEDY = "Update or uninstall it."
 @cache
 def formats_of_plugins() -> tuple[FileFormat, ...]:
     """Return the formats of the packages that are installed; one that is broken is named in a warning and left out."""
-    from importlib.metadata import entry_points  # 30 ms, which files of a known signature do not need
-
     formats, findings = [], []
-    for entry in entry_points(group=GROUP):
+    for entry in _installed():
         try:
             formats.append(_loaded(entry))
         except Exception as error:  # of any kind: it is foreign code
             findings.append(_broken(entry, error))
     warn(findings)
     return tuple(formats)
+
+
+def _installed() -> "Iterator[EntryPoint]":
+    """Yield the entry points of installed packages.
+
+    In notebooks and with `python -m`, Python also looks for modules in the present folder. That may be the project of a
+    stranger, whose code does not run unasked.
+    """
+    from importlib.metadata import distributions  # 30 ms, which files of a known signature do not need
+
+    here, names = Path.cwd().resolve(), set()
+    places = [place for place in sys.path if place and Path(place).resolve() != here]
+    for distribution in distributions(path=places):
+        if distribution.name not in names:  # the first one of a name is imported
+            names.add(distribution.name)
+            yield from distribution.entry_points.select(group=GROUP)
 
 
 def _loaded(entry: "EntryPoint") -> FileFormat:
