@@ -65,10 +65,17 @@ def fitted_lag(noise, time_constant, **start):
 
 
 def test_one_that_remains_an_integrator_has_a_warning():
-    noise = np.random.default_rng(2)
-    noise.uniform(size=6)
-    (warning,) = warnings_on_effects(fitted_lag(noise, 0.5, k=0.1, T=50.0, b=100.0))
-    assert "k to -1.01e+07, b to -3.28e+06, where they have no effects of their own" in warning.message
+    u = np.random.default_rng(2).normal(size=300)
+    time = 0.1 * np.arange(u.size)
+    lagged = kf.simulate("y = PT1(u, T)", {"time": time, "u": u}, {"T": 0.5})["y"].values
+    start = kf.ParameterSet([kf.Scalar("k", 0.1), kf.Scalar("T", 50.0), kf.Scalar("b", 100.0)])
+    data = kf.Dataset.of("d", {"u": u, "q": 3 * lagged + 2}, time=time)
+    model = kf.formula("y = PT1(k*u, T) + b", parameters=["k", "T", "b"])
+    compiled = CompiledProblem(Problem(model, (data,), start, (kf.Criterion("y", "q"),)))
+    objective = LeastSquaresObjective(compiled)
+    end = kf.ParameterSet([kf.Scalar("k", -1.0e7), kf.Scalar("T", 2.1e8), kf.Scalar("b", -3.27e6)])
+    (warning,) = find_runaways(compiled, objective, objective.start, compiled.values.pack(end))
+    assert "k to -1e+07, b to -3.27e+06, where they have no effects of their own" in warning.message
 
 
 @pytest.mark.parametrize("seed", [0, 9])
