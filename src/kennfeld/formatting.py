@@ -10,8 +10,6 @@ from itertools import islice, pairwise
 _MAX_COMPARED = 1000  # names; of more, only those that share the most pairs of letters are compared in full
 _MAX_LABELS = 5  # names of labels in a message
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff]")
-
-
 _MOST_OF_REASON = 160  # characters
 
 

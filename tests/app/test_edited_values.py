@@ -150,13 +150,13 @@ def test_breakpoints_that_a_run_moved_are_shown_saved_and_undone(project: Path) 
 
 def test_moved_breakpoints_need_a_free_axis_of_their_size() -> None:
     initial = ParameterSet([Curve("C", Axis([0, 1, 2], free=True), [0.0, 1.0, 4.0]), Scalar("k", 1.0)])
-    given = ParameterSet([Curve("C", Axis([0, 0.5, 2], free=True), [0.0, 1.0, 4.0])])
-    values = {"C": given["C"].values, **moved_breakpoints(given)}
-    now, findings = with_edits(initial, values, {"C": given["C"]})
+    edited = ParameterSet([Curve("C", Axis([0, 0.5, 2], free=True), [0.0, 1.0, 4.0])])
+    values = {"C": edited["C"].values, **moved_breakpoints(edited)}
+    now, findings = with_edits(initial, values, {"C": edited["C"]})
     assert now["C"].axes[0].breakpoints.tolist() == [0, 0.5, 2]
     assert findings == ()
     fixed = ParameterSet([Curve("C", [0, 1, 2], [0.0, 1.0, 4.0])])
-    now, findings = with_edits(fixed, values, {"C": given["C"]})
+    now, findings = with_edits(fixed, values, {"C": edited["C"]})
     np.testing.assert_allclose(now["C"].values, [0.0, 2.0, 4.0])
     assert len(findings) == 1
     assert with_edits(initial, {}, {}) == (initial, ())

@@ -124,13 +124,13 @@ class TestReading:
 
     def test_further_variants_of_an_axis_are_skipped(self, cdfx):
         def variants(name, category, first, second, *axes):
-            held = (
+            variants = (
                 f"<SW-INSTANCE-PROPS-VARIANT>{said}<SW-VALUE-CONT>{values}</SW-VALUE-CONT>"
                 f"<SW-AXIS-CONTS>{''.join(axes)}</SW-AXIS-CONTS></SW-INSTANCE-PROPS-VARIANT>"
                 for said, values in (("", first), ("<VARIANT-DEF-REF>Manual</VARIANT-DEF-REF>", second))
             )
             head = f"<SW-INSTANCE><SHORT-NAME>{name}</SHORT-NAME><CATEGORY>{category}</CATEGORY>"
-            return f"{head}<SW-INSTANCE-PROPS-VARIANTS>{''.join(held)}</SW-INSTANCE-PROPS-VARIANTS></SW-INSTANCE>\n"
+            return f"{head}<SW-INSTANCE-PROPS-VARIANTS>{''.join(variants)}</SW-INSTANCE-PROPS-VARIANTS></SW-INSTANCE>\n"
 
         group = variants("N", "COM_AXIS", numbers(1, 2), numbers(3, 4))
         maker = variants("A", "CURVE_AXIS", numbers(0, 1), numbers(0, 2), axis(numbers(10, 40)))
@@ -139,9 +139,9 @@ class TestReading:
             instance("D", "CURVE", numbers(7, 8), axis(reference("A"), "CURVE_AXIS")),
         )
         path = cdfx(group, maker, *curves)
-        found = read(path)
-        assert [list(found[name].axes[0].breakpoints) for name in "CD"] == [[1, 2], [10, 40]]
-        assert found.in_variant("Manual")["A"].values.tolist() == [0, 2]
+        calibration = read(path)
+        assert [list(calibration[name].axes[0].breakpoints) for name in "CD"] == [[1, 2], [10, 40]]
+        assert calibration.in_variant("Manual")["A"].values.tolist() == [0, 2]
         [remark] = remarks(path)
         assert "(N): is the axis in another variant (Manual)" in remark
 

@@ -81,8 +81,8 @@ def test_sparse_logical_arrays_stay_logical():
 def test_sparse_logical_arrays_may_be_bytes_that_are_labelled_as_doubles():
     """MATLAB saves them so."""
     content = bytearray(sparse((3, 2), [0, 2, 1], [0, 2, 3], [], LOGICAL)[8:-8])
-    found = read_nodes(five(element(14, bytes(content) + struct.pack("<II", 9, 3) + b"\1\1\1".ljust(8, b"\0"))))["z"]
-    assert found.values.tolist() == [[1, 0], [0, 1], [1, 0]]
+    array = read_nodes(five(element(14, bytes(content) + struct.pack("<II", 9, 3) + b"\1\1\1".ljust(8, b"\0"))))["z"]
+    assert array.values.tolist() == [[1, 0], [0, 1], [1, 0]]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from kennfeld.errors import InputError, Location
 from kennfeld.file_state import note_opened
 from kennfeld.files.calibrations import SCRIPT_TITLE
 from kennfeld.files.head import FileHead
+from kennfeld.formatting import reason_of
 from kennfeld.matlab import values as m
 from kennfeld.matlab.errors import Budget
 from kennfeld.matlab.mat_reader import read_nodes, to_value
@@ -185,7 +186,7 @@ def _variables(source: CalibrationSource) -> tuple[str, dict[str, Value]]:
     try:
         nodes = read_nodes(raw, _MAX_UNPACKED_BYTES)
     except Exception as error:  # of many kinds: the library for version 7.3 trusts what it reads
-        message = " ".join(str(error).split())[:160] or type(error).__name__
+        message = reason_of(error)
     else:
         version = "7.3" if _is_hdf5(raw) else "5" if raw.startswith(b"MATLAB") else "4"
         return version, {name: to_plain_value(to_value(node)) for name, node in nodes.items()}

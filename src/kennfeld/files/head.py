@@ -104,8 +104,6 @@ class FileHead:
         try:
             with self._opened() as archive, open_member(archive, member) as stream:
                 return stream.read(size)
-        except InputError:
-            raise
         except (*ZIP_ERRORS, OSError):
             raise InputError.of(Location(self.path.name), DAMAGED, COPY) from None
 

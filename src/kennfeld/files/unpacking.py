@@ -57,8 +57,6 @@ def unpacked(head: FileHead, member: str = "", *, with_others: bool = False) -> 
                     raise InputError.of(location, f"{chosen} in it is encrypted", _UNPACK)
                 for each in (chosen, *(_neighbours(head, chosen) if with_others else ())):
                     _write(head.path, open_member(archive, each), path.with_name(PurePosixPath(each).name))
-        except InputError:
-            raise
         except (*ZIP_ERRORS, OSError):
             raise InputError.of(location, DAMAGED, COPY) from None
         yield Unpacked(path, f"{head.path.name}#{path.name}")

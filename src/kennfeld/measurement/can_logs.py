@@ -16,7 +16,7 @@ import numpy as np
 from kennfeld.errors import Finding, InputError
 from kennfeld.files.encoding import decode
 from kennfeld.files.recordings import ASC, ASC_HEADER, BLF, CAN_CSV, CANDUMP, TRC
-from kennfeld.formatting import count_noun
+from kennfeld.formatting import count_noun, reason_of
 from kennfeld.measurement import blf, can_csv
 from kennfeld.measurement.bus_decoding import BusLog
 from kennfeld.measurement.bus_frames import Frames, from_rows
@@ -154,7 +154,7 @@ def _collect(reader: Any, columns: _Columns, problems: list[str]) -> bool:
     except (EOFError, OSError):
         raise
     except Exception as error:  # of many kinds: the library trusts what it reads
-        problems.append(" ".join(str(error).split())[:120] or type(error).__name__)
+        problems.append(reason_of(error))
         return False
     return True
 

@@ -1,14 +1,12 @@
 """The error for a file that a library cannot read; libraries trust what they read, and fail in many ways."""
 
 from kennfeld.errors import InputError
+from kennfeld.formatting import reason_of
 from kennfeld.measurement.source import MeasurementFile
-
-_MAX_REASON = 160  # characters
 
 
 def damaged(
     source: MeasurementFile, kind: str, error: Exception, remedy: str = "Copy or export it again."
 ) -> InputError:
     """Return the error for a damaged file of a kind, with what a library says of it."""
-    reason = " ".join(str(error).split())[:_MAX_REASON] or type(error).__name__
-    return InputError.of(source.location, f"the {kind} file is damaged or cut off ({reason})", remedy)
+    return InputError.of(source.location, f"the {kind} file is damaged or cut off ({reason_of(error)})", remedy)

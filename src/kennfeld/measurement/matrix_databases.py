@@ -4,6 +4,7 @@ import io
 import logging
 
 from kennfeld.errors import InputError, Location
+from kennfeld.formatting import reason_of
 from kennfeld.measurement.peak_symbols import with_whole_signals
 from kennfeld.optional_packages import optional_package
 
@@ -26,15 +27,11 @@ def to_dbc(file: str, content: bytes, kind: str) -> tuple[list[str], list[str]]:
     try:
         content, problems = with_whole_signals(content) if kind == "sym" else (content, [])
         buses = canmatrix.formats.loads(content, import_type=kind, encoding="utf-8")
-        problems += [_reason(error) for matrix in buses.values() for error in matrix.load_errors]
+        problems += [reason_of(error) for matrix in buses.values() for error in matrix.load_errors]
         return [_written(matrix) for matrix in buses.values() if len(matrix.frames)], problems
     except Exception as error:  # of many kinds: the library trusts what it reads
-        message = f"the database ({kind}) cannot be read ({_reason(error)})"
+        message = f"the database ({kind}) cannot be read ({reason_of(error)})"
         raise InputError.of(location, message, "Export it again, or convert it to DBC.") from None
-
-
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__
 
 
 def _written(matrix: object) -> str:

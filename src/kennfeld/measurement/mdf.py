@@ -19,7 +19,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.errors import Finding, InputError
-from kennfeld.formatting import count_noun, join_names
+from kennfeld.formatting import count_noun, join_names, reason_of
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.library_process import LibraryProcess
 from kennfeld.measurement.bus_decoding import NO_DATABASE, BusChannel, BusLog
@@ -217,7 +217,7 @@ def _open(source: MeasurementFile, temporary: str) -> Iterator[Any]:
         except (InputError, MemoryError):
             raise
         except Exception as error:  # of many kinds: the library trusts what it reads
-            reason = " ".join(str(error).split())[:160] or type(error).__name__
+            reason = reason_of(error)
             _discard(error)
         else:
             return

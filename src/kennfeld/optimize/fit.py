@@ -385,20 +385,22 @@ class FitRun:
         """
         ends = [end]
         for _ in range(MAX_DEPARTURES):
-            beside = self._descend_beside_kinks(end, start, limits)
+            beside, descents = self._descend_beside_kinks(end, start, limits)
+            ends += descents
             if beside is end:
                 break
-            ends += [beside, self._descend(beside.values, limits)]
+            ends.append(self._descend(beside.values, limits))
             if not ends[-1].cost < (1 - UNCHANGED) * beside.cost:
                 end = beside
                 break
             end = ends[-1]
         return end.with_effort_of(ends)
 
-    def _descend_beside_kinks(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
-        """Descend with the values held that are at a kink; return the same end if that does not lower the cost."""
-        first, held = end, np.zeros(start.size, dtype=bool)
-        ends: list[SolverResult] = []
+    def _descend_beside_kinks(
+        self, end: SolverResult, start: Float, limits: LinearLimits
+    ) -> tuple[SolverResult, list[SolverResult]]:
+        """Return the end of descents that hold the values at a kink, while they lower the cost, and all of them."""
+        ends, held = [], np.zeros(start.size, dtype=bool)
         small = self.objective.uses_qr and self.options.method != "global"
         while small and end.certificate is not None and end.certificate.predicted_decrease > KINK:
             more = values_at_kinks(self.objective, end.values, start, limits) & ~held
@@ -410,7 +412,7 @@ class FitRun:
             if not ends[-1].cost < (1 - UNCHANGED) * end.cost:
                 break
             end = ends[-1]
-        return first if end is first else end.with_effort_of(ends)
+        return end, ends
 
     def _finish_parts(self, end: SolverResult, start: Float, limits: LinearLimits) -> SolverResult:
         """Search again for the values of parts of the problem whose cost is too small to be seen beside the rest.

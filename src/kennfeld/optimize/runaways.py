@@ -109,24 +109,17 @@ class Effects:
         """Return the effects of values, as if all differed if they are not finite; from J itself if it is small."""
         with ignore_floating_errors():
             if objective.uses_qr:
-                triangle: Float = np.asarray(np.linalg.qr(objective.rows(values)[1], mode="r"))
-                return cls._of(triangle, np.linalg.norm(triangle, axis=0))
-            matrix = as_array(objective.normal(values)[1])
-            units = np.sqrt(matrix.diagonal())
-            return cls._of(matrix / units[:, None], units, squared=True)
-
-    @classmethod
-    def _of(cls, matrix: Float, units: Float, *, squared: bool = False) -> "Effects":
-        """Analyse J'J, whose rows have been divided by the units, or a triangle R with R'R = J'J."""
-        used = np.isfinite(units) & (units > 0)
-        scaled = matrix[:, used] / units[used]
-        if not np.isfinite(scaled[used] if squared else scaled).all():
+                matrix: Float = np.asarray(np.linalg.qr(objective.rows(values)[1], mode="r"))
+                units = np.linalg.norm(matrix, axis=0)
+            else:
+                matrix = as_array(objective.normal(values)[1])
+                units = np.sqrt(matrix.diagonal())
+            used = np.isfinite(units) & (units > 0)
+            own = units[used]
+            scaled = matrix[:, used] / own if objective.uses_qr else matrix[np.ix_(used, used)] / np.outer(own, own)
+        if not np.isfinite(scaled).all():
             return cls(np.zeros(0), np.zeros((units.size, 0)), used | True, units)
-        if squared:
-            return cls(*_spectrum(scaled[used]), used, units)
-        missing = max(int(used.sum()) - len(scaled), 0)
-        _, singular, directions = np.linalg.svd(np.vstack([scaled, np.zeros((missing, int(used.sum())))]))
-        return cls(np.square(singular), directions.T, used, units)
+        return cls(*(_spectrum_of_triangle if objective.uses_qr else _spectrum)(scaled), used, units)
 
     def replaceable(self, same: float) -> Bool:
         """Mark the values whose effect is none, or that of a combination of others but for eigenvalues up to `same`."""
@@ -143,6 +136,13 @@ class Effects:
         variances = np.sum(np.square(self.directions) / np.maximum(self.sizes, least), axis=1)
         deviations[self.used] = np.sqrt(variances) / self.units[self.used]
         return deviations
+
+
+def _spectrum_of_triangle(triangle: Float) -> tuple[Float, Float]:
+    """Return eigenvalues and eigenvectors of R'R; R may have fewer rows than columns."""
+    missing = max(triangle.shape[1] - len(triangle), 0)
+    _, singular, directions = np.linalg.svd(np.vstack([triangle, np.zeros((missing, triangle.shape[1]))]))
+    return np.square(singular), directions.T
 
 
 def _spectrum(matrix: Float) -> tuple[Float, Float]:

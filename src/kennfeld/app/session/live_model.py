@@ -143,6 +143,11 @@ class Evaluation:
     outputs: tuple[Float, ...]
     uses: tuple[str, ...]
 
+    def measured(self, dataset: int, criterion: int) -> Float:
+        """Return what a criterion compares its node with, which may be another node; NaN where it is not scored."""
+        measured: Float = self.outputs[dataset][criterion] - self.errors[dataset][criterion]
+        return measured
+
     @cached_property
     def scores(self) -> tuple[LiveScore, ...]:
         """A score for each criterion and use that has samples."""

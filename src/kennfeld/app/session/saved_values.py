@@ -1,4 +1,4 @@
-"""Where values that were edited or accepted are saved, and how the project file names that file."""
+"""The file of values that were edited or accepted, and the changes of the project file that name it."""
 
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress

@@ -148,7 +148,7 @@ class Signals:
             case "channel":
                 return self._channel(recording, signal.name)
             case "target":
-                return self._measured(recording, int(signal.name))
+                return self._now.measured(recording.number, int(signal.name))
             case "node":
                 return self._node(recording, signal.name, self._now)
             case "start":
@@ -162,12 +162,6 @@ class Signals:
         if name in recording.bound.dataset or self._read_channels is None:
             return recording.channel(name)
         return self._read_channels(recording, [name])[name]
-
-    def _measured(self, recording: LiveDataset, criterion: int) -> Float:
-        """Return what a criterion compares its node with, at the present values if that is a node."""
-        now = self._now
-        measured: Float = now.outputs[recording.number][criterion] - now.errors[recording.number][criterion]
-        return measured
 
     def _node(self, recording: LiveDataset, name: str, evaluation: Evaluation) -> Float:
         if name not in self._model.problem.graph.names:

@@ -57,9 +57,8 @@ def _picture(view: View) -> dict[str, Any]:
     """Return measured, present and initial values of the first criterion over the first dataset, thinned out."""
     recording = view.model.recordings[0]
     chosen = np.unique(np.linspace(0, recording.count - 1, min(POINTS, recording.count)).astype(np.int64))
-    errors, start_errors = (each.errors[0][0][chosen] for each in (view.now, view.start))
-    measured = view.now.outputs[0][0][chosen] - errors  # the target may be a node
-    now, start = measured + errors, view.start.outputs[0][0][chosen] + 0.0 * start_errors
+    measured = view.now.measured(0, 0)[chosen]
+    now, start = ((each.measured(0, 0) + each.errors[0][0])[chosen] for each in (view.now, view.start))
     position = recording.position[chosen]
     values = {"x": position, "measured": measured, "now": now, "start": start}
     return {"dataset": recording.name, "timed": recording.timed} | {key: _plain(each) for key, each in values.items()}

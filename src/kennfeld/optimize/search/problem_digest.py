@@ -13,8 +13,6 @@ from kennfeld.parameters import Parameter
 from kennfeld.preprocessing.recording_sources import version_of
 
 _ELSEWHERE = {"workers", "cluster", "starts", "save_every"}  # options that do not change where a start ends
-
-
 # attributes of a dataset that tell where it is from, not what is fitted
 _ORIGIN = {"channels", "findings", "clock", "files", "start_time"}
 
