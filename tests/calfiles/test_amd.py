@@ -190,7 +190,7 @@ def test_nothing_is_lost(path):
 @pytest.mark.parametrize(
     ("value", "part"),
     [
-        (([0.0, 0.0], [1.0, 2.0]), "breakpoints do not increase"),
+        (([0.0, 0.0], [1.0, 2.0]), "breakpoints neither increase nor decrease"),
         (([0.0, 1.0], [1.0]), "has 1 values, expected 2"),
         (([0.0, 1.0], [1.0, float("nan")]), "'nan' in line"),
     ],
