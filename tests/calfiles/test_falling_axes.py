@@ -256,28 +256,38 @@ def physical(*numbers):
     return f"<SW-VALUES-PHYS>{''.join(f'<V>{number}</V>' for number in numbers)}</SW-VALUES-PHYS>"
 
 
-def test_variants_and_copies_of_a_group_axis_in_another_order_are_read_right_in_cdfx(tmp_path):
-    group = variants(
-        "<SHORT-NAME>G</SHORT-NAME><CATEGORY>COM_AXIS</CATEGORY>",
-        *(f"<SW-VALUE-CONT>{physical(*points)}</SW-VALUE-CONT>" for points in ((3, 2, 1), (1, 2, 3))),
-    )
+def write_cdfx(path, second):
+    """Write a curve over a group axis in two variants, of which the second has these breakpoints, and a plain curve."""
+    value = "<SW-VALUE-CONT>{}</SW-VALUE-CONT>".format
     axis = "<SW-AXIS-CONTS><SW-AXIS-CONT><CATEGORY>COM_AXIS</CATEGORY><SW-INSTANCE-REF>G</SW-INSTANCE-REF>{}"
     axis += "</SW-AXIS-CONT></SW-AXIS-CONTS>"
-    curve = "<SHORT-NAME>{}</SHORT-NAME><CATEGORY>CURVE</CATEGORY>"
-    values = "<SW-VALUE-CONT>{}</SW-VALUE-CONT>".format
-    tables = variants(
-        curve.format("C"), *(values(physical(*row)) + axis.format("") for row in ((30, 20, 10), (11, 21, 31)))
-    )
-    tables += (
-        f"<SW-INSTANCE>{curve.format('D')}{values(physical(1, 2, 3))}{axis.format(physical(1, 2, 3))}</SW-INSTANCE>"
-    )
-    path = tmp_path / "a.cdfx"
+    label = "<SHORT-NAME>{}</SHORT-NAME><CATEGORY>{}</CATEGORY>".format
+    group = variants(label("G", "COM_AXIS"), value(physical(3, 2, 1)), value(physical(*second)))
+    rows = (value(physical(*row)) + axis.format("") for row in ((30, 20, 10), (11, 21, 31)))
+    plain = f"{label('D', 'CURVE')}{value(physical(1, 2, 3))}{axis.format(physical(1, 2, 3))}"
     path.write_text(
-        f"<MSRSW><CATEGORY>CDF20</CATEGORY><SW-SYSTEMS><SW-SYSTEM><SW-INSTANCE-SPEC><SW-INSTANCE-TREE>{group}{tables}"
+        "<MSRSW><CATEGORY>CDF20</CATEGORY><SW-SYSTEMS><SW-SYSTEM><SW-INSTANCE-SPEC><SW-INSTANCE-TREE>"
+        f"{group}{variants(label('C', 'CURVE'), *rows)}<SW-INSTANCE>{plain}</SW-INSTANCE>"
         "</SW-INSTANCE-TREE></SW-INSTANCE-SPEC></SW-SYSTEM></SW-SYSTEMS></MSRSW>",
         encoding="utf-8",
     )
-    assert_variants(path, tmp_path)
+
+
+def test_variants_and_copies_of_a_group_axis_in_another_order_are_read_right_in_cdfx(tmp_path):
+    write_cdfx(tmp_path / "a.cdfx", (1, 2, 3))
+    assert describe(tmp_path / "a.cdfx").findings == ()
+    assert_variants(tmp_path / "a.cdfx", tmp_path)
+
+
+@pytest.mark.parametrize(("second", "points"), [((7, 8, 9), [7.0, 8.0, 9.0]), ((7, 9, 8), None)])
+def test_tables_of_a_variant_with_another_group_axis_have_its_breakpoints_in_cdfx(tmp_path, second, points):
+    write_cdfx(tmp_path / "a.cdfx", second)
+    values = read_parameters(tmp_path / "a.cdfx")
+    assert values["C"].axes[0].breakpoints.tolist() == [1.0, 2.0, 3.0]
+    others = {item.variant: item for item in values.others}
+    assert (others["B"].axes[0].breakpoints.tolist() if others else None) == points
+    [remark] = describe(tmp_path / "a.cdfx").findings
+    assert "(G): is the axis in another variant (B)" in str(remark)
 
 
 def test_variants_of_a_group_axis_in_another_order_are_read_right_in_cvx(tmp_path):
@@ -300,6 +310,30 @@ def assert_variants(path, folder):
         assert falling(values)[1] == {"G": True}
         values.save(folder / "again.csv")
         values.save(folder / "again.cdfx")
+
+
+def test_tables_of_a_variant_with_another_group_axis_have_its_breakpoints(tmp_path):
+    records = "CALIBRATION VALUES V2.1,.,*\n\n"
+    for variant, points in (("A", "3,2,1"), ("B", "9,8,7")):
+        coding = f'VARIANT,,"{variant}"\n\n'
+        records += f",G\nAXIS_PTS,,{points}\n{coding},C\nCURVE,G\n,,30,20,10\n{coding}"
+    blocks = "KONSERVIERUNG_FORMAT 1.0\n"
+    for variant, points in (("A", "3 2 1"), ("B", "9 8 7")):
+        blocks += f"STUETZSTELLENVERTEILUNG G 3\n VAR {variant}\n ST/X {points}\nEND\n"
+        blocks += f"GRUPPENKENNLINIE C 3\n*SSTX G\n VAR {variant}\n WERT 30 20 10\nEND\n"
+    (tmp_path / "a.csv").write_text(records, encoding="utf-8")
+    (tmp_path / "a.dcm").write_text(blocks, encoding="utf-8")
+    for path in (tmp_path / "a.csv", tmp_path / "a.dcm"):
+        values = read_parameters(path)
+        for variant, points, name in (("A", [1.0, 2.0, 3.0], "G"), ("B", [7.0, 8.0, 9.0], "")):
+            table = values["C", variant]
+            assert (table.axes[0].breakpoints.tolist(), table.axes[0].name) == (points, name)
+            assert table.values.tolist() == [10.0, 20.0, 30.0]
+            assert table.axes[0].falling
+    (tmp_path / "a.csv").write_text(records.replace("9,8,7", "9,7,8"), encoding="utf-8")
+    assert read_parameters(tmp_path / "a.csv").others == ()
+    read_parameters(tmp_path / "a.dcm").save(tmp_path / "b.dcm")
+    assert (tmp_path / "b.dcm").read_text(encoding="utf-8") == blocks
 
 
 def test_a_group_axis_in_both_orders_is_refused_in_cvx(tmp_path):

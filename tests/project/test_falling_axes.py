@@ -63,7 +63,7 @@ def assert_falling(folder, values):
 
 
 def test_a_fit_keeps_the_order_of_the_initial_axes(project, tmp_path):
-    read = Project.read(project(".csv", SETTINGS["bounds"]))
+    read = Project.read(project(".csv", SETTINGS["breakpoints"]))
     values = read.calibrate().parameters
     for ending in (".dcm", ".csv", ".cdfx", ".json"):
         values.save(tmp_path / f"parameters{ending}")

@@ -84,9 +84,9 @@ class _CdfxReader:
         self.items: dict[Key, Item] = {}
         self.kinds: dict[str, type] = {}  # of the first variant of each label
         self.groups: dict[str, Axis] = {}
-        self.group_variants: dict[Key, Axis] = {}  # those in another variant that differ in their order alone
+        self.group_variants: dict[Key, Axis] = {}  # in further variants; without a name if the breakpoints are others
         self.positions: dict[str, _Positions] = {}
-        self.broken: set[str] = set()  # axes with a finding of their own
+        self.broken: set[Key] = set()  # axes with a finding of their own; without a variant, in all of them
         self.numeric_booleans: dict[str, None] = {}
         self.taken: dict[Key, tuple[int, object]] = {}  # each name and variant: its line, what it holds
 
@@ -111,18 +111,26 @@ class _CdfxReader:
             self.findings.warning(instance.line, instance.name, message)
 
     def _take_other_variant(self, instance: Instance, values: Values | None) -> None:
-        """Keep the order of a group axis in another variant; an axis that differs otherwise is skipped."""
-        group = self.groups.get(instance.name)
-        points, falls = (None, False) if values is None else in_rising_order(np.array(values.numbers))
-        if group is not None and points is not None and np.array_equal(points, group.breakpoints):
-            self.group_variants[instance.name, instance.variant] = group.changed(falling=falls)
-        self._skip(instance, f"is the axis in another variant ({instance.variant})")
+        """Keep an axis in a further variant for the tables of that variant."""
+        message, group = f"is the axis in another variant ({instance.variant})", self.groups.get(instance.name)
+        points, falls = in_rising_order(np.array([] if values is None else values.numbers))
+        key = instance.name, instance.variant
+        if group is None or _points_fault(points):
+            self.broken.add(key)
+            self._skip(instance, message)
+            return
+        same = np.array_equal(points, group.breakpoints)
+        name = instance.name if same else ""
+        self.group_variants.setdefault(key, Axis(points, unit=instance.unit, name=name, falling=falls))
+        if not same:
+            remedy = "Tables of that variant have it as an axis of their own."
+            self.findings.warning(instance.line, instance.name, message, remedy)
 
     def _take_group(self, instance: Instance, values: Values | None) -> None:
         points, falls = (None, False) if values is None else in_rising_order(np.array(values.numbers))
         fault = "has no breakpoints" if points is None else _points_fault(points)
         if fault or points is None:
-            self.broken.add(instance.name)
+            self.broken.add((instance.name, ""))
             if points is not None and points.size:
                 self._skip(instance, f"COM_AXIS {fault}", _CORRECT)
             elif values is not None or _is_empty(instance.value):
@@ -270,7 +278,7 @@ class _CdfxReader:
     ) -> Axis | None:
         """Return the group axis that a table refers to, in the order of the table's own breakpoints if it has any."""
         cont, letter = instance.axes[direction], AXIS_LETTERS[direction]
-        if reference in self.broken:
+        if {(reference, ""), (reference, instance.variant)} & self.broken:
             return None
         if reference not in self.groups:
             if points is None or _points_fault(points):

@@ -196,7 +196,7 @@ class _CvxReader:
         self.groups: dict[str, Axis] = {}  # group axes, each in its first variant
         self.groups_folded: dict[str, Axis] = {}
         self.items = ItemCollector(findings)
-        self.skipped: set[tuple[str, str]] = set()  # kinds and names of axes that cannot be read
+        self.skipped: set[tuple[str, str, str]] = set()  # types, names and variants of axes that cannot be read
 
     def take_axis(self, record: _Record) -> None:
         points = self._numbers(record, [record.row, *record.rows])
@@ -209,7 +209,7 @@ class _CvxReader:
         if fall := describe_fall(points):
             message = f"{record.kind} neither rises nor falls: {fall}; skipped with the tables over it"
             self.findings.warning(record.row.line, record.name, message, "Correct its breakpoints.")
-            self.skipped.add((record.kind, record.name.casefold()))
+            self.skipped.add((record.kind, record.name.casefold(), record.variant))
             return
         is_group = record.kind == "AXIS_PTS"
         axis = Axis(points, unit=record.unit, name=record.name if is_group else "", falling=falls)
@@ -222,8 +222,9 @@ class _CvxReader:
             group = self.groups.setdefault(record.name, axis)
             self.groups_folded.setdefault(record.name.casefold(), axis)
             if not np.array_equal(group.breakpoints, points):
-                message = f"is the group axis in another variant ({record.variant}); skipped"
-                self.findings.warning(record.row.line, record.name, message)
+                message = f"is the group axis in another variant ({record.variant})"
+                remedy = "Tables of that variant have it as an axis of their own."
+                self.findings.warning(record.row.line, record.name, message, remedy)
 
     def take(self, record: _Record) -> None:
         text = self.dialect.text(record.row.values[0]) if record.row.values else None
@@ -287,17 +288,18 @@ class _CvxReader:
     def _axis(self, record: _Record, letter: str, cell: int) -> Axis | None:
         name = record.row.cells[cell] if cell < len(record.row.cells) else ""
         group = self.groups.get(name) or self.groups_folded.get(name.casefold())
+        if ("AXIS_PTS", name.casefold(), record.variant) in self.skipped:
+            return None
         if name and group is not None:
-            own = self._known("AXIS_PTS", name, record.variant)
-            if own is None or own.falling == group.falling or not np.array_equal(own.breakpoints, group.breakpoints):
-                return group
-            return group.changed(falling=own.falling)  # as the same breakpoints are stored in this variant
+            own = self._known("AXIS_PTS", name, record.variant) or group  # that of the table's variant
+            same = np.array_equal(own.breakpoints, group.breakpoints)
+            return group.changed(falling=own.falling) if same else own.changed(name="")
         kind = f"{letter}_AXIS_PTS"
         for variant in (record.variant, ""):
             axis = self._known(kind, record.name, variant)
             if axis is not None:
                 return axis
-        if {(kind, record.name.casefold()), ("AXIS_PTS", name.casefold())} & self.skipped:
+        if {(kind, record.name.casefold()), ("AXIS_PTS", name.casefold())} & {axis[:2] for axis in self.skipped}:
             return None
         width = max((len(row.values) for row in record.rows), default=0)
         sizes = {len(axis) for axis in self.groups.values()}

@@ -120,12 +120,14 @@ class _DcmReader:
         self.blocks: dict[Key, DcmBlock] = {}  # of each item
         self.axes: dict[str, Axis] = {}
         self.axis_blocks: dict[str, DcmBlock] = {}
+        self.axis_variants: dict[Key, Axis | None] = {}  # by name and variant; None if it cannot be read
         self.keys: dict[int, Key] = {}  # of the block that begins in a line
         self.block_axes: dict[int, tuple[Axis, ...]] = {}  # of the block that begins in a line
         self.skipped_axes: dict[str, int] = {}  # lines of group axes that cannot be read
 
     def take_axis(self, block: DcmBlock) -> None:
         own = self._axis(block, 0)
+        self.axis_variants.setdefault((block.name, variant_of(block)), own)
         if own is None:
             self.skipped_axes.setdefault(block.name, block.line)
             return
@@ -137,8 +139,9 @@ class _DcmReader:
         elif variant_of(block) == variant_of(first):
             self.items.report_repetition(block.name, block.line, first.line, "with other breakpoints")
         else:
-            message = f"is the axis of line {first.line} in another variant ({variant_of(block)}); skipped"
-            self.findings.warning(block.line, block.name, message)
+            message = f"is the axis of line {first.line} in another variant ({variant_of(block)})"
+            remedy = "Tables of that variant have it as an axis of their own."
+            self.findings.warning(block.line, block.name, message, remedy)
 
     def take(self, block: DcmBlock) -> None:
         texts = [key for _, key, _ in block.statements if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
@@ -216,8 +219,10 @@ class _DcmReader:
     def _axis_elsewhere(self, block: DcmBlock, direction: int, group: Axis | None) -> Axis | None:
         """Return the axis of a table without breakpoints: DCM 1.x stores them in a distribution, if at all."""
         assert block.sizes is not None
-        if group is not None and len(group) == block.sizes[direction]:
-            return group.changed(name="", unit=block.text_of(_AXES[direction][2]))
+        key = ("" if group is None else group.name, variant_of(block, self.criteria))
+        own = self.axis_variants.get(key, group)
+        if own is not None and len(own) == block.sizes[direction]:
+            return own.changed(name="", unit=block.text_of(_AXES[direction][2]))
         letter, keyword = _AXES[direction][:2]
         reference = block.rest_of(_AXES[direction][3])
         if reference in self.skipped_axes:
