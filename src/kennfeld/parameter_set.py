@@ -73,10 +73,13 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             if (item.name, item.variant) in seen:
                 raise ArgumentError(f"parameter {item.name} is defined twice in the variant {item.variant!r}")
             seen.add((item.name, item.variant))
-        groups = _group_axes(members, tuple(axes))
-        falling = {axis.name: axis.falling for axis in groups}
-        members = tuple(_with_falling(member, falling) for member in members)
-        rest = tuple(_with_falling(item, falling) if isinstance(item, Parameter) else item for item in rest)
+        spare = tuple(axes)
+        groups = _group_axes(members, spare)
+        tables = [item for item in (*members, *rest) if isinstance(item, Parameter) and item.axes]
+        if len({axis.falling for axis in (*spare, *(a for each in tables for a in each.axes)) if axis.name}) > 1:
+            falling = {axis.name: axis.falling for axis in groups}
+            members = tuple(_with_falling(member, falling) for member in members)
+            rest = tuple(_with_falling(item, falling) if isinstance(item, Parameter) else item for item in rest)
         vars(self).update(parameters=members, texts=notes, others=rest, origin=origin, unstated=frozenset(unstated))
         vars(self)["_by_name"] = dict(zip(by_name, members, strict=True))
         vars(self)["axes"] = groups

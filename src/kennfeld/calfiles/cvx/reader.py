@@ -292,8 +292,9 @@ class _CvxReader:
             return None
         if name and group is not None:
             own = self._known("AXIS_PTS", name, record.variant) or group  # that of the table's variant
-            same = np.array_equal(own.breakpoints, group.breakpoints)
-            return group.changed(falling=own.falling) if same else own.changed(name="")
+            if not np.array_equal(own.breakpoints, group.breakpoints):
+                return own.changed(name="")
+            return group if own.falling == group.falling else group.changed(falling=own.falling)
         kind = f"{letter}_AXIS_PTS"
         for variant in (record.variant, ""):
             axis = self._known(kind, record.name, variant)

@@ -319,7 +319,7 @@ class _DcmReader:
             message = f"has other breakpoints than the group axis {group.name}; kept as an axis of its own"
             self.findings.warning(block.line, block.name, message)
             return axis
-        return axis.changed(unit=axis.unit or group.unit, name=group.name)
+        return Axis(axis.breakpoints, unit=axis.unit or group.unit, name=group.name, falling=axis.falling)
 
 
 def _is_number(word: str) -> bool:
