@@ -23,7 +23,8 @@ _FORMATS = "kennfeld.calfiles"  # calls `use_writer` when it is imported, only w
 class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
     """Parameters by name, in a fixed order, with the texts that belong to them.
 
-    A group axis (an axis with a name) has the same breakpoints in every table that uses it.
+    A group axis (an axis with a name) has the same breakpoints in every table that uses it, and falls in files for all
+    of them or for none: as it does in `axes`, else in the first table.
 
     A parameter with several variants is a member in one of them; `in_variant` selects, and `values["Kp", "Engine=2"]`
     is the parameter in a variant.
@@ -72,9 +73,16 @@ class ParameterSet(NotebookDisplay, Mapping[str, Parameter]):
             if (item.name, item.variant) in seen:
                 raise ArgumentError(f"parameter {item.name} is defined twice in the variant {item.variant!r}")
             seen.add((item.name, item.variant))
+        spare = tuple(axes)
+        groups = _group_axes(members, spare)
+        tables = [item for item in (*members, *rest) if isinstance(item, Parameter) and item.axes]
+        if len({axis.falling for axis in (*spare, *(a for each in tables for a in each.axes)) if axis.name}) > 1:
+            falling = {axis.name: axis.falling for axis in groups}
+            members = tuple(_with_falling(member, falling) for member in members)
+            rest = tuple(_with_falling(item, falling) if isinstance(item, Parameter) else item for item in rest)
         vars(self).update(parameters=members, texts=notes, others=rest, origin=origin, unstated=frozenset(unstated))
-        vars(self)["_by_name"] = by_name
-        vars(self)["axes"] = _group_axes(members, axes)
+        vars(self)["_by_name"] = dict(zip(by_name, members, strict=True))
+        vars(self)["axes"] = groups
 
     def __getitem__(self, name: str | tuple[str, str]) -> Parameter:
         """Return the parameter of a name, in the selected variant, or of a name and a variant."""
@@ -279,7 +287,7 @@ def _of_variant(member: _Member, selected: Mapping[str, str]) -> _Member:
     return member.changed(variant=variant) if isinstance(member, Parameter) else replace(member, variant=variant)
 
 
-def _group_axes(members: tuple[Parameter, ...], spare: Iterable[Axis]) -> tuple[Axis, ...]:
+def _group_axes(members: tuple[Parameter, ...], spare: tuple[Axis, ...]) -> tuple[Axis, ...]:
     groups: dict[str, Axis] = {}
     users: dict[str, str] = {}
     for axis, user in [(axis, m.name) for m in members for axis in m.axes] + [(axis, "the set") for axis in spare]:
@@ -292,7 +300,20 @@ def _group_axes(members: tuple[Parameter, ...], spare: Iterable[Axis]) -> tuple[
                 f"group axis {axis.name} has different breakpoints in {user} and in {users[axis.name]}: "
                 f"{axis.breakpoints.tolist()} and {first.breakpoints.tolist()}"
             )
-    return tuple(groups.values())
+    falling = {axis.name: axis.falling for axis in reversed(spare)}
+    return tuple(_turned(axis, falling) for axis in groups.values())
+
+
+def _with_falling(member: Parameter, falling: Mapping[str, bool]) -> Parameter:
+    """Return the table with its group axes falling in files as those of the set do."""
+    if all(falling.get(axis.name, axis.falling) == axis.falling for axis in member.axes if axis.name):
+        return member
+    return member.changed(axes=tuple(_turned(axis, falling) for axis in member.axes))
+
+
+def _turned(axis: Axis, falling: Mapping[str, bool]) -> Axis:
+    wanted = falling.get(axis.name, axis.falling) if axis.name else axis.falling
+    return axis if axis.falling == wanted else axis.changed(falling=wanted)
 
 
 _writer: Callable[[ParameterSet, Path], object] | None = None

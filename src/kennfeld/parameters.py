@@ -39,6 +39,8 @@ class Axis:
         min_distance: how close free breakpoints may come, by default a twentieth of their mean distance, or the
             smallest distance if that is less, but at least a millionth.
         range: limits within which all free breakpoints may move; without it, the first and the last one are fixed.
+        falling: True if files store the greatest breakpoint first; `breakpoints` are in rising order all the same. Axes
+            that differ in this alone are equal; of a single breakpoint it is False.
 
     Raises:
         ArgumentError: the breakpoints do not increase, or contradict `min_distance` or `range`.
@@ -54,6 +56,7 @@ class Axis:
     free: bool = False
     min_distance: float | None = None
     range: tuple[float, float] | None = None
+    falling: bool = False
 
     def __init__(
         self,
@@ -65,6 +68,7 @@ class Axis:
         free: bool = False,
         min_distance: float | None = None,
         range: tuple[float, float] | None = None,  # noqa: A002
+        falling: bool = False,
     ) -> None:
         vars(self).update(input=input, unit=unit, name=name, free=bool(free))
         vars(self)["min_distance"] = None if min_distance is None else float(min_distance)
@@ -74,14 +78,14 @@ class Axis:
             raise ArgumentError(f"breakpoints of axis {self.label} must be one-dimensional, got shape {points.shape}")
         if not np.all(np.isfinite(points)):
             raise ArgumentError(f"breakpoints of axis {self.label} must be finite: {points.tolist()}")
-        falling = np.flatnonzero(points[1:] <= points[:-1])
-        if falling.size:
-            at = int(falling[0])
+        repeated = np.flatnonzero(points[1:] <= points[:-1])
+        if repeated.size:
+            at = int(repeated[0])
             raise ArgumentError(
                 f"breakpoints of axis {self.label} must increase: "
                 f"number {at + 2} ({points[at + 1]:g}) does not exceed number {at + 1} ({points[at]:g})"
             )
-        vars(self)["breakpoints"] = points
+        vars(self).update(breakpoints=points, falling=bool(falling) and points.size > 1)
         self._check_freedom()
 
     @classmethod

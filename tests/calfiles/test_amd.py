@@ -16,7 +16,7 @@ from kennfeld.errors import InputError
 from kennfeld.files.calibrations import AMD
 from kennfeld.files.identification import identify
 from kennfeld.parameter_set import ParameterSet
-from kennfeld.parameters import Scalar, Text
+from kennfeld.parameters import Curve, Scalar, Text
 from tests.draws import few_or_many
 from tests.models.ascet.amd_files import Component, Item, instance, message, parameter, write_archive, write_folder
 
@@ -187,10 +187,30 @@ def test_nothing_is_lost(path):
     assert losses(read(path), "copy.axl") == ()
 
 
+def test_a_falling_axis_is_turned_and_stays_falling(tmp_path):
+    curve = parameter("curve", ([30.5, 10.0, 0.0], [4.0, 2.5, 1.5]))
+    path = write_archive(tmp_path, Component("Plant", [curve, parameter("K", 1.0)]))
+    before = contents(path)
+    values = read(path)
+    table = values["curve"]
+    assert (table.axes[0].breakpoints.tolist(), table.values.tolist()) == ([0.0, 10.0, 30.5], [1.5, 2.5, 4.0])
+    assert table.axes[0].falling
+    write(values, path)
+    assert contents(path) == before
+    write(values.with_parameters(Curve("curve", [0.0, 10.0, 31.0], [1.5, 2.5, 4.5])), path)
+    changed = {name: raw.replace(b'"30.5"', b'"31.0"').replace(b'"4.0"', b'"4.5"') for name, raw in before.items()}
+    assert contents(path) == changed != before
+
+
+def contents(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
 @pytest.mark.parametrize(
     ("value", "part"),
     [
-        (([0.0, 0.0], [1.0, 2.0]), "breakpoints do not increase"),
+        (([0.0, 0.0], [1.0, 2.0]), "breakpoints neither increase nor decrease"),
         (([0.0, 1.0], [1.0]), "has 1 values, expected 2"),
         (([0.0, 1.0], [1.0, float("nan")]), "'nan' in line"),
     ],

@@ -136,7 +136,7 @@ def test_a_row_added_to_the_scalars_is_a_parameter(book):
             1200,
             "cell C8 contains 1200 instead of 1000 of the group axis AxisSpeed in Sheet Axes cell E2",
         ),
-        (("MapX", "A10"), -1, "Sheet MapX cell A10 contains -1, which does not exceed the previous breakpoint 0"),
+        (("MapX", "A10"), 0, "Sheet MapX cell A10 contains 0, which does not exceed the previous breakpoint 0"),
         (("MapX", "A10"), "", "Sheet MapX cell A10 is empty; the numbers next to it have no y breakpoint"),
         (("MapX", "D8"), "", "Sheet MapX cell D8 is empty; the numbers below it have no x breakpoint"),
         (("MapX", "A8"), "", "Sheet MapX contains no table. Write 'y down / x right'"),

@@ -1,7 +1,7 @@
 """Numbers, breakpoints, sizes and repeated definitions in files, as several formats treat them."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import field
 from math import nan
 
@@ -10,7 +10,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.calfiles.format import FileFindings, Item, Key
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.parameters import Text
+from kennfeld.parameters import Axis, Parameter, Text
 
 
 @dataclass
@@ -63,6 +63,43 @@ def in_rising_order(points: Float) -> tuple[Float, bool]:
     """
     falls = points.size > 1 and bool(np.all(points[1:] < points[:-1]))
     return (points[::-1], True) if falls else (points, False)
+
+
+def turn(values: Float, axes: Sequence[Axis]) -> Float:
+    """Convert values between the rising order of breakpoints and that of a file, in either direction.
+
+    >>> turn(np.array([1.0, 2.0]), [Axis([0, 1], falling=True)]).tolist()
+    [2.0, 1.0]
+    """
+    falling = tuple(direction for direction, axis in enumerate(axes) if axis.falling)
+    return np.flip(values, falling) if falling else values
+
+
+def stored_breakpoints(axis: Axis) -> Float:
+    """Return the breakpoints as files store them: those of a falling axis from the greatest to the least."""
+    return turn(axis.breakpoints, (axis,))
+
+
+def in_stored_order(member: Parameter, axes: Sequence[Axis] | None = None) -> tuple[Float, list[Float]]:
+    """Return the values of a parameter and the breakpoints of each axis, as files store them.
+
+    Args:
+        member: The parameter.
+        axes: The axes of the file to be updated, which may fall where those of the parameter rise; by default those of
+            the parameter.
+
+    >>> from kennfeld.parameters import Curve
+    >>> in_stored_order(Curve("C", Axis([0, 1], falling=True), [5, 6]))
+    (array([6., 5.]), [array([1., 0.])])
+    """
+    stored = member.axes if axes is None else axes
+    points = [turn(axis.breakpoints, (like,)) for axis, like in zip(member.axes, stored, strict=True)]
+    return turn(member.values, stored), points
+
+
+def stored_like(axis: Axis, known: Axis) -> Axis:
+    """Return the axis as one that falls in files if a known one does; a single breakpoint has no order to be kept."""
+    return axis if axis.falling == known.falling or len(known) == 1 else axis.changed(falling=known.falling)
 
 
 def describe_fall(points: Float) -> str:

@@ -7,8 +7,9 @@
 
 `description`, `functions`, `display_name` and `variant`, and `x_name`, `x_unit`, `x_input` of each axis, are omitted
 if empty, `extrapolation` of a table if it is "clip", and `kernel` of an rbf if it is "gaussian"; `others` lists further
-variants as entries of their own. A group axis that no table uses is an entry of kind "axis". Non-finite numbers are
-null.
+variants as entries of their own. Breakpoints always rise; `"x_falling": true` tells that other formats store the axis
+from the greatest one on. A group axis that no table uses is an entry of kind "axis", with `falling`. Non-finite numbers
+are null.
 """
 
 import json
@@ -31,7 +32,8 @@ _TABLES = {"scalar": "", "curve": "x", "map": "xy", "cube": "xyzw"}
 _PARTS = ("offset", "slopes", "weights", "centres", "widths")
 _TEXTS: tuple[TextKind, ...] = ("text", "enumeration", "boolean")
 _KINDS = (*_TABLES, "block", "rbf", *_TEXTS, "axis")
-_AXIS_ATTRIBUTES = ("name", "unit", "input")
+_AXIS_TEXTS = ("name", "unit", "input")
+_AXIS_ATTRIBUTES = (*_AXIS_TEXTS, "falling")
 
 
 def write_json(parameters: ParameterSet, file: str) -> str:
@@ -44,9 +46,9 @@ def write_json(parameters: ParameterSet, file: str) -> str:
     entries = [(item.name, _entry(item) | others.get(item.name, {})) for item in parameters.chosen]
     for axis in parameters.axes:
         if axis.name not in used:
-            quantity = {"input": axis.input} if axis.input else {}
+            attributes = {key: getattr(axis, key) for key in ("input", "falling") if getattr(axis, key)}
             points = {"x": axis.breakpoints.tolist()}
-            entries.append((axis.name, {"kind": "axis", "unit": axis.unit} | quantity | points))
+            entries.append((axis.name, {"kind": "axis", "unit": axis.unit} | attributes | points))
     findings = FileFindings(file)
     report_repeated((name for name, _ in entries), findings)
     findings.finish()
@@ -157,7 +159,8 @@ class _JsonReader:
         elif kind == "axis":
             points = self._points(name, entry, "x")
             if points is not None:
-                self.axes[name] = Axis(points, self._string(name, entry, "input"), unit, name)
+                quantity, falling = self._string(name, entry, "input"), self._truth(name, entry, "falling")
+                self.axes[name] = Axis(points, quantity, unit, name, falling=falling)
         else:
             attributes = self._labels(name, entry) | {"unit": unit}
             try:
@@ -196,7 +199,7 @@ class _JsonReader:
 
     def _report_unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
         special: dict[str, set[str]] = {text: {"text"} for text in _TEXTS}
-        special |= {"axis": {"x", "input"}, "rbf": {"inputs", *_PARTS, "kernel"}}
+        special |= {"axis": {"x", "input", "falling"}, "rbf": {"inputs", *_PARTS, "kernel"}}
         known = {"kind", "unit", "others", *LABELS} | special.get(kind, set())
         if kind not in special:
             letters = _TABLES.get(kind, "")
@@ -213,6 +216,13 @@ class _JsonReader:
             return value
         self._wrong(f"{name}.{key}", f"must be a text, got {_describe_value(value)}")
         return ""
+
+    def _truth(self, name: str, entry: _Pairs, key: str) -> bool:
+        value = entry.get(key, False)
+        if isinstance(value, bool):
+            return value
+        self._wrong(f"{name}.{key}", f"must be true or false, got {_describe_value(value)}")
+        return False
 
     def _table(self, name: str, entry: _Pairs, attributes: dict[str, Any]) -> Parameter | None:
         letters = _TABLES.get(entry["kind"], "")
@@ -267,7 +277,8 @@ class _JsonReader:
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:
         points = self._points(name, entry, letter)
-        attributes: dict[str, Any] = {key: self._string(name, entry, f"{letter}_{key}") for key in _AXIS_ATTRIBUTES}
+        attributes: dict[str, Any] = {key: self._string(name, entry, f"{letter}_{key}") for key in _AXIS_TEXTS}
+        attributes["falling"] = self._truth(name, entry, f"{letter}_falling")
         return None if points is None else Axis(points, **attributes)
 
     def _points(self, name: str, entry: _Pairs, letter: str) -> Float | None:

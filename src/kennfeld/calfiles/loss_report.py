@@ -39,6 +39,11 @@ _ASPECTS: dict[str, tuple[Callable[[Item], bool], str, str]] = {
         _USE_JSON,
     ),
     "line breaks": (_has_line_breaks, "line breaks in units and descriptions become spaces", _USE_JSON),
+    "falling axes": (
+        _any_axis(lambda axis: axis.falling),
+        "falling axes are written in rising order",
+        "Write it as .json to keep their order.",
+    ),
     "infinities": (
         _any_table(lambda table: bool(np.isinf(table.values).any())),
         "infinite values become missing values",

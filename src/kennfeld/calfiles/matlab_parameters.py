@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order
+from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import FileFindings, Item, Key, build_set
 from kennfeld.formatting import count_noun, join_names, size_text
 from kennfeld.lazy_dataclass import dataclass
@@ -209,8 +209,7 @@ class _StructReader:
             ]
             known = [axis for axis in axes if axis is not None]
             if len(known) == len(axes):
-                falling = [number for number, points in enumerate(numbers) if in_rising_order(points.ravel())[1]]
-                self._over_axes(name, values, known, falling, labels, line)
+                self._over_axes(name, values, known, labels, line)
 
     def _sized(self, name: str, values: Float, struct: StructValue, labels: dict[str, Any], line: int) -> None:
         """Add a struct with only values; `size` distinguishes blocks from scalars and keeps shapes MATLAB drops."""
@@ -225,18 +224,15 @@ class _StructReader:
             message = f"{name}.size does not match its {count_noun(values.size, 'value')}"
             self.findings.error(line, name, message)
 
-    def _over_axes(
-        self, name: str, values: Float, axes: list[Axis], falling: list[int], labels: dict[str, Any], line: int
-    ) -> None:
-        """Add a table; `falling` are the axes, by number, whose breakpoints the file has in falling order."""
+    def _over_axes(self, name: str, values: Float, axes: list[Axis], labels: dict[str, Any], line: int) -> None:
         shape = tuple(map(len, axes))
         padded = values.shape + (1,) * (len(shape) - values.ndim)
         if (len(shape) == 1 and values.size == shape[0]) or drop_trailing_ones(padded) == drop_trailing_ones(shape):
-            self._hold(parameter(name, np.flip(values.reshape(shape, order="F"), tuple(falling)), axes, **labels), line)
+            self._hold(parameter(name, turn(values.reshape(shape, order="F"), axes), axes, **labels), line)
         elif len(shape) == 2 and padded == shape[::-1]:
             message = f"has one row per y breakpoint ({shape[1]}); read transposed"
             self.findings.warning(line, name, message, "Transpose the values: one row per x breakpoint.")
-            self._hold(parameter(name, np.flip(values.T, tuple(falling)), axes, **labels), line)
+            self._hold(parameter(name, turn(values.T, axes), axes, **labels), line)
         else:
             required, size = (size_text(sizes) for sizes in (shape, values.shape))
             self.findings.error(line, name, f"has values of size {size}, but its axes require {required}")
@@ -255,7 +251,7 @@ class _StructReader:
     def _checked_axis(
         self, owner: str, struct: StructValue, letter: str, points: Float, name: str, line: int
     ) -> Axis | None:
-        points, _ = in_rising_order(points.ravel())
+        points, falls = in_rising_order(points.ravel())
         if not points.size or not np.isfinite(points).all():
             message = "has no breakpoints" if not points.size else "has non-finite breakpoints"
             self.findings.error(line, owner, f"{owner}.{letter} {message}")
@@ -264,7 +260,8 @@ class _StructReader:
             message = f"{owner}.{letter} neither rises nor falls: {fall}; skipped"
             self.findings.warning(line, owner, message, "Correct its breakpoints.")
             return None
-        return Axis(points, _text_of(struct, f"{letter}input"), _text_of(struct, f"{letter}unit"), name)
+        quantity, unit = (_text_of(struct, f"{letter}{key}") for key in ("input", "unit"))
+        return Axis(points, quantity, unit, name, falling=falls)
 
     def _spare_axis(self, name: str, struct: StructValue, line: int) -> None:
         points = _numbers(struct.get(["x"]))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.matlab_parameters import INFO, StructValue, Value
 from kennfeld.calfiles.matlab_reader import format_comment
@@ -32,7 +33,7 @@ def variables_of(parameters: ParameterSet) -> Iterator[tuple[str, Value]]:
     for axis in parameters.axes:
         name, original = _variable_name(axis.name, used)
         own = {"kind": "axis", "name": original, "x_unit": axis.unit, "x_input": axis.input}
-        yield name, StructValue({**_non_empty(own), "x": axis.breakpoints})
+        yield name, StructValue({**_non_empty(own), "x": stored_breakpoints(axis)})
     info: dict[str, Value] = {}
     for item in (*parameters.chosen, *parameters.others):
         name, original = _variable_name(item.name, used)
@@ -73,12 +74,13 @@ def _struct_of(item: Item, labels: dict[str, Value]) -> StructValue:
     fields = dict(labels)
     if isinstance(item, Text):
         return StructValue({**fields, "text": item.text})
-    for letter, axis in zip(AXIS_LETTERS, item.axes, strict=False):
-        fields[letter] = axis.breakpoints
+    values, points = in_stored_order(item)
+    for letter, axis, numbers in zip(AXIS_LETTERS, item.axes, points, strict=False):
+        fields[letter] = numbers
         fields |= _non_empty({f"{letter}_{key}": getattr(axis, key) for key in ("name", "unit", "input")})
     if item.kind == "block":
         fields["size"] = np.array(item.values.shape, dtype=np.float64)
-    return StructValue({**fields, "value" if item.kind == "scalar" else "values": item.values})
+    return StructValue({**fields, "value" if item.kind == "scalar" else "values": values})
 
 
 def write_script(parameters: ParameterSet, file: str) -> str:

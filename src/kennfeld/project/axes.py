@@ -82,11 +82,17 @@ class Axes:
         self._initial = {axis.name: axis for axis in initial.axes}
         self._groups: dict[str, Axis | None] = {}
 
-    def build(self, entry: GroupAxisEntry, coordinate: str = "") -> Axis | None:
-        """Build the axis of one table; `coordinate` is the input of the lookup."""
+    def build(self, entry: GroupAxisEntry, coordinate: str = "", initial: Axis | None = None) -> Axis | None:
+        """Build the axis of one table.
+
+        Args:
+            entry: its section.
+            coordinate: the input of the lookup.
+            initial: the axis of the table in the initial files, whose order in files it keeps.
+        """
         if entry.group:
             return self.group(entry)
-        return self._axis(entry, entry.input or coordinate, "")
+        return self._axis(entry, entry.input or coordinate, "", initial)
 
     def group(self, entry: GroupAxisEntry) -> Axis | None:
         """Return the group axis that an entry names, of the project file or the initial files."""
@@ -95,7 +101,9 @@ class Axes:
             if name not in self._groups:
                 own = self._file.axes[name]
                 self._groups[name] = (
-                    self._free_inherited(own, name) if own.inherits else self._axis(own, own.input, name)
+                    self._free_inherited(own, name)
+                    if own.inherits
+                    else self._axis(own, own.input, name, self._initial.get(name))
                 )
             return self._groups[name]
         if name not in self._initial:
@@ -112,13 +120,14 @@ class Axes:
             return None
         return free_breakpoints(self._initial[name], entry, self._findings)
 
-    def _axis(self, entry: GroupAxisEntry, quantity: str, name: str) -> Axis | None:
+    def _axis(self, entry: GroupAxisEntry, quantity: str, name: str, initial: Axis | None) -> Axis | None:
         points: Sequence[float] | Float | None = entry.points
         if entry.quantiles:
             points = self._quantiles(entry, quantity)
         if points is None or not len(points):
             return None
-        axis = Axis(points, input=quantity, unit=self._unit(quantity), name=name)
+        falling = initial is not None and initial.falling
+        axis = Axis(points, input=quantity, unit=self._unit(quantity), name=name, falling=falling)
         return free_breakpoints(axis, entry, self._findings)
 
     def _unit(self, quantity: str) -> str:

@@ -191,7 +191,8 @@ class _TableBuilder:
             if direction in entries and entries[direction].inherits:
                 axes.append(self._free_axis(direction, old[i] if i < len(old) else None))
             elif direction in entries:
-                axes.append(self.axes.build(entries[direction], coordinates[i] if i < len(coordinates) else ""))
+                coordinate = coordinates[i] if i < len(coordinates) else ""
+                axes.append(self.axes.build(entries[direction], coordinate, old[i] if i < len(old) else None))
             elif i < len(old):
                 axes.append(old[i])
             else:

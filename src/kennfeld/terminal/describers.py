@@ -120,10 +120,13 @@ def describe_calibration(described: DescribedFile) -> FileInfo:
         )
         for p in file.parameters
     ]
-    axes = [(a.name, str(len(a)), a.unit, *map(number_text, a.breakpoints[[0, -1]])) for a in file.axes]
+    axes = [
+        (a.name, str(len(a)), a.unit, *map(number_text, a.breakpoints[[0, -1]]), "falling" if a.falling else "")
+        for a in file.axes
+    ]
     tables = [
         _without_empty([head, *rows], "functions", "variants"),
-        [("group axis", "size", "unit", "begin", "end"), *axes],
+        _without_empty([("group axis", "size", "unit", "begin", "end", "order"), *axes], "order"),
         [("text", "kind", "unit", "content"), *((t.name, t.kind, t.unit, t.text) for t in file.texts)],
     ]
     values = sum(math.prod(p.shape) for p in file.parameters)
@@ -133,7 +136,7 @@ def describe_calibration(described: DescribedFile) -> FileInfo:
         file.path,
         kind=file.kind,
         parameters=list(map(asdict, file.parameters)),
-        axes=[_select(axis, "name", "input", "unit", "breakpoints") for axis in file.axes],
+        axes=[_select(axis, "name", "input", "unit", "breakpoints", "falling") for axis in file.axes],
         texts=list(map(asdict, file.texts)),
         remarks=remarks,
     )

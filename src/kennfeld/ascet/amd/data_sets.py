@@ -152,8 +152,9 @@ def _checked(entry: DataEntry, count: int) -> DataEntry:
             problem = f"{value.text[:40]!r} in line {value.line} is not a number"
     for axis in entry.axes:
         points = [point.number for point in axis]
-        if any(after <= before for before, after in pairwise(points)):
-            problem = problem or "its breakpoints do not increase"
+        pairs = list(pairwise(points))
+        if not (all(a < b for a, b in pairs) or all(a > b for a, b in pairs)):
+            problem = problem or "its breakpoints neither increase nor decrease"
     if not problem:
         return entry
     return DataEntry(entry.element, entry.variant, entry.line, entry.form, entry.axes, entry.values, problem=problem)

@@ -1,6 +1,7 @@
 """Elements of components with their types and values, in the syntax tree of ESDL."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Final
 
 from kennfeld.ascet import syntax as e
@@ -100,6 +101,8 @@ class ElementCode:
                 return _literal(entry.values[0], element)
             case "Array":
                 return e.Braces(tuple(_literal(value, element) for value in entry.values))
+        if any(after.number <= before.number for axis in entry.axes for before, after in pairwise(axis)):
+            return e.Unsupported(f"{element.name} has breakpoints that do not increase", place=place)
         return _table(element, entry)
 
     def _instance(self, element: ComponentElement, entry: DataEntry) -> e.Expression | None:

@@ -1,7 +1,7 @@
 """Labels of an A2L file as stored in an image: each a parameter or a text, with the memory it was read from.
 
 Breakpoints are stored, computed from offset and distance, or derived from rescale pairs and other curves. They are
-returned in ascending order; `falling` records that the memory has them in descending order.
+returned in ascending order; an axis is falling if the memory has them in descending order.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ from kennfeld.calfiles.a2l.objects import (
 from kennfeld.calfiles.a2l.record_layout import AbsentError, LayoutRequest, PartOffsets, place_parts
 from kennfeld.calfiles.a2l.storage import SIZES, ObjectPart, StorageFormat, decode_raw, first_byte_order
 from kennfeld.calfiles.a2l.syntax import A2lError
-from kennfeld.calfiles.content import in_rising_order
+from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.verbal_values import kind_of_words
 from kennfeld.formatting import holds_control_characters
@@ -81,10 +81,9 @@ def resolve_axis(inputs: Float, positions: Float, count: int, name: str, unit: s
 
 @dataclass(frozen=True)
 class AxisInMemory:
-    """An axis of a table: its breakpoints in rising order, and where they come from."""
+    """An axis of a table, falling if the memory has it so, and where its breakpoints come from."""
 
     axis: Axis
-    falling: bool  # in the order of the memory
     part: ObjectPart | None = None  # of its own
     shared: str = ""  # the AXIS_PTS that it refers to
     read_only: bool = False
@@ -98,7 +97,6 @@ class SharedAxis:
     places: PartOffsets
     part: ObjectPart
     axis: Axis | None = None
-    falling: bool = False
     pairs: Float | None = None  # one row a pair
 
 
@@ -122,8 +120,7 @@ class Label:
 
     def in_memory_order(self, values: Float) -> Float:
         """Convert values between ascending axis order and the order of the memory, in either direction."""
-        falling = tuple(i for i, axis in enumerate(self.axes) if axis.falling)
-        return np.flip(values, falling) if falling else values
+        return turn(values, [each.axis for each in self.axes])
 
 
 class Labels:
@@ -155,8 +152,8 @@ class Labels:
             pairs = np.column_stack([part.physical[:, 0], part.raw[:, 1].astype(np.float64)])
             return SharedAxis(source, places, part, pairs=pairs)
         points, falling = sort_points(part.physical)
-        axis = Axis(points, input=_input_quantity(source.input_quantity), unit=self.unit(source), name=name)
-        return SharedAxis(source, places, part, axis, falling)
+        quantity, unit = _input_quantity(source.input_quantity), self.unit(source)
+        return SharedAxis(source, places, part, Axis(points, quantity, unit, name, falling=falling))
 
     def unit(self, source: StoredNumbers) -> str:
         method = self.a2l.compu_methods.get(source.conversion)
@@ -290,8 +287,8 @@ class Labels:
         storage = self._axis_storage(axis, places.components[key], source.byte_order)
         part = self.part(source.address, places, key, storage)
         points, falling = sort_points(part.physical)
-        result = Axis(points, input=_input_quantity(axis.input_quantity), unit=self.unit(axis))
-        return AxisInMemory(result, falling, part, read_only=axis.read_only)
+        result = Axis(points, _input_quantity(axis.input_quantity), self.unit(axis), falling=falling)
+        return AxisInMemory(result, part, read_only=axis.read_only)
 
     def _fixed(
         self, source: Characteristic, axis: AxisDescr, direction: str, places: PartOffsets, count: int
@@ -300,8 +297,7 @@ class Labels:
         raw = fixed_points(axis, count) if raw is None else raw
         conversion = conversion_of(self.a2l, axis.conversion, axis.lower, axis.upper)
         points, falling = sort_points(conversion.physical(raw))
-        result = Axis(points, input=_input_quantity(axis.input_quantity), unit=self.unit(axis))
-        return AxisInMemory(result, falling)
+        return AxisInMemory(Axis(points, _input_quantity(axis.input_quantity), self.unit(axis), falling=falling))
 
     def _stored_spacing(self, source: Characteristic, direction: str, places: PartOffsets, count: int) -> Float | None:
         """Compute the points of a fixed axis whose offset and distance are stored in the record itself."""
@@ -323,7 +319,7 @@ class Labels:
         if shared.axis is None or len(shared.axis) != count:
             size = 0 if shared.axis is None else len(shared.axis)
             raise A2lError(f"has {count} values along the axis {axis.axis_pts_ref}, which has {size} points")
-        return AxisInMemory(shared.axis, shared.falling, shared=axis.axis_pts_ref)
+        return AxisInMemory(shared.axis, shared=axis.axis_pts_ref)
 
     def _rescaled(self, axis: AxisDescr, count: int) -> AxisInMemory:
         shared = self.shared(axis.axis_pts_ref)
@@ -331,7 +327,7 @@ class Labels:
             raise A2lError(f"refers to {axis.axis_pts_ref} as a rescale axis, which has no pairs")
         unit, quantity = self.unit(shared.source), _input_quantity(axis.input_quantity)
         inputs, positions = shared.pairs.T
-        return AxisInMemory(resolve_axis(inputs, positions, count, axis.axis_pts_ref, unit, quantity), False)
+        return AxisInMemory(resolve_axis(inputs, positions, count, axis.axis_pts_ref, unit, quantity))
 
     def _by_curve(self, axis: AxisDescr, count: int) -> AxisInMemory:
         name = axis.curve_axis_ref
@@ -344,11 +340,11 @@ class Labels:
             self._depth -= 1
         if curve is None or curve.member is None or len(curve.axes) != 1:
             raise A2lError(f"refers to {name[:80]} for its axis, which is not a readable curve")
-        if curve.axes[0].falling:
+        if curve.axes[0].axis.falling:
             raise A2lError(f"has positions along the curve {name}, whose breakpoints are descending")
         inputs = curve.axes[0].axis
         result = resolve_axis(inputs.breakpoints, curve.member.values, count, name, inputs.unit, inputs.input)
-        return AxisInMemory(result, False)
+        return AxisInMemory(result)
 
 
 def _ascii_text(source: Characteristic, part: ObjectPart) -> Text:

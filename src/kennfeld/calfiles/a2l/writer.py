@@ -18,6 +18,7 @@ from kennfeld.calfiles.a2l.reader import check_epk
 from kennfeld.calfiles.a2l.record_layout import AbsentError, PartOffsets
 from kennfeld.calfiles.a2l.storage import ObjectPart, Raw, Roundings, StorageFormat, encode_raw, native, nearest_raw
 from kennfeld.calfiles.a2l.syntax import A2lError
+from kennfeld.calfiles.content import turn
 from kennfeld.calfiles.flash.image import Image
 from kennfeld.calfiles.flash.records import read_image
 from kennfeld.calfiles.format import FileFindings
@@ -167,7 +168,7 @@ class _ImageWriter:
         if shared.axis is None:
             self.findings.warning(0, axis.name, "is a rescale axis, which is not written")
             return
-        points = _memory_order(axis.breakpoints, shared.falling)
+        points = turn(axis.breakpoints, (shared.axis,))
         if points.size != len(shared.axis):
             self._resize_axis(shared, points, len(shared.axis))
         else:
@@ -237,7 +238,7 @@ class _ImageWriter:
 
     def _axis(self, label: Label, direction: str, stored: AxisInMemory, axis: Axis) -> None:
         if stored.part is not None:
-            points = _memory_order(axis.breakpoints, stored.falling)
+            points = turn(axis.breakpoints, (stored.axis,))
             item = f"{direction} breakpoint"
             self._numbers(label.source, stored.part, points, item, locked=stored.read_only)
             return
@@ -266,7 +267,7 @@ class _ImageWriter:
         if places is None:
             return
         for direction, stored, axis in zip(DIRECTIONS, label.axes, member.axes, strict=False):
-            points, key = _memory_order(axis.breakpoints, stored.falling), f"AXIS_PTS_{direction}"
+            points, key = turn(axis.breakpoints, (stored.axis,)), f"AXIS_PTS_{direction}"
             if stored.part is not None:
                 part = self.labels.part(source.address, places, key, stored.part.storage)
                 self._numbers(source, part, points, f"{direction} breakpoint", everything=True)
@@ -342,10 +343,6 @@ class _ImageWriter:
     def _warn_about_read_only(self, source: AxisPts | Characteristic, count: int) -> None:
         message = f"is READ_ONLY: {count_noun(count, 'changed value')} not written"
         self.findings.warning(0, source.name, message)
-
-
-def _memory_order(points: Float, falling: bool) -> Float:
-    return points[::-1] if falling else points
 
 
 def _report_shared_memory(a2l: A2l, image: Image, content: bytes, writer: _ImageWriter, findings: FileFindings) -> None:

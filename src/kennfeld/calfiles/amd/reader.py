@@ -28,6 +28,7 @@ from kennfeld.ascet.amd.files import (
 from kennfeld.ascet.amd.library import ComponentLibrary, qualified_name
 from kennfeld.ascet.amd.ranges import PhysicalRange, read_ranges
 from kennfeld.ascet.amd.xml_document import parse_amd
+from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_errors import convert_errors
@@ -42,7 +43,7 @@ _DEFAULT: Final = "default"
 class AmdValue:
     """The numbers of a parameter: those of each axis, and the values, with their positions in the file at `path`.
 
-    `labels` are those of its enumeration with their numbers.
+    `labels` are those of its enumeration with their numbers. An axis of the item falls if it does in the file.
     """
 
     path: str
@@ -231,8 +232,9 @@ def _item(element: ComponentElement, entry: DataEntry, variant: str, own: Physic
         return Scalar(element.name, first.number, **attributes)
     if entry.form == "Array":
         return Block(element.name, _numbers(entry.values), **attributes)
-    axes = [Axis(_numbers(axis)) for axis in entry.axes]
-    return parameter(element.name, _numbers(entry.values).reshape([len(axis) for axis in axes]), axes, **attributes)
+    axes = [Axis(points, falling=falls) for points, falls in map(in_rising_order, map(_numbers, entry.axes))]
+    values = _numbers(entry.values).reshape([len(axis) for axis in axes])
+    return parameter(element.name, turn(values, axes), axes, **attributes)
 
 
 def _numbers(values: tuple[DataValue, ...]) -> Float:

@@ -14,6 +14,7 @@ from kennfeld.arrays import Float
 from kennfeld.ascet.amd.data_sets import DataValue
 from kennfeld.ascet.amd.files import ARCHIVE, ENDING, file_name
 from kennfeld.calfiles.amd.reader import AmdOrigin, AmdReference, AmdValue
+from kennfeld.calfiles.content import in_stored_order
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.formatting import count_labels, holds_control_characters, join_names
 from kennfeld.parameter_set import ParameterSet
@@ -105,9 +106,10 @@ class _AmdUpdate:
             message = "is a {}, but a {} in the file".format(*shapes)
             self.findings.error(0, item.name, message, "Keep the size of the table, or write another format.")
         else:
-            self._replace(item.name, value, value.entry.values, item.values.ravel())
-            for points, axis in zip(value.entry.axes, item.axes, strict=True):
-                self._replace(item.name, value, points, axis.breakpoints)
+            values, breakpoints = in_stored_order(item, before.axes)
+            self._replace(item.name, value, value.entry.values, values.ravel())
+            for points, numbers in zip(value.entry.axes, breakpoints, strict=True):
+                self._replace(item.name, value, points, numbers)
 
     def _take_number(self, item: Parameter, value: AmdValue) -> None:
         """Take the label of a number."""

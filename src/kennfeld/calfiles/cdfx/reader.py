@@ -13,7 +13,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.calfiles.cdfx.elements import Instance, Values, array_size, instances, values_of
-from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order
+from kennfeld.calfiles.content import describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import Element, parse_xml
 from kennfeld.formatting import count_labels, count_noun, size_text
@@ -84,9 +84,9 @@ class _CdfxReader:
         self.items: dict[Key, Item] = {}
         self.kinds: dict[str, type] = {}  # of the first variant of each label
         self.groups: dict[str, Axis] = {}
+        self.group_variants: dict[Key, Axis] = {}  # in further variants; without a name if the breakpoints are others
         self.positions: dict[str, _Positions] = {}
-        self.broken: set[str] = set()  # axes with a finding of their own
-        self.falling_groups: set[str] = set()
+        self.broken: set[Key] = set()  # axes with a finding of their own; without a variant, in all of them
         self.numeric_booleans: dict[str, None] = {}
         self.taken: dict[Key, tuple[int, object]] = {}  # each name and variant: its line, what it holds
 
@@ -97,7 +97,7 @@ class _CdfxReader:
         values = values_of(instance.value, instance.name, FileFindings("") if is_curve else self.findings)
         if instance.variant and (instance.name in self.groups or instance.name in self.positions):
             if not is_curve:  # which is a curve in each of its variants
-                self._skip(instance, f"is the axis in another variant ({instance.variant})")
+                self._take_other_variant(instance, values)
             return
         if values is not None and values.texts:
             if instance.category == "COM_AXIS":
@@ -110,19 +110,33 @@ class _CdfxReader:
             message = "RES_AXIS only provides breakpoints of tables; skipped as a parameter"
             self.findings.warning(instance.line, instance.name, message)
 
+    def _take_other_variant(self, instance: Instance, values: Values | None) -> None:
+        """Keep an axis in a further variant for the tables of that variant."""
+        message, group = f"is the axis in another variant ({instance.variant})", self.groups.get(instance.name)
+        points, falls = in_rising_order(np.array([] if values is None else values.numbers))
+        key = instance.name, instance.variant
+        if group is None or _points_fault(points):
+            self.broken.add(key)
+            self._skip(instance, message)
+            return
+        same = np.array_equal(points, group.breakpoints)
+        name = instance.name if same else ""
+        self.group_variants.setdefault(key, Axis(points, unit=instance.unit, name=name, falling=falls))
+        if not same:
+            remedy = "Tables of that variant have it as an axis of their own."
+            self.findings.warning(instance.line, instance.name, message, remedy)
+
     def _take_group(self, instance: Instance, values: Values | None) -> None:
         points, falls = (None, False) if values is None else in_rising_order(np.array(values.numbers))
         fault = "has no breakpoints" if points is None else _points_fault(points)
         if fault or points is None:
-            self.broken.add(instance.name)
+            self.broken.add((instance.name, ""))
             if points is not None and points.size:
                 self._skip(instance, f"COM_AXIS {fault}", _CORRECT)
             elif values is not None or _is_empty(instance.value):
                 self._wrong(instance, f"COM_AXIS {fault}")
             return
-        axis = Axis(points, unit=instance.unit, name=instance.name)
-        if falls:
-            self.falling_groups.add(instance.name)
+        axis = Axis(points, unit=instance.unit, name=instance.name, falling=falls)
         if self._is_new(instance, axis):
             self.groups[instance.name] = axis
 
@@ -176,7 +190,8 @@ class _CdfxReader:
     def _is_new(self, instance: Instance, item: object) -> bool:
         """Check whether a name occurs for the first time; a repetition must be equal."""
         line, first = self.taken.setdefault((instance.name, instance.variant), (instance.line, item))
-        if first is not item and first != item:
+        turned = isinstance(first, Axis) and isinstance(item, Axis) and first.falling != item.falling
+        if first is not item and (first != item or turned):
             message = f"{instance.name} is already defined in line {line}, with different content"
             self._wrong(instance, message, "Keep one of the two.")
         return first is item
@@ -217,8 +232,7 @@ class _CdfxReader:
             self._wrong(instance, f"{instance.category} {message}")
             return None
         sizes = values.shape[::-1] if len(values.shape) == dimensions else (0,) * dimensions
-        falling: list[int] = []
-        candidates = [self._axis(instance, direction, size, falling) for direction, size in enumerate(sizes)]
+        candidates = [self._axis(instance, direction, size) for direction, size in enumerate(sizes)]
         axes = [axis for axis in candidates if axis is not None]
         if len(axes) < dimensions:
             return None
@@ -228,10 +242,10 @@ class _CdfxReader:
             required = size_text(map(len, axes))
             self._wrong(instance, f"{instance.category} has {size} values, but its axes require {required}")
             return None
-        return parameter(instance.name, np.flip(array, tuple(falling)), axes, **instance.labels)
+        return parameter(instance.name, turn(array, axes), axes, **instance.labels)
 
-    def _axis(self, instance: Instance, direction: int, size: int, falling: list[int]) -> Axis | None:
-        """Return an axis of a table, and note in `falling` if the file has its greatest breakpoint first."""
+    def _axis(self, instance: Instance, direction: int, size: int) -> Axis | None:
+        """Return an axis of a table, which falls if the table does."""
         cont = instance.axes[direction]
         reference = cont.line_of("SW-INSTANCE-REF").strip()
         category = cont.line_of("CATEGORY").strip().upper()
@@ -243,11 +257,9 @@ class _CdfxReader:
         points = None if values is None else np.array(values.numbers)
         if category in ("RES_AXIS", "CURVE_AXIS") or reference in self.positions:
             return self._resolved(instance, direction, reference, points, size)
-        points, falls = (None, reference in self.falling_groups) if points is None else in_rising_order(points)
-        if falls:
-            falling.append(direction)
+        points, falls = (None, False) if points is None else in_rising_order(points)
         if reference:
-            return self._referred(instance, direction, reference, points)
+            return self._referred(instance, direction, reference, points, falls)
         if points is None:
             if _is_empty(cont):
                 self._wrong(instance, f"has no {letter} breakpoints")
@@ -259,29 +271,33 @@ class _CdfxReader:
             else:
                 self.findings.error(cont.line, instance.name, f"the {letter} axis {fault}")
             return None
-        return Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"))
+        return Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"), falling=falls)
 
-    def _referred(self, instance: Instance, direction: int, reference: str, points: Float | None) -> Axis | None:
+    def _referred(
+        self, instance: Instance, direction: int, reference: str, points: Float | None, falls: bool
+    ) -> Axis | None:
+        """Return the group axis that a table refers to, in the order of the table's own breakpoints if it has any."""
         cont, letter = instance.axes[direction], AXIS_LETTERS[direction]
-        if reference in self.broken:
+        if {(reference, ""), (reference, instance.variant)} & self.broken:
             return None
         if reference not in self.groups:
             if points is None or _points_fault(points):
                 message = f"refers to the {letter} axis {reference}, which is not in this file"
                 self._skip(instance, message, "Export the axis too.")
                 return None
-            self.groups[reference] = Axis(points, unit=cont.line_of("UNIT-DISPLAY-NAME"), name=reference)
-        group = self.groups[reference]
+            unit = cont.line_of("UNIT-DISPLAY-NAME")
+            self.groups[reference] = Axis(points, unit=unit, name=reference, falling=falls)
+        group = self.group_variants.get((reference, instance.variant), self.groups[reference])
         unit = cont.line_of("UNIT-DISPLAY-NAME") if cont.first("UNIT-DISPLAY-NAME") else group.unit
         if points is None or np.array_equal(points, group.breakpoints):
-            return group.changed(unit=unit)
+            return group.changed(unit=unit, falling=group.falling if points is None else falls)
         fault = _points_fault(points)
         if fault:
             self._skip(instance, f"the {letter} axis {fault}", _CORRECT)
             return None
         message = f"has other {letter} breakpoints than the group axis {reference}; kept as an axis of its own"
         self.findings.warning(cont.line, instance.name, message)
-        return Axis(points, unit=unit)
+        return Axis(points, unit=unit, falling=falls)
 
     def _resolved(
         self, instance: Instance, direction: int, reference: str, points: Float | None, size: int
@@ -291,11 +307,12 @@ class _CdfxReader:
         unit = cont.line_of("UNIT-DISPLAY-NAME") or (known.unit if known else "")
         if points is None and known is not None:
             points = known.breakpoints(size)
+        points, falls = (None, False) if points is None else in_rising_order(points)
         if points is None or _points_fault(points):
             kind = cont.line_of("CATEGORY").strip() or "axis"
             self._skip(instance, f"has breakpoints that cannot be derived from the {kind} {reference}")
             return None
-        return Axis(points, unit=unit)
+        return Axis(points, unit=unit, falling=falls)
 
     def _skip(self, instance: Instance, message: str, remedy: str = "") -> None:
         self.findings.warning(instance.line, instance.name, f"{message}; skipped", remedy)

@@ -7,6 +7,7 @@ from html import escape  # that of xml.sax loads half of urllib
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated_variables, value_faults
 from kennfeld.formatting import holds_control_characters, one_line
@@ -110,9 +111,10 @@ def _format_values(item: Item) -> str:
     if isinstance(item, Text):
         return _value_cont(item.unit, "", f"<SW-VALUES-PHYS><VT>{_escape_text(item.text)}</VT></SW-VALUES-PHYS>")
     size = _array_size(item.values.shape) if item.kind == "block" else ""
-    contents = [_value_cont(item.unit, size, _values(item.values))]
+    values, points = in_stored_order(item)
+    contents = [_value_cont(item.unit, size, _values(values))]
     if item.axes:
-        contents += ["<SW-AXIS-CONTS>\n", *map(_axis_cont, item.axes), "</SW-AXIS-CONTS>\n"]
+        contents += ["<SW-AXIS-CONTS>\n", *map(_axis_cont, item.axes, points), "</SW-AXIS-CONTS>\n"]
     return "".join(contents)
 
 
@@ -131,14 +133,14 @@ def _group_axis(axis: Axis) -> str:
     head = (
         f"<SHORT-NAME>{_escape_text(axis.name)}</SHORT-NAME>\n<LONG-NAME></LONG-NAME>\n<CATEGORY>COM_AXIS</CATEGORY>\n"
     )
-    return f"<SW-INSTANCE>\n{head}{_value_cont(axis.unit, '', _values(axis.breakpoints))}</SW-INSTANCE>\n"
+    return f"<SW-INSTANCE>\n{head}{_value_cont(axis.unit, '', _values(stored_breakpoints(axis)))}</SW-INSTANCE>\n"
 
 
-def _axis_cont(axis: Axis) -> str:
+def _axis_cont(axis: Axis, points: Float) -> str:
     if axis.name:
         content = f"<SW-INSTANCE-REF>{_escape_text(axis.name)}</SW-INSTANCE-REF>\n{_array_size((len(axis),))}"
     else:
-        content = _values(axis.breakpoints) + "\n"
+        content = _values(points) + "\n"
     category = "COM_AXIS" if axis.name else "STD_AXIS"
     head = f"<SW-AXIS-CONT>\n<CATEGORY>{category}</CATEGORY>\n{_format_unit(axis.unit)}"
     return f"{head}{content}</SW-AXIS-CONT>\n"

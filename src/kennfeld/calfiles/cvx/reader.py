@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float
+from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
 from kennfeld.formatting import count_noun
@@ -196,8 +196,7 @@ class _CvxReader:
         self.groups: dict[str, Axis] = {}  # group axes, each in its first variant
         self.groups_folded: dict[str, Axis] = {}
         self.items = ItemCollector(findings)
-        self.falling: list[Axis] = []  # axes whose breakpoints fall in the file
-        self.skipped: set[tuple[str, str]] = set()  # kinds and names of axes that cannot be read
+        self.skipped: set[tuple[str, str, str]] = set()  # types, names and variants of axes that cannot be read
 
     def take_axis(self, record: _Record) -> None:
         points = self._numbers(record, [record.row, *record.rows])
@@ -210,23 +209,22 @@ class _CvxReader:
         if fall := describe_fall(points):
             message = f"{record.kind} neither rises nor falls: {fall}; skipped with the tables over it"
             self.findings.warning(record.row.line, record.name, message, "Correct its breakpoints.")
-            self.skipped.add((record.kind, record.name.casefold()))
+            self.skipped.add((record.kind, record.name.casefold(), record.variant))
             return
         is_group = record.kind == "AXIS_PTS"
-        axis = Axis(points, unit=record.unit, name=record.name if is_group else "")
-        if falls:
-            self.falling.append(axis)
+        axis = Axis(points, unit=record.unit, name=record.name if is_group else "", falling=falls)
         first, known = self.axes.setdefault((record.kind, record.name, record.variant), (record, axis))
         for variant in (record.variant, ""):
             self.folded.setdefault((record.kind, record.name.casefold(), variant), axis)
-        if not np.array_equal(known.breakpoints, points):
+        if not np.array_equal(known.breakpoints, points) or known.falling != axis.falling:
             self.items.report_repetition(record.name, record.row.line, first.row.line, "with other values")
         elif is_group:
             group = self.groups.setdefault(record.name, axis)
             self.groups_folded.setdefault(record.name.casefold(), axis)
             if not np.array_equal(group.breakpoints, points):
-                message = f"is the group axis in another variant ({record.variant}); skipped"
-                self.findings.warning(record.row.line, record.name, message)
+                message = f"is the group axis in another variant ({record.variant})"
+                remedy = "Tables of that variant have it as an axis of their own."
+                self.findings.warning(record.row.line, record.name, message, remedy)
 
     def take(self, record: _Record) -> None:
         text = self.dialect.text(record.row.values[0]) if record.row.values else None
@@ -285,22 +283,24 @@ class _CvxReader:
         if values is None:
             return None
         shaped = values.reshape(count, -1).T if len(own) == 2 else values
-        falling = tuple(i for i, axis in enumerate(own) if any(axis is each for each in self.falling))
-        turned = np.flip(shaped, falling)
-        return parameter(record.name, turned, own, unit=record.unit, **record.labels)
+        return parameter(record.name, turn(shaped, own), own, unit=record.unit, **record.labels)
 
     def _axis(self, record: _Record, letter: str, cell: int) -> Axis | None:
         name = record.row.cells[cell] if cell < len(record.row.cells) else ""
         group = self.groups.get(name) or self.groups_folded.get(name.casefold())
+        if ("AXIS_PTS", name.casefold(), record.variant) in self.skipped:
+            return None
         if name and group is not None:
-            return group
+            own = self._known("AXIS_PTS", name, record.variant) or group  # that of the table's variant
+            if not np.array_equal(own.breakpoints, group.breakpoints):
+                return own.changed(name="")
+            return group if own.falling == group.falling else group.changed(falling=own.falling)
         kind = f"{letter}_AXIS_PTS"
         for variant in (record.variant, ""):
-            exact = self.axes.get((kind, record.name, variant))
-            axis = exact[1] if exact else self.folded.get((kind, record.name.casefold(), variant))
+            axis = self._known(kind, record.name, variant)
             if axis is not None:
                 return axis
-        if {(kind, record.name.casefold()), ("AXIS_PTS", name.casefold())} & self.skipped:
+        if {(kind, record.name.casefold()), ("AXIS_PTS", name.casefold())} & {axis[:2] for axis in self.skipped}:
             return None
         width = max((len(row.values) for row in record.rows), default=0)
         sizes = {len(axis) for axis in self.groups.values()}
@@ -311,6 +311,11 @@ class _CvxReader:
             remedy = "The file may be truncated: use a complete copy."
             self._wrong(record, f"{record.kind} has no record {letter}_AXIS_PTS", remedy)
         return None
+
+    def _known(self, kind: str, name: str, variant: str) -> Axis | None:
+        """Return the axis of a record; its name need not be in the same case."""
+        exact = self.axes.get((kind, name, variant))
+        return exact[1] if exact else self.folded.get((kind, name.casefold(), variant))
 
     def _numbers(self, record: _Record, rows: list[_CsvRow]) -> Float | None:
         """Return all numbers of some rows; None if one of them is none."""

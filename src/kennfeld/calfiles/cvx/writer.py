@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.storable import USE_JSON, differing_groups, report_repeated, value_faults
 from kennfeld.formatting import holds_control_characters, one_line
@@ -71,7 +72,8 @@ def _item_records(item: Item) -> Iterator[str]:
         kind = "ASCII" if item.kind == "text" else "VALUE"
         yield _record(item.name, f"{kind},{unit},{_quote(item.text)}", *_coding(item))
         return
-    first, *others = map(_format_numbers, np.atleast_2d(item.values.T))
+    values, _ = in_stored_order(item)
+    first, *others = map(_format_numbers, np.atleast_2d(values.T))
     lines = [f"{unit},,{first}"]
     if item.kind in ("scalar", "block"):
         lines = [f"{'VALUE' if item.kind == 'scalar' else 'VAL_BLK'},{unit},{first}"]
@@ -88,7 +90,7 @@ def _item_records(item: Item) -> Iterator[str]:
 
 
 def _axis_record(name: str, kind: str, axis: Axis, *coding: str) -> str:
-    return _record(name, f"{kind},{_format_unit(axis.unit)},{_format_numbers(axis.breakpoints)}", *coding)
+    return _record(name, f"{kind},{_format_unit(axis.unit)},{_format_numbers(stored_breakpoints(axis))}", *coding)
 
 
 def _record(name: str, *lines: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float
+from kennfeld.calfiles.content import ItemCollector, describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.dcm.lines import DcmBlock, DcmLines, split_blocks, unquote
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, Key, ReadResult, build_set
 from kennfeld.calfiles.verbal_values import unify_text_kinds
@@ -35,8 +35,8 @@ class _Numbers:
 class Dcm:
     """A DCM file as read: its text, its blocks and their content.
 
-    `keys` gives name and variant for the line in which a block begins; blocks that hold no numbers have none. `falling`
-    has the axes, by number, that the block of a line writes from the greatest breakpoint to the least.
+    `keys` gives name and variant for the line in which a block begins; blocks that hold no numbers have none.
+    `block_axes` has the axes of each block with breakpoints, which fall if they do in that block.
     """
 
     source: CalibrationSource
@@ -45,7 +45,7 @@ class Dcm:
     items: Mapping[Key, Item]
     axes: Mapping[str, Axis]
     criteria: Set[str]
-    falling: Mapping[int, tuple[int, ...]]
+    block_axes: Mapping[int, tuple[Axis, ...]]
 
 
 def read_dcm(source: CalibrationSource) -> ReadResult:
@@ -70,7 +70,7 @@ def read_dcm(source: CalibrationSource) -> ReadResult:
             reader.take(block)
     items = reader.tie_items()
     warnings = findings.finish()
-    origin = Dcm(source, tuple(lines.blocks), reader.keys, items, reader.axes, lines.criteria, reader.falling)
+    origin = Dcm(source, tuple(lines.blocks), reader.keys, items, reader.axes, lines.criteria, reader.block_axes)
     return ReadResult(f"DCM {lines.version}", build_set(items, reader.axes.values(), origin), warnings)
 
 
@@ -120,24 +120,28 @@ class _DcmReader:
         self.blocks: dict[Key, DcmBlock] = {}  # of each item
         self.axes: dict[str, Axis] = {}
         self.axis_blocks: dict[str, DcmBlock] = {}
+        self.axis_variants: dict[Key, Axis | None] = {}  # by name and variant; None if it cannot be read
         self.keys: dict[int, Key] = {}  # of the block that begins in a line
-        self.falling: dict[int, tuple[int, ...]] = {}  # axes of the block that begins in a line
+        self.block_axes: dict[int, tuple[Axis, ...]] = {}  # of the block that begins in a line
         self.skipped_axes: dict[str, int] = {}  # lines of group axes that cannot be read
 
     def take_axis(self, block: DcmBlock) -> None:
-        points = self._axis_points(block, 0)
-        if points is None:
+        own = self._axis(block, 0)
+        self.axis_variants.setdefault((block.name, variant_of(block)), own)
+        if own is None:
             self.skipped_axes.setdefault(block.name, block.line)
             return
-        axis = self.axes.setdefault(block.name, Axis(points, unit=block.text_of("EINHEIT_X"), name=block.name))
+        axis = self.axes.setdefault(block.name, own.changed(name=block.name))
         first = self.axis_blocks.setdefault(block.name, block)
-        if np.array_equal(axis.breakpoints, points):
+        self.block_axes[block.line] = (own,)
+        if np.array_equal(axis.breakpoints, own.breakpoints):
             self.keys[block.line] = (block.name, "")
         elif variant_of(block) == variant_of(first):
             self.items.report_repetition(block.name, block.line, first.line, "with other breakpoints")
         else:
-            message = f"is the axis of line {first.line} in another variant ({variant_of(block)}); skipped"
-            self.findings.warning(block.line, block.name, message)
+            message = f"is the axis of line {first.line} in another variant ({variant_of(block)})"
+            remedy = "Tables of that variant have it as an axis of their own."
+            self.findings.warning(block.line, block.name, message, remedy)
 
     def take(self, block: DcmBlock) -> None:
         texts = [key for _, key, _ in block.statements if key in ("TEXT", "ST_TX/X", "ST_TX/Y")]
@@ -177,24 +181,26 @@ class _DcmReader:
 
     def _parameter(self, block: DcmBlock) -> Parameter | None:
         sizes = block.sizes or ()
-        axes = []
-        for direction in range(len(sizes) if block.keyword != "FESTWERTEBLOCK" else 0):
-            points = self._axis_points(block, direction)
-            if points is not None:
-                axes.append(Axis(points, unit=block.text_of(_AXES[direction][2])))
+        count = len(sizes) if block.keyword != "FESTWERTEBLOCK" else 0
+        candidates = [self._axis(block, direction) for direction in range(count)]
+        axes = [axis for axis in candidates if axis is not None]
         values = self._values(block, sizes)
         if values is None:
             return None
         if block.keyword == "FESTWERTEBLOCK":
             return Block(block.name, values, **self._labels(block))
-        return parameter(block.name, values, axes, **self._labels(block)) if len(axes) == len(sizes) else None
+        if len(axes) < len(sizes):
+            return None
+        self.block_axes[block.line] = tuple(axes)
+        return parameter(block.name, turn(values, axes), axes, **self._labels(block))
 
-    def _axis_points(self, block: DcmBlock, direction: int) -> Float | None:
+    def _axis(self, block: DcmBlock, direction: int) -> Axis | None:
+        """Return an axis of a block, which falls if it does in the file."""
         assert block.sizes is not None
-        letter, keyword, _, group = _AXES[direction]
+        letter, keyword, unit, group = _AXES[direction]
         size = block.sizes[direction]
         if not any(key == keyword for _, key, _ in block.statements):
-            return self._points_elsewhere(block, direction, self._axis_named(block.rest_of(group)))
+            return self._axis_elsewhere(block, direction, self._axis_named(block.rest_of(group)))
         numbers = self._numbers(block, keyword)
         if numbers is None:
             return None
@@ -208,17 +214,15 @@ class _DcmReader:
             message = f"the {letter} axis neither rises nor falls: {fall}; skipped"
             self.findings.warning(numbers.line, block.name, message, "Correct its breakpoints.")
             return None
-        if falls:
-            self.falling[block.line] = (*self.falling.get(block.line, ()), direction)
-        return rising
+        return Axis(rising, unit=block.text_of(unit), falling=falls)
 
-    def _points_elsewhere(self, block: DcmBlock, direction: int, group: Axis | None) -> Float | None:
-        """Return breakpoints of a table without any: DCM 1.x stores them in a distribution, if at all."""
+    def _axis_elsewhere(self, block: DcmBlock, direction: int, group: Axis | None) -> Axis | None:
+        """Return the axis of a table without breakpoints: DCM 1.x stores them in a distribution, if at all."""
         assert block.sizes is not None
-        if group is not None and len(group) == block.sizes[direction]:
-            if self.axis_blocks[group.name].line in self.falling:
-                self.falling[block.line] = (*self.falling.get(block.line, ()), direction)
-            return group.breakpoints
+        key = ("" if group is None else group.name, variant_of(block, self.criteria))
+        own = self.axis_variants.get(key, group)
+        if own is not None and len(own) == block.sizes[direction]:
+            return own.changed(name="", unit=block.text_of(_AXES[direction][2]))
         letter, keyword = _AXES[direction][:2]
         reference = block.rest_of(_AXES[direction][3])
         if reference in self.skipped_axes:
@@ -237,8 +241,7 @@ class _DcmReader:
         if numbers is None or not self._has_complete_rows(block, numbers):
             return None
         if len(numbers.values) == prod(sizes):
-            values = numbers.values.reshape(sizes[::-1]).T
-            return np.flip(values, self.falling.get(block.line, ()))
+            return numbers.values.reshape(sizes[::-1]).T
         stated = f"{' x '.join(map(str, sizes))} = {prod(sizes)}" if len(sizes) > 1 else str(prod(sizes))
         message = f"has {count_noun(len(numbers.values), 'value')}, but its header states {stated}"
         self.findings.error(block.line, block.name, message)
@@ -311,12 +314,12 @@ class _DcmReader:
             return axis
         group = self._axis_named(reference)
         if group is None:
-            group = self.axes[reference] = Axis(axis.breakpoints, unit=axis.unit, name=reference)
+            group = self.axes[reference] = axis.changed(name=reference)
         if not np.array_equal(group.breakpoints, axis.breakpoints):
             message = f"has other breakpoints than the group axis {group.name}; kept as an axis of its own"
             self.findings.warning(block.line, block.name, message)
             return axis
-        return Axis(axis.breakpoints, unit=axis.unit or group.unit, name=group.name)
+        return Axis(axis.breakpoints, unit=axis.unit or group.unit, name=group.name, falling=axis.falling)
 
 
 def _is_number(word: str) -> bool:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import replace_numbers, same_content
+from kennfeld.calfiles.content import in_stored_order, replace_numbers, same_content, stored_like, turn
 from kennfeld.calfiles.dcm.lines import DcmBlock
 from kennfeld.calfiles.dcm.reader import Dcm, VariantValue, variant_values
 from kennfeld.calfiles.dcm.writer import axis_block, check_storable, item_block, quote, shares_block, whole_text
@@ -41,6 +41,7 @@ def write_dcm(parameters: ParameterSet, file: str) -> WriteResult:
 class _DcmUpdate:
     def __init__(self, dcm: Dcm, parameters: ParameterSet) -> None:
         self.dcm = dcm
+        parameters = _in_order_of(parameters, dcm.axes)
         self.now: Mapping[Key, Item] = parameters.everything
         self.axes = {axis.name: axis for axis in parameters.axes}
         self.text = dcm.source.lines
@@ -73,14 +74,10 @@ class _DcmUpdate:
         axis, before = self.axes.get(key[0]), self.dcm.axes[key[0]]
         if axis is None:
             return iter(())
+        own = self.dcm.block_axes[block.line]
         if len(before) != len(axis):
-            return self._rewrite(block, axis_block(axis))
-        return self._replace(block, {"ST/X": self._as_written(block, 0, before, axis)}, {})
-
-    def _as_written(self, block: DcmBlock, direction: int, before: Axis, now: Axis) -> tuple[Float, Float]:
-        """Return the old and the new breakpoints in the order of the file."""
-        step = -1 if direction in self.dcm.falling.get(block.line, ()) else 1
-        return before.breakpoints[::step], now.breakpoints[::step]
+            return self._rewrite(block, axis_block(stored_like(axis, own[0])))
+        return self._replace(block, {"ST/X": (turn(before.breakpoints, own), turn(axis.breakpoints, own))}, {})
 
     def _with_item(self, block: DcmBlock, key: Key) -> Iterator[str]:
         before, now = self.dcm.items[key], self.now[key]
@@ -90,20 +87,23 @@ class _DcmUpdate:
             # labels that the set lacks are those of the file
             labels = {label: getattr(now, label) or getattr(before, label) for label in ("description", *_EMPTY_LABELS)}
             now = replace(now, **labels) if isinstance(now, Text) else now.changed(**labels)
+            own = self.dcm.block_axes.get(block.line, ())
+            if isinstance(now, Parameter) and len(own) == len(now.axes):
+                now = now.changed(axes=tuple(map(stored_like, now.axes, own)))
             return self._rewrite(block, item_block(now, others))
         texts = {value.line: self._variant_line(value.line, values, key[0]) for value in values}
         if now.description and now.description != before.description:
             texts |= self._description_line(block, now.description)
-        numbers = {}
+        numbers: dict[str, tuple[Float, Float]] = {}
         if isinstance(now, Text) and isinstance(before, Text):
             if now.text != before.text:
                 line = _line_of(block, "TEXT")
                 texts[line] = _replace_text(self.text[line - 1], now.text)
         elif isinstance(now, Parameter) and isinstance(before, Parameter):
-            falling = self.dcm.falling.get(block.line, ())
-            numbers["WERT"] = (np.flip(before.values, falling).T.ravel(), np.flip(now.values, falling).T.ravel())
-            for direction, (word, old, new) in enumerate(zip(_AXES, before.axes, now.axes, strict=False)):
-                numbers[word] = self._as_written(block, direction, old, new)
+            own = self.dcm.block_axes.get(block.line, ())
+            (old, old_points), (new, new_points) = (in_stored_order(item, own) for item in (before, now))
+            numbers = dict(zip(_AXES, zip(old_points, new_points, strict=True), strict=False))
+            numbers["WERT"] = old.T.ravel(), new.T.ravel()
         return self._replace(block, numbers, texts)
 
     def _description_line(self, block: DcmBlock, description: str) -> dict[int, str]:
@@ -173,6 +173,14 @@ class _DcmUpdate:
         for block in blocks:
             yield self.newline
             yield block.replace("\n", self.newline)
+
+
+def _in_order_of(parameters: ParameterSet, axes: Mapping[str, Axis]) -> ParameterSet:
+    """Return the set with group axes that fall where those of a file do."""
+    groups = [stored_like(axis, axes.get(axis.name, axis)) for axis in parameters.axes]
+    if all(axis.falling == before.falling for axis, before in zip(groups, parameters.axes, strict=True)):
+        return parameters
+    return ParameterSet(parameters.parameters, parameters.texts, groups, parameters.others)
 
 
 def _line_end(line: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.calfiles.content import in_stored_order, stored_breakpoints
 from kennfeld.calfiles.format import FileFindings, Item
 from kennfeld.calfiles.storable import USE_JSON, report_repeated, value_faults
 from kennfeld.formatting import holds_control_characters, one_line
@@ -121,12 +122,13 @@ def _parameter_body(member: Parameter) -> Iterator[str]:
     yield from (f"   EINHEIT_{letter} {quote(axis.unit)}" for letter, axis in axes)
     yield f"   EINHEIT_W {quote(member.unit)}"
     yield from (f"*SST{letter}\t{axis.name}" for letter, axis in axes if axis.name)
-    if member.axes:
-        yield from _numbers("ST/X", member.axes[0].breakpoints)
+    values, points = in_stored_order(member)
+    if points:
+        yield from _numbers("ST/X", points[0])
     # One row a line group for a two-dimensional block too, so that a reader sees its shape.
-    for at, row in enumerate(np.atleast_2d(member.values.T)):
-        if len(member.axes) > 1:
-            yield f"   ST/Y   {float(member.axes[1].breakpoints[at])!r}"
+    for at, row in enumerate(np.atleast_2d(values.T)):
+        if len(points) > 1:
+            yield f"   ST/Y   {float(points[1][at])!r}"
         yield from _numbers("WERT", row)
 
 
@@ -157,7 +159,7 @@ def _text_body(text: Text) -> Iterator[str]:
 def axis_block(axis: Axis) -> str:
     """Return the block of a group axis, ending in a line feed."""
     lines = [f"STUETZSTELLENVERTEILUNG {axis.name} {len(axis)}", "*SST", '   LANGNAME ""']
-    lines += [f"   EINHEIT_X {quote(axis.unit)}", *_numbers("ST/X", axis.breakpoints)]
+    lines += [f"   EINHEIT_X {quote(axis.unit)}", *_numbers("ST/X", stored_breakpoints(axis))]
     return "\n".join([*lines, "END", ""])
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from kennfeld.arrays import Float
 from kennfeld.ascet import syntax as e
 from kennfeld.ascet.parser import scan_esdl
+from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, ReadResult
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
@@ -24,11 +25,22 @@ Number = e.Number | e.Truth | e.Unary
 
 @dataclass(frozen=True)
 class EsdlValue:
-    """The numbers of a characteristic: those of each axis, and the values, as trees with their positions."""
+    """The numbers of a characteristic: those of each axis, and the values, as trees with their positions.
+
+    An axis of the parameter falls if it does in the file.
+    """
 
     parameter: Parameter
     axes: tuple[tuple[Number, ...], ...]
     values: tuple[Number, ...]
+
+
+@dataclass(frozen=True)
+class EsdlAxis:
+    """A shared axis, which falls if it does in the file, and its numbers as trees with their positions."""
+
+    axis: Axis
+    points: tuple[Number, ...]
 
 
 @dataclass(frozen=True)
@@ -38,7 +50,7 @@ class EsdlOrigin:
     source: CalibrationSource
     text: str
     items: Mapping[str, EsdlValue]
-    axes: Mapping[str, tuple[Number, ...]]
+    axes: Mapping[str, EsdlAxis]
     prefixes: tuple[str, ...] = ()
 
     def item(self, name: str) -> EsdlValue | None:
@@ -66,9 +78,9 @@ def read_esdl(source: CalibrationSource) -> ReadResult:
     package = f"{parsed.file.package}." if parsed.file.package else ""
     classes = [item.name for item in parsed.file.declarations if isinstance(item, e.ClassDeclaration)]
     prefixes = tuple(prefix for name in classes for prefix in (f"{package}{name}.", f"{name}."))
-    origin = EsdlOrigin(source, text, reader.items, reader.breakpoints, prefixes)
-    items = [item.parameter for item in reader.items.values()]
-    return ReadResult("ESDL", ParameterSet(items, axes=reader.axes.values(), origin=origin), findings.finish())
+    origin = EsdlOrigin(source, text, reader.items, reader.axes, prefixes)
+    items, axes = [item.parameter for item in reader.items.values()], [each.axis for each in reader.axes.values()]
+    return ReadResult("ESDL", ParameterSet(items, (), axes, origin=origin), findings.finish())
 
 
 @dataclass(eq=False)
@@ -76,8 +88,7 @@ class _EsdlReader:
     file: e.EsdlFile
     findings: FileFindings
     items: dict[str, EsdlValue] = field(default_factory=dict)
-    axes: dict[str, Axis] = field(default_factory=dict)
-    breakpoints: dict[str, tuple[Number, ...]] = field(default_factory=dict)
+    axes: dict[str, EsdlAxis] = field(default_factory=dict)
 
     def read(self) -> None:
         """Read all characteristics, the shared axes of a class before its tables."""
@@ -107,18 +118,16 @@ class _EsdlReader:
             return
         names = [size.name for size in element.sizes if isinstance(size, e.Name) and size.name in self.axes]
         if names and len(names) == len(element.sizes):
-            self._add_group_table(name, element, value, [self.axes[name] for name in names])
+            self._add_group_table(name, element, value, [self.axes[name].axis for name in names])
         elif self._is_table(element, value):
             self._add_table(name, element, value)
         else:
             self._add_block(name, element, value)
 
     def _add_axis(self, name: str, value: e.Expression) -> None:
-        numbers = tuple(_leaves(value))
         points = _array(value)
         if points is not None and points.ndim == 1:
-            self.axes[name] = Axis(points, name=name)
-            self.breakpoints[name] = numbers
+            self.axes[name] = EsdlAxis(_axis(points, name), tuple(_leaves(value)))
 
     def _is_table(self, element: e.Element, value: e.Braces) -> bool:
         """Return True if the braces hold breakpoints and values: that is in their form, if not in their type."""
@@ -138,14 +147,14 @@ class _EsdlReader:
         if numbers is None or len(arrays) != len(points):
             self.findings.warning(element.place.line, name, "skipped: its breakpoints or values are not numbers")
             return
-        axes = [Axis(array) for array in arrays]
-        item = parameter(name, numbers, axes, description=element.description)
+        axes = [_axis(array) for array in arrays]
+        item = parameter(name, turn(numbers, axes), axes, description=element.description)
         self._keep(item, tuple(tuple(_leaves(part)) for part in points), tuple(_leaves(values)))
 
     def _add_group_table(self, name: str, element: e.Element, value: e.Braces, axes: list[Axis]) -> None:
         numbers = _array(value)
         if numbers is not None:
-            item = parameter(name, numbers, axes, description=element.description)
+            item = parameter(name, turn(numbers, axes), axes, description=element.description)
             self._keep(item, (), tuple(_leaves(value)))
 
     def _add_block(self, name: str, element: e.Element, value: e.Braces) -> None:
@@ -155,6 +164,11 @@ class _EsdlReader:
 
     def _keep(self, item: Parameter, axes: tuple[tuple[Number, ...], ...], values: tuple[Number, ...]) -> None:
         self.items[item.name] = EsdlValue(item, axes, values)
+
+
+def _axis(points: Float, name: str = "") -> Axis:
+    rising, falls = in_rising_order(points)
+    return Axis(rising, name=name, falling=falls)
 
 
 def _is_read(element: e.Element) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 
 from kennfeld.arrays import Float
 from kennfeld.ascet import syntax as e
+from kennfeld.calfiles.content import in_stored_order, turn
 from kennfeld.calfiles.esdl.reader import EsdlOrigin, EsdlValue, Number
 from kennfeld.calfiles.format import FileFindings, WriteResult
 from kennfeld.formatting import count_labels
@@ -32,7 +33,8 @@ def write_esdl(parameters: ParameterSet, file: str) -> WriteResult:
         update.take(member)
     for axis in parameters.axes:
         if axis.name in origin.axes:
-            update.replace(axis.name, origin.axes[axis.name], axis.breakpoints)
+            own = origin.axes[axis.name]
+            update.replace(axis.name, own.points, turn(axis.breakpoints, (own.axis,)))
     if update.others:
         findings.warning(0, "", f"left out, since the file does not have them: {count_labels(update.others)}")
     return WriteResult(origin.source.encoded(update.text()), findings.finish())
@@ -65,9 +67,10 @@ class _EsdlUpdate:
             self._take_numbers(member, item)
 
     def _take_numbers(self, member: Parameter, item: EsdlValue) -> None:
-        self.replace(member.name, item.values, member.values.ravel())
-        for trees, axis in zip(item.axes, member.axes, strict=False):
-            self.replace(member.name, trees, axis.breakpoints)
+        values, points = in_stored_order(member, item.parameter.axes)
+        self.replace(member.name, item.values, values.ravel())
+        for trees, breakpoints in zip(item.axes, points, strict=False):
+            self.replace(member.name, trees, breakpoints)
 
     def replace(self, name: str, trees: Sequence[Number], numbers: Float) -> None:
         """Replace the numbers that changed."""

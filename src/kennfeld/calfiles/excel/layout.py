@@ -6,8 +6,9 @@
     Axes         one row per group axis, where it is edited; tables refer to it by formulas
     MapX         one sheet per table: its axes, then the numbers
 
-A table has x to the right and y down; the cell above and left of the numbers says so (`y down / x right`). Higher
-dimensions are tables below each other, each with its breakpoints in a row `z | 0.5` above it.
+A table has x to the right and y down; the cell above and left of the numbers says so (`y down / x right`). Breakpoints
+rise, or fall if those of the axis do in files. Higher dimensions are tables below each other, each with its breakpoints
+in a row `z | 0.5` above it.
 """
 
 import re

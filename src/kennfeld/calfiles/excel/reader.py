@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from kennfeld.calfiles.content import in_rising_order, turn
 from kennfeld.calfiles.excel import layout
 from kennfeld.calfiles.excel.layout import AxisCells, Sheet, index_heading, sheet_of
 from kennfeld.calfiles.excel.tables import read_grid
@@ -180,7 +181,7 @@ class _SheetReader:
         if len(axes) < len(candidates):
             return None
         try:
-            return parameter(row.name, grid.values, axes, **attributes)
+            return parameter(row.name, turn(grid.values, axes), axes, **attributes)
         except ArgumentError as error:
             self._wrong(str(error))
             return None
@@ -192,7 +193,7 @@ class _SheetReader:
             home, known = self.groups.setdefault(cells.group, (sheet, cells))
             if not self._agrees(sheet, cells, home, known):
                 return None
-        return _axis(cells, cells.group) if self._increases(sheet, cells) else None
+        return _axis(cells, cells.group) if self._is_ordered(sheet, cells) else None
 
     def _agrees(self, sheet: Sheet, cells: AxisCells, home: Sheet, known: AxisCells) -> bool:
         """Check whether the copy of a group axis equals its definition."""
@@ -208,12 +209,14 @@ class _SheetReader:
                 return False
         return True
 
-    def _increases(self, sheet: Sheet, cells: AxisCells) -> bool:
-        for before, after, place in zip(cells.points, cells.points[1:], cells.cells[1:], strict=False):
+    def _is_ordered(self, sheet: Sheet, cells: AxisCells) -> bool:
+        """Check whether breakpoints rise or fall; report the first one that does neither."""
+        points = in_rising_order(np.array(cells.points))[0].tolist()
+        for before, after, place in zip(points, points[1:], cells.cells[1:], strict=False):
             if after <= before:
                 shown = f"{sheet.place(*place)} contains {after:.15g}"
                 message = f"{shown}, which does not exceed the previous breakpoint {before:.15g}"
-                self._wrong(message, "Each breakpoint must be greater than the previous one.")
+                self._wrong(message, "Each breakpoint must be greater than the previous one, or each must be less.")
                 return False
         return True
 
@@ -225,7 +228,7 @@ class _SheetReader:
                 self._wrong(
                     f"{row.place(layout.AXES_HEADING[0])} repeats the name {name}", "Delete one of the two rows."
                 )
-            elif cells is None or not self._increases(sheet, cells):
+            elif cells is None or not self._is_ordered(sheet, cells):
                 self.broken.add(name)
             else:
                 cells.input, cells.unit = row.text("input"), row.text("unit")
@@ -247,4 +250,5 @@ def _breakpoints(sheet: Sheet, row: int, start: int) -> AxisCells | None:
 
 
 def _axis(cells: AxisCells, name: str) -> Axis:
-    return Axis(cells.points, cells.input, cells.unit, name)
+    points, falls = in_rising_order(np.array(cells.points))
+    return Axis(points, cells.input, cells.unit, name, falling=falls)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.calfiles.content import stored_breakpoints, turn
 from kennfeld.calfiles.excel import layout
 from kennfeld.calfiles.excel.layout import sheet_names
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
@@ -110,7 +111,7 @@ class _WorkbookWriter:
         for row, axis in enumerate(self.parameters.axes, 1):
             for column, word in enumerate((axis.name, axis.unit, axis.input)):
                 sheet.write_string(row, column, word, self.bold if column == 0 else None)
-            sheet.write_row(row, len(layout.AXES_HEADING) - 1, axis.breakpoints.tolist(), self.axis)
+            sheet.write_row(row, len(layout.AXES_HEADING) - 1, stored_breakpoints(axis).tolist(), self.axis)
         sheet.freeze_panes(1, 1)
         sheet.set_column(0, 0, 32)
 
@@ -136,7 +137,8 @@ class _WorkbookWriter:
         """Write the numbers of a table, a page for each of its breakpoints beyond x and y."""
         x, *others = table.index_axes
         y, further = others[:1], others[1:]
-        values = table.values if y else table.values[:, None]
+        stored = turn(table.values, table.axes)
+        values = stored if y else stored[:, None]
         first = row + bool(further)  # of the corner of the first page
         written: dict[tuple[int, int], tuple[int, int]] = {}  # the cell of each breakpoint beyond x and y
         for page, reversed_indices in enumerate(product(*(range(len(axis)) for axis in further[::-1]))):
@@ -161,7 +163,7 @@ class _WorkbookWriter:
 
     def _point(self, sheet: Any, cell: tuple[int, int], axis: Axis, at: int, original: tuple[int, int] | None) -> None:
         """Write a breakpoint; it follows the cell `original` of an earlier page, or the sheet of group axes."""
-        point = float(axis.breakpoints[at])
+        point = float(stored_breakpoints(axis)[at])
         source = "" if original is None else _cell_name(*original)
         if axis.name and not source:
             source = f"{layout.AXES}!{_cell_name(self.axis_rows[axis.name], at + len(layout.AXES_HEADING) - 1)}"

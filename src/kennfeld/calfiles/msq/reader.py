@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import parse_float
+from kennfeld.calfiles.content import describe_fall, in_rising_order, parse_float, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.xml_tree import parse_xml
 from kennfeld.file_state import note_opened
@@ -193,8 +193,8 @@ class Msq:
 def read_msq(source: CalibrationSource) -> ReadResult:
     """Return the settings of a tune: numbers, tables with their axes, words; the page is the function.
 
-    A table whose axes are unknown, or do not increase, is a value block, its axes too. Raises `InputError` with every
-    finding; entities are refused.
+    A table whose axes are unknown, or neither rise nor fall, is a value block, its axes too. Raises `InputError` with
+    every finding; entities are refused.
     """
     findings = FileFindings(source.name)
     if parse_xml(source.raw, findings) is None:
@@ -308,21 +308,22 @@ class _MsqReader:
                 message = f"has {size} values, but its axes have {axes}; read as a value block"
                 self.findings.warning(line, pair.values, message)
             return False
-        fallen = [name for name, axis in zip(pair.axes, points, strict=True) if np.any(axis[1:] <= axis[:-1])]
-        for name in fallen:
-            message = f"is read as a value block: its breakpoints {name} are not strictly increasing"
+        faults = {name: describe_fall(in_rising_order(axis)[0]) for name, axis in zip(pair.axes, points, strict=True)}
+        wrong = {name: fault for name, fault in faults.items() if fault}
+        for name, fault in wrong.items():
+            message = f"is read as a value block: its breakpoints {name} neither rise nor fall: {fault}"
             self.findings.warning(line, pair.values, message)
-        return not fallen
+        return not wrong
 
     def _item(self, name: str, pair: Pair | None) -> Parameter:
         constant, array = self.constants[name], self.arrays[name]
         if pair is not None:
             axes = []
             for axis, quantity in zip(pair.axes, pair.inputs, strict=False):
-                points = self.arrays[axis].ravel()
-                # one axis for all tables that use the constant
-                axes.append(self.axes.setdefault(axis, Axis(points, quantity, self.constants[axis].unit, axis)))
-            values = array.T if len(axes) > 1 else array.ravel()
+                points, falls = in_rising_order(self.arrays[axis].ravel())
+                own = Axis(points, quantity, self.constants[axis].unit, axis, falling=falls)
+                axes.append(self.axes.setdefault(axis, own))  # one axis for all tables that use the constant
+            values = turn(array.T if len(axes) > 1 else array.ravel(), axes)
             return parameter(name, values, axes, description=pair.title, **constant.labels)
         if constant.sizes is None and array.size == 1:
             return Scalar(name, array[0, 0], **constant.labels)

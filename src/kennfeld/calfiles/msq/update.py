@@ -5,7 +5,7 @@ from html import escape
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import replace_numbers
+from kennfeld.calfiles.content import in_stored_order, replace_numbers, turn
 from kennfeld.calfiles.format import FileFindings, Item, WriteResult
 from kennfeld.calfiles.msq.reader import Constant, Msq
 from kennfeld.formatting import count_labels, count_noun, holds_control_characters
@@ -74,7 +74,8 @@ class _MsqUpdate:
                 if axis.name != known.name and not np.array_equal(axis.breakpoints, known.breakpoints):
                     message = f"has its own axis, whose breakpoints differ from {known.name} in the tune"
                     self.findings.error(0, item.name, message, f"Change the group axis {known.name}.")
-            self._numbers(self.tune.constants[item.name], before.values.T.ravel(), item.values.T.ravel())
+            old, new = (in_stored_order(each, before.axes)[0].T.ravel() for each in (before, item))
+            self._numbers(self.tune.constants[item.name], old, new)
 
     def _take_text(self, item: Item, before: Item) -> None:
         if not isinstance(item, Text) or not isinstance(before, Text):
@@ -98,10 +99,11 @@ class _MsqUpdate:
                 message = f"has {len(axis)} breakpoints, but {len(before)} in the tune"
             self.findings.error(0, axis.name, message, "Sizes are fixed by the firmware.")
             return
-        result = self._numbers(self.tune.constants[axis.name], before.breakpoints, axis.breakpoints)
-        if np.any(np.diff(result) <= 0):
+        old, new = (turn(each.breakpoints, (before,)) for each in (before, axis))
+        result = self._numbers(self.tune.constants[axis.name], old, new)
+        if np.any(np.diff(turn(result, (before,))) <= 0):
             rounded = f"rounding to {count_noun(self.tune.constants[axis.name].digits or 0, 'digit')}"
-            message = f"is not strictly increasing after {rounded}, as the tune stores it"
+            message = f"is not strictly {'decreasing' if before.falling else 'increasing'} after {rounded}, as stored"
             self.findings.error(0, axis.name, message, "Increase the distance of its breakpoints.")
 
     def _numbers(self, constant: Constant, before: Float, now: Float) -> Float:

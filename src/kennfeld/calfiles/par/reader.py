@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from kennfeld.arrays import Float
-from kennfeld.calfiles.content import ItemCollector, describe_fall, drop_trailing_ones, in_rising_order
+from kennfeld.calfiles.content import ItemCollector, describe_fall, drop_trailing_ones, in_rising_order, turn
 from kennfeld.calfiles.format import CalibrationSource, FileFindings, Item, ReadResult, build_set
 from kennfeld.calfiles.par.conversions import Conversions, StoredQuantity, find_conversions, physical
 from kennfeld.calfiles.par.lines import (
@@ -37,8 +37,7 @@ _NO_VALUES = "skipped: the texts behind its numbers are not physical values"
 class Par:
     """A parameter file as read: its text, and its labels and items by name.
 
-    `quantities` has the conversions that the A2L file states, by name and axis; the axis of values is empty. `falling`
-    has the axes, by number, whose breakpoints fall in the file.
+    `quantities` has the conversions that the A2L file states, by name and axis; the axis of values is empty.
     """
 
     source: CalibrationSource
@@ -46,7 +45,6 @@ class Par:
     labels: Mapping[str, ParLabel]
     items: Mapping[str, Item]
     quantities: Mapping[tuple[str, str], StoredQuantity]
-    falling: Mapping[str, tuple[int, ...]]
 
 
 def read_par(source: CalibrationSource) -> ReadResult:
@@ -65,7 +63,7 @@ def read_par(source: CalibrationSource) -> ReadResult:
     reader.report()
     items = reader.items.items
     by_name = {name: item for (name, _), item in items.items()}
-    origin = Par(source, "".join(lines), reader.labels, by_name, reader.quantities, reader.falling)
+    origin = Par(source, "".join(lines), reader.labels, by_name, reader.quantities)
     warnings = (*findings_before, *reader.findings.finish())
     return ReadResult(f"CANape PAR {version_of(source.text)}", build_set(items, (), origin), warnings)
 
@@ -78,7 +76,6 @@ class _ParReader:
         self.different: list[str] = []  # labels whose values do not fit the A2L file
         self.items = ItemCollector(findings)
         self.labels: dict[str, ParLabel] = {}
-        self.falling: dict[str, tuple[int, ...]] = {}  # axes whose breakpoints fall in the file, by label
         self.raw: list[str] = []  # labels without physical values
         self.rounded: list[str] = []  # labels whose physical values are only known as displayed
 
@@ -141,24 +138,18 @@ class _ParReader:
         return self._table(label, table.reshape(shape[: len(axes)]), axes)
 
     def _table(self, label: ParLabel, table: Float, axes: Sequence[Sequence[ParNumber]]) -> Parameter | None:
-        quantities = [self.quantities.get((label.name, letter)) for letter in AXES[: len(axes)]]
-        points = [self._numbers(label, *pair) for pair in zip(axes, quantities, strict=True)]
-        falling: list[int] = []
-        for number, breakpoints in enumerate(points):
-            rising, falls = (None, False) if breakpoints is None else in_rising_order(breakpoints)
+        directions = []
+        for letter, numbers in zip(AXES, axes, strict=False):
+            quantity = self.quantities.get((label.name, letter))
+            points = self._numbers(label, numbers, quantity)
+            rising, falls = (None, False) if points is None else in_rising_order(points)
             fall = "breakpoints that are words" if rising is None else describe_fall(rising)
-            if fall:
-                self.findings.warning(label.line, label.name, f"skipped: axis {AXES[number]}: {fall}")
+            if rising is None or fall:
+                self.findings.warning(label.line, label.name, f"skipped: axis {letter}: {fall}")
                 return None
-            points[number] = rising
-            falling += [number] if falls else []
-        self.falling.setdefault(label.name, tuple(falling))
-        directions = [
-            Axis(breakpoints, quantity.input, quantity.unit) if quantity else Axis(breakpoints)
-            for breakpoints, quantity in zip(points, quantities, strict=True)
-            if breakpoints is not None
-        ]
-        return parameter(label.name, np.flip(table, tuple(falling)), directions, **self._labels(label))
+            words = (quantity.input, quantity.unit) if quantity else ()
+            directions.append(Axis(rising, *words, falling=falls))
+        return parameter(label.name, turn(table, directions), directions, **self._labels(label))
 
     def _numbers(self, label: ParLabel, numbers: Sequence[ParNumber], quantity: StoredQuantity | None) -> Float | None:
         """Return physical values; None if they are words."""

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.calfiles.content import in_stored_order
 from kennfeld.calfiles.format import FileFindings, WriteResult
 from kennfeld.calfiles.par.conversions import StoredQuantity, physical, stored
 from kennfeld.calfiles.par.lines import AXES, ParLabel, ParNumber, displayed_value, is_hexadecimal
@@ -81,12 +82,10 @@ class _ParUpdate:
             self.findings.error(0, item.name, "is a {}, but a {} in the file".format(*shapes), _OTHER_FORMAT)
         else:
             label = self.par.labels[item.name]
-            falling = self.par.falling.get(item.name, ())
-            values = (np.flip(each.values, falling).T.ravel() for each in (before, item))
-            self._replace(label, "", *values)
-            for number, (old, new) in enumerate(zip(before.axes, item.axes, strict=True)):
-                step = -1 if number in falling else 1
-                self._replace(label, AXES[number], old.breakpoints[::step], new.breakpoints[::step])
+            (old, old_points), (new, new_points) = (in_stored_order(each, before.axes) for each in (before, item))
+            self._replace(label, "", old.T.ravel(), new.T.ravel())
+            for letter, *points in zip(AXES, old_points, new_points, strict=False):
+                self._replace(label, letter, *points)
 
     def _take_text(self, item: Parameter | Text, before: Parameter | Text) -> None:
         if not isinstance(item, Text) or not isinstance(before, Text):
