@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.arrays import Int
+from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_spans import short_names
@@ -27,7 +27,7 @@ from kennfeld.project.simulated_channels import complete, renamed_inputs
 from kennfeld.threads import map_in_order
 
 if TYPE_CHECKING:
-    from kennfeld.surrogate.surrogate_models import StaticSurrogate
+    from kennfeld.surrogate.surrogate_file import Surrogate
 
 
 def simulate_problem(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
@@ -212,16 +212,12 @@ def _skipped(problem: Problem, bound: BoundDataset) -> SkippedSamples | None:
     return SkippedSamples.of(bound, problem.channels, restarts=bool(problem.graph.states))
 
 
-def _uncertain(problem: Problem) -> "list[StaticSurrogate]":
+def _uncertain(problem: Problem) -> "list[Surrogate]":
     """Return the surrogates of a model whose predictions have a known deviation."""
-    if not problem.model.surrogates:
-        return []
-    from kennfeld.surrogate.surrogate_models import StaticSurrogate
-
-    return [s for s in problem.model.surrogates if isinstance(s, StaticSurrogate) and s.uncertainty is not None]
+    return [surrogate for surrogate in problem.model.surrogates if surrogate.uncertainty is not None]
 
 
-def _deviation_name(surrogate: "StaticSurrogate") -> str:
+def _deviation_name(surrogate: "Surrogate") -> str:
     return f"{surrogate.name} (deviation)"
 
 
@@ -229,9 +225,26 @@ def _deviations(problem: Problem, bound: BoundDataset, values: ParameterSet) -> 
     """Yield the predictive deviation of each surrogate, the largest of its calls at a sample."""
     for surrogate in _uncertain(problem):
         calls = SurrogateCalls(problem, values, surrogate.name)
-        parts = [np.max([surrogate.deviation(x) for x in points], axis=0) for _, points in calls.points(bound)]
-        column = np.concatenate(parts) if parts else np.empty(0)
+        blocks = [points for _, points in calls.points(bound)]
+        joined = [np.concatenate(parts) for parts in zip(*blocks, strict=True)]
+        columns = [_call_deviation(surrogate, points, bound) for points in joined]
+        column = np.max(columns, axis=0) if columns else np.empty(0)
         yield Channel(_deviation_name(surrogate), column, surrogate.units[-1] if surrogate.units else "")
+
+
+def _call_deviation(surrogate: "Surrogate", points: Float, bound: BoundDataset) -> Float:
+    """Return the deviation of a call at points Float[samples, inputs]; errors of a recursion begin with each piece."""
+    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
+    from kennfeld.surrogate.surrogate_models import StaticSurrogate
+
+    if isinstance(surrogate, StaticSurrogate):
+        return surrogate.deviation(points)
+    if isinstance(surrogate, FilteredSurrogate):
+        return surrogate.deviation_at(points)
+    if bound.hold is not None:  # a point stays in its settled state as long as it is held
+        return surrogate.deviation_along(np.repeat(points[None], bound.hold.samples, axis=0))[-1]
+    pieces = np.split(points, bound.starts[bound.starts > 0])
+    return np.concatenate([surrogate.deviation_along(piece[:, None])[:, 0] for piece in pieces])
 
 
 def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Channel]:

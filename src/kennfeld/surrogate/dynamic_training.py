@@ -20,6 +20,8 @@ from kennfeld.rbf import Expansion
 from kennfeld.surrogate.baselines import LinearRecursion, arx, free_run_residual, plane
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.filtered_training import FilteredModel, train_filtered
+from kennfeld.surrogate.free_run_calibration import calibrated_uncertainty
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty
 from kennfeld.surrogate.model_selection import (
     MIDDLE,
     ModelChoice,
@@ -129,8 +131,9 @@ class _DynamicTraining:
         if alternative is not None:
             self.remarks.append("a linear ARX model has the smallest error on held-out blocks, and is used")
             lengths = np.full(alternative.lags.size, MIDDLE)
-            return self._of_recursion(alternative.lags, alternative.expansion, lengths)
-        return self._of_recursion(lags, self._trained(lags, choice), choice.lengths)
+            linear = ModelChoice(lengths, TrainingSettings(), np.nan)
+            return self._of_recursion(alternative.lags, alternative.expansion, linear)
+        return self._of_recursion(lags, self._trained(lags, choice), choice)
 
     def _alternative(self, choice: ModelChoice) -> FilteredModel | LinearRecursion | None:
         """Return the model that is better than the nonlinear recursion on held-out blocks, if there is one."""
@@ -160,9 +163,10 @@ class _DynamicTraining:
             model.delay,
             Validity.around(model.points, model.points.std(0) * model.lengths, settings.seed),
             limits=self.limits,
+            uncertainty=model.uncertainty,
         )
 
-    def _of_recursion(self, lags: Lags, expansion: Expansion, lengths: Float) -> DynamicSurrogate:
+    def _of_recursion(self, lags: Lags, expansion: Expansion, choice: ModelChoice) -> DynamicSurrogate:
         runs, settings = Runs.of(self.pieces, lags), self.settings
         stability = self._bounded(expansion, runs)
         return DynamicSurrogate(
@@ -173,10 +177,18 @@ class _DynamicTraining:
             lags.output,
             self.step,
             expansion,
-            Validity.around(runs.points, runs.points.std(0) * lengths, settings.seed),
+            Validity.around(runs.points, runs.points.std(0) * choice.lengths, settings.seed),
             start=float(np.mean([run.y[0] for run in self.pieces])),
             limits=self.limits,
             stability=stability,
+            uncertainty=self._uncertainty(lags, expansion, choice),
+        )
+
+    def _uncertainty(self, lags: Lags, expansion: Expansion, choice: ModelChoice) -> FreeRunUncertainty | None:
+        """Return the uncertainty of free runs within the limits."""
+        limited, trains = replace(choice.settings, limits=self.limits), self.settings.free_run
+        return calibrated_uncertainty(
+            self.pieces, lags, expansion, choice.lengths, limited, trains=trains, stopped=self.stopped
         )
 
     def _bounded(self, expansion: Expansion, runs: Runs) -> str:

@@ -203,6 +203,13 @@ def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int,
         yield first, exponent.reshape(*x.shape[:2], size)
 
 
+def input_slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
+    """Return df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+    steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
+    pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
+    return expansion.slopes[:own] + pulled
+
+
 def run_through(rows: Float, slopes: Float, lags: Sequence[int]) -> None:
     """Turn derivatives of f into those of the free run, in place: s_k += sum over lags l of df/dy_{k-l} s_{k-l}.
 

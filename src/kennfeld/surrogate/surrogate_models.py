@@ -15,6 +15,7 @@ from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, free_run_deviation
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty
 from kennfeld.surrogate.validity import Validity
@@ -153,9 +154,10 @@ class DynamicSurrogate:
         start_inputs: values of the inputs before the recording if a closed loop has none yet; otherwise those of its
             first sample are used.
         remarks: sentences on the training, such as limits that were recognised.
+        uncertainty: that of a free run; None if it is unknown.
 
     Raises:
-        ArgumentError: names, lags and expansion do not match.
+        ArgumentError: names, lags and expansion do not match, or the uncertainty does not.
 
     >>> half = Expansion(0.0, [0.5, 0.5], [], np.zeros((0, 2)), np.zeros((0, 2)))
     >>> lag = DynamicSurrogate("lag", ("u",), ((1,),), "y", (1,), 0.1, half)
@@ -178,6 +180,7 @@ class DynamicSurrogate:
     stability: str = ""
     start_inputs: tuple[float, ...] = ()
     remarks: tuple[str, ...] = ()
+    uncertainty: FreeRunUncertainty | None = None
     _lags: Lags = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -198,6 +201,8 @@ class DynamicSurrogate:
         object.__setattr__(self, "start_inputs", tuple(self.start_inputs) or (0.0,) * len(self.inputs))
         if len(self.start_inputs) != len(self.inputs):
             raise ArgumentError(f"start_inputs={self.start_inputs} of surrogate {self.name} must be one per input")
+        if self.uncertainty is not None:
+            self.uncertainty.check(self.expansion)
         if not 0 < self.step < np.inf:
             raise ArgumentError(f"step={self.step} of surrogate {self.name} must be a time in s > 0")
         if not self.limits[0] < self.limits[1]:
@@ -253,6 +258,24 @@ class DynamicSurrogate:
         if self.validity is None:
             return np.zeros(len(y), dtype=bool)
         return self.validity.outside(self.points(u, y))
+
+    def deviation(self, u: Float, y: Float) -> Float:
+        """Return the standard deviation of new measurements from a free run, Float[samples].
+
+        About 95 % of measurements are within two deviations. It is NaN if it is unknown. The outputs before the first
+        sample count as known exactly.
+
+        Args:
+            u: inputs, Float[samples, inputs], in their units.
+            y: the free run over them, Float[samples], in the unit of the output.
+        """
+        return self.deviation_along(self.points(u, np.asarray(y, dtype=np.float64))[:, None])[:, 0]
+
+    def deviation_along(self, points: Float) -> Float:
+        """Return the same for points of free runs side by side: Float[steps, runs, numbers] -> Float[steps, runs]."""
+        if self.uncertainty is None:
+            return np.full(points.shape[:-1], np.nan)
+        return free_run_deviation(self.expansion, self.uncertainty, points, self._lags.output, self.limits)
 
     def _inputs(self, u: Float) -> Float:
         inputs = np.asarray(u, dtype=np.float64)

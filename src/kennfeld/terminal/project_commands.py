@@ -364,7 +364,7 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     "simulation.parquet next to the project file",
     type=PATH,
 )
-@option("--deviation", "Add a column with the predictive deviation of each static surrogate.")
+@option("--deviation", "Add a column with the predictive deviation of each surrogate.")
 @by_file
 @as_json
 @trusted

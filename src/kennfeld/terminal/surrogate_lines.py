@@ -7,7 +7,7 @@ from kennfeld.formatting import count_noun
 from kennfeld.optimize.quality import r2_text
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.surrogate_file import Surrogate
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
 
 def describe_surrogate(surrogate: Surrogate) -> str:
@@ -26,8 +26,11 @@ def describe_surrogate(surrogate: Surrogate) -> str:
     return f"{call}, steps of {surrogate.step:g} s, {centres}; lags in samples: {lags}"
 
 
-def noise_of(surrogate: StaticSurrogate) -> float | None:
-    """Return the deviation of a measurement amidst the training data, in the unit of the output; None if unknown."""
+def noise_of(surrogate: Surrogate) -> float | None:
+    """Return the deviation of a measurement amidst the training data, in the unit of the output; None if unknown.
+
+    Of a dynamic surrogate it is that of the first step of a free run.
+    """
     return None if surrogate.uncertainty is None else surrogate.uncertainty.noise
 
 
