@@ -8,7 +8,7 @@ deviations that covers 95.45 % of them.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import compress, product
 
 import numpy as np
 
@@ -100,14 +100,19 @@ def calibrated_uncertainty(
         if stopped():
             return None
         models.append(_trained_without(fold, model, lengths, few))
-    runs = [fold.held_out for fold in divisions]
+    points = Runs.of(pieces, lags).points
+    # a small model that leaves the range of the outputs far behind tells nothing of one that does not
+    most = float(np.ptp(points[:, 0]))
+    stays = [
+        free_run_rmse(m, fold.held_out, settings.limits) <= most for m, fold in zip(models, divisions, strict=True)
+    ]
+    models, runs = list(compress(models, stays)), [fold.held_out for fold in compress(divisions, stays)]
+    if not runs:
+        return None
     unit = _unit(models, runs, settings.limits)
     nugget = np.full(model.size, JITTER)
-    if not np.isfinite(unit):
-        return None
     if unit == 0:
         return FreeRunUncertainty(0.0, 0.0, 0.0, nugget)
-    points = Runs.of(pieces, lags).points
     spread = float(np.std(model(points) - points @ model.slopes)) if model.size else 0.0
     trials = [(unit * noise, spread * signal) for noise in PROCESS_NOISES for signal in (SIGNALS if spread else (0.0,))]
     errors = _Errors.joined(
@@ -124,10 +129,9 @@ def calibrated_uncertainty(
 
 
 def _unit(models: Sequence[Expansion], runs: Sequence[Runs], limits: tuple[float, float]) -> float:
-    """Return the RMSE of models over their runs; those that diverge do not count."""
-    rmse = np.array([free_run_rmse(model, run, limits) for model, run in zip(models, runs, strict=True)])
-    finite = rmse[np.isfinite(rmse)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else np.inf
+    """Return the RMSE of models over their runs."""
+    squares = [free_run_rmse(model, run, limits) ** 2 for model, run in zip(models, runs, strict=True)]
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _errors(
