@@ -242,7 +242,8 @@ def _call_deviation(surrogate: "Surrogate", points: Float, bound: BoundDataset) 
     if isinstance(surrogate, FilteredSurrogate):
         return surrogate.deviation_at(points)
     if bound.hold is not None:  # a point stays in its settled state as long as it is held
-        return surrogate.deviation_along(np.repeat(points[None], bound.hold.samples, axis=0))[-1]
+        settled: Float = surrogate.deviation_along(np.repeat(points[None], bound.hold.samples, axis=0))[-1]
+        return settled
     pieces = np.split(points, bound.starts[bound.starts > 0])
     return np.concatenate([surrogate.deviation_along(piece[:, None])[:, 0] for piece in pieces])
 
