@@ -34,7 +34,7 @@ NOISES = tuple(np.geomspace(0.05, 1.5, 12).tolist())  # that are tried, in units
 
 
 @dataclass(frozen=True, eq=False)
-class _Errors:
+class _FreeRunErrors:
     """Errors of free runs Float[errors], their weights, and variances that are propagated Float[trials, errors]."""
 
     size: Float
@@ -42,7 +42,7 @@ class _Errors:
     variance: Float
 
     @classmethod
-    def joined(cls, parts: "Sequence[_Errors]") -> "_Errors":
+    def joined(cls, parts: "Sequence[_FreeRunErrors]") -> "_FreeRunErrors":
         size, weight = (np.concatenate([getattr(part, name) for part in parts]) for name in ("size", "weight"))
         return cls(size, weight, np.concatenate([part.variance for part in parts], axis=1))
 
@@ -115,7 +115,7 @@ def calibrated_uncertainty(
         return FreeRunUncertainty(0.0, 0.0, 0.0, nugget)
     spread = float(np.std(model(points) - points @ model.slopes)) if model.size else 0.0
     trials = [(unit * noise, spread * signal) for noise in PROCESS_NOISES for signal in (SIGNALS if spread else (0.0,))]
-    errors = _Errors.joined(
+    errors = _FreeRunErrors.joined(
         [
             *_errors(models, runs, trials, settings.limits, LEFT_OUT),
             *_errors([model] * len(runs), runs, trials, settings.limits, 1 - LEFT_OUT),
@@ -140,7 +140,7 @@ def _errors(
     trials: Sequence[tuple[float, float]],
     limits: tuple[float, float],
     weight: float,
-) -> Iterator[_Errors]:
+) -> Iterator[_FreeRunErrors]:
     """Yield the errors of each model over a run, thinned evenly, unless it diverges."""
     every = max(sum(run.target.size for run in runs) // COMPARED, 1)
     process_noise, signal = (np.array(column)[:, None, None] for column in zip(*trials, strict=True))
@@ -151,7 +151,9 @@ def _errors(
         path = RunPath.of(model, np.full(model.size, JITTER), run.visited(y), len(run.lags.output))
         variance = path.variance(process_noise**2 + (signal * path.shares) ** 2, run.lags.output, limits)
         size, used = np.abs(y - run.target)[:, 0], run.scored[:, 0]
-        yield _Errors(size[used][::every], np.full(used.sum(), weight)[::every], variance[:, used, 0][:, ::every])
+        yield _FreeRunErrors(
+            size[used][::every], np.full(used.sum(), weight)[::every], variance[:, used, 0][:, ::every]
+        )
 
 
 def _trained_without(fold: HoldoutFold, model: Expansion, lengths: Float, settings: TrainingSettings) -> Expansion:
