@@ -7,12 +7,14 @@ deviations that covers 95.45 % of them.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import compress, product
 
 import numpy as np
 
 from kennfeld.arrays import Float
+from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.baselines import plane
@@ -95,18 +97,21 @@ def calibrated_uncertainty(
     divisions = folds(pieces, lags, 2 * BLOCKS if large else BLOCKS, MOST, few=large)
     iterations = min(settings.iterations, FEW_ITERATIONS) if large else settings.iterations
     few = replace(settings, iterations=iterations if trains else 0, moves_centres=False)
-    models = []
+    models, trained_folds = [], []
     for fold in divisions:
         if stopped():
             return None
-        models.append(_trained_without(fold, model, lengths, few))
+        # without the block, a channel may be constant
+        with suppress(ArgumentError):
+            models.append(_trained_without(fold, model, lengths, few))
+            trained_folds.append(fold)
     points = Runs.of(pieces, lags).points
     # a small model that leaves the range of the outputs far behind tells nothing of one that does not
     most = float(np.ptp(points[:, 0]))
     stays = [
-        free_run_rmse(m, fold.held_out, settings.limits) <= most for m, fold in zip(models, divisions, strict=True)
+        free_run_rmse(m, fold.held_out, settings.limits) <= most for m, fold in zip(models, trained_folds, strict=True)
     ]
-    models, runs = list(compress(models, stays)), [fold.held_out for fold in compress(divisions, stays)]
+    models, runs = list(compress(models, stays)), [fold.held_out for fold in compress(trained_folds, stays)]
     if not runs:
         return None
     unit = _unit(models, runs, settings.limits)
