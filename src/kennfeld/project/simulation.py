@@ -28,6 +28,7 @@ from kennfeld.threads import map_in_order
 
 if TYPE_CHECKING:
     from kennfeld.surrogate.surrogate_file import Surrogate
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
 
 def simulate_problem(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
@@ -50,7 +51,7 @@ class Extent:
     """The channels that a simulation has beside nodes and targets.
 
     Attributes:
-        deviation: the predictive deviation of each static surrogate.
+        deviation: the predictive deviation of each surrogate.
         complete: the inputs of the function, and the error of each criterion: node minus target.
     """
 
@@ -224,25 +225,27 @@ def _deviation_name(surrogate: "Surrogate") -> str:
 def _deviations(problem: Problem, bound: BoundDataset, values: ParameterSet) -> Iterator[Channel]:
     """Yield the predictive deviation of each surrogate, the largest of its calls at a sample."""
     for surrogate in _uncertain(problem):
-        calls = SurrogateCalls(problem, values, surrogate.name)
-        blocks = [points for _, points in calls.points(bound)]
-        joined = [np.concatenate(parts) for parts in zip(*blocks, strict=True)]
-        columns = [_call_deviation(surrogate, points, bound) for points in joined]
-        column = np.max(columns, axis=0) if columns else np.empty(0)
+        column = _largest_deviation(surrogate, SurrogateCalls(problem, values, surrogate.name), bound)
         yield Channel(_deviation_name(surrogate), column, surrogate.units[-1] if surrogate.units else "")
 
 
-def _call_deviation(surrogate: "Surrogate", points: Float, bound: BoundDataset) -> Float:
-    """Return the deviation of a call at points Float[samples, inputs]; errors of a recursion begin with each piece."""
-    from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
-    from kennfeld.surrogate.surrogate_models import StaticSurrogate
+def _largest_deviation(surrogate: "Surrogate", calls: SurrogateCalls, bound: BoundDataset) -> Float:
+    """Return the largest deviation of all calls at each sample, Float[samples]."""
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
 
-    if isinstance(surrogate, StaticSurrogate):
-        return surrogate.deviation(points)
-    if isinstance(surrogate, FilteredSurrogate):
-        return surrogate.deviation_at(points)
+    blocks = (points for _, points in calls.points(bound))  # Float[samples, inputs] of each call
+    if isinstance(surrogate, DynamicSurrogate):
+        runs = [_recursion_deviation(surrogate, np.concatenate(parts), bound) for parts in zip(*blocks, strict=True)]
+        return np.max(runs, axis=0) if runs else np.empty(0)
+    deviation_at = surrogate.deviation if isinstance(surrogate, StaticSurrogate) else surrogate.deviation_at
+    parts = [np.max([deviation_at(x) for x in points], axis=0) for points in blocks]
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+def _recursion_deviation(surrogate: "DynamicSurrogate", points: Float, bound: BoundDataset) -> Float:
+    """Return the deviation of one call, Float[samples]; its errors begin anew with each piece."""
     if bound.hold is not None:  # a point stays in its settled state as long as it is held
-        settled: Float = surrogate.deviation_along(np.repeat(points[None], bound.hold.samples, axis=0))[-1]
+        settled: Float = surrogate.deviation_along(points[None], repeats=bound.hold.samples)[-1]
         return settled
     pieces = np.split(points, bound.starts[bound.starts > 0])
     return np.concatenate([surrogate.deviation_along(piece[:, None])[:, 0] for piece in pieces])

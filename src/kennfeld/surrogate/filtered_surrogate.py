@@ -113,15 +113,19 @@ class FilteredSurrogate:
             return np.zeros(len(u), dtype=bool)
         return self.validity.outside(self.points(u))
 
-    def deviation(self, u: Float) -> Float:
+    def deviation(self, u: Float, y0: Float | Sequence[float] | None = None) -> Float:
         """Return the standard deviation of new measurements from the output, Float[samples]; NaN if it is unknown.
 
-        About 95 % of measurements are within two deviations.
+        About 95 % of measurements are within two deviations of `simulate(u, y0)`. It is 0 at the measured outputs.
 
         Args:
             u: inputs, Float[samples, inputs], in their units.
+            y0: the measured outputs of the first samples, as in `simulate`.
         """
-        return self.deviation_at(self.points(u))
+        deviation = self.deviation_at(self.points(u))
+        if y0 is not None and self.uncertainty is not None:
+            deviation[: np.size(y0)] = 0.0
+        return deviation
 
     def deviation_at(self, points: Float) -> Float:
         """Return the same at points Float[..., numbers] of inputs and filtered inputs."""

@@ -1,67 +1,92 @@
-"""Calibration of the predictive deviation of a dynamic model on free runs over blocks that are left out.
+"""Calibration of the predictive deviation of a recursion on free runs over blocks that are left out.
 
 For each block, a model is trained without it. Its errors over the block are larger than those of the model that has
-seen all blocks, errors of the training are smaller: they are weighted 0.632 to 0.368 (B. Efron: Estimating the Error
-Rate of a Prediction Rule, 1983). The deviations of process and measurement are those of the narrowest band of two
-deviations that covers 95.45 % of them.
+seen all blocks, and the errors of the latter over the same block are too small: they have the weights 0.632 and 0.368
+(B. Efron: Estimating the Error Rate of a Prediction Rule, Journal of the American Statistical Association, 1983), and
+each block has the same weight. A few ratios of the deviations are tried. Each is scaled so that two deviations cover
+95.45 % of the weighted errors, and the one with the least interval score is taken (T. Gneiting, A. E. Raftery: Strictly
+Proper Scoring Rules, Prediction, and Estimation, Journal of the American Statistical Association, 2007, equation 43).
 """
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import compress, product
+from itertools import product
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.baselines import plane
-from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, RunPath
-from kennfeld.surrogate.gp_kernel import JITTER
+from kennfeld.surrogate.baselines import one_step_plane
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, LinearisedRun
 from kennfeld.surrogate.model_selection import BLOCKS, CENTRES, SAMPLES, HoldoutFold, folds
-from kennfeld.surrogate.narx_training import TrainingSettings, free_run_rmse, one_step_expansion, train_free_run
+from kennfeld.surrogate.narx_training import TrainingSettings, one_step_expansion, train_free_run
 from kennfeld.surrogate.recursion import Lags, Recording, Runs, simulate
 from kennfeld.surrogate.stopping import Stopped, never
-from kennfeld.surrogate.uncertainty import TWO_DEVIATIONS
+from kennfeld.surrogate.uncertainty import TWO_DEVIATIONS, has_equal_widths
 
 MOST = 100_000  # samples of the recordings that models are trained on without a block
 FEW_ITERATIONS = 3  # of these models, if there are more samples than the regularisation is chosen on
-COMPARED = 4000  # errors that trials are compared on
+LONGEST = 4000  # steps of a block that errors are compared over
 LEFT_OUT = 0.632  # weight of errors over blocks that are left out; errors of the training have the others
-PROCESS_NOISES = (0.0, 0.01, 0.03, 0.1, 0.3)  # that are tried, in units of the error
-SIGNALS = (0.1, 0.3, 1.0)  # that are tried, in units of the spread of the bells
-NOISES = tuple(np.geomspace(0.05, 1.5, 12).tolist())  # that are tried, in units of the error
+RATIOS = ((0.0, 1.0), (0.05, 1.0), (0.2, 1.0), (1.0, 0.05))  # process noise and noise > 0, in units of the error
+SIGNALS = (0.3, 1.0, 3.0, 10.0)  # in units of the spread of the bells
+ROUNDS = 6  # in which deviations are scaled: limits bound them, so that one round need not suffice
+CLOSE = 0.01  # relative change of the scale with which the rounds end
 
 
 @dataclass(frozen=True, eq=False)
-class _FreeRunErrors:
-    """Errors of free runs Float[errors], their weights, and variances that are propagated Float[trials, errors]."""
+class _BlockRun:
+    """Free run of a model over a block: errors Float[steps], the steps that count, and the weight of all of them."""
 
-    size: Float
-    weight: Float
-    variance: Float
+    error: Float
+    counted: Bool
+    weight: float
+    linearised: LinearisedRun
 
     @classmethod
-    def joined(cls, parts: "Sequence[_FreeRunErrors]") -> "_FreeRunErrors":
-        size, weight = (np.concatenate([getattr(part, name) for part in parts]) for name in ("size", "weight"))
-        return cls(size, weight, np.concatenate([part.variance for part in parts], axis=1))
+    def of(cls, model: Expansion, block: Runs, limits: tuple[float, float], weight: float) -> "_BlockRun | None":
+        """Run a model over the first steps of a block; None if it leaves the range of the outputs far behind."""
+        y = simulate(model, block, limits).y
+        error, counted = np.abs(y - block.target)[:LONGEST, 0], block.scored[:LONGEST, 0]
+        if not np.isfinite(y).all() or not counted.any():
+            return None
+        points, shares = block.visited(y)[:LONGEST], has_equal_widths(model)
+        return cls(error, counted, weight, LinearisedRun.along(model, points, block.lags.output, limits, shares=shares))
 
-    def calibrated(self, trial: int, noise: float) -> tuple[float, float]:
-        """Return the score of a band of two deviations that covers 95.45 % of the weight, and its scale.
 
-        The score is that of intervals, width plus excess, of T. Gneiting, A. E. Raftery: Strictly Proper Scoring Rules,
-        2007, equation 43.
-        """
-        deviation = np.sqrt(self.variance[trial] + noise**2)
-        ratio = self.size / deviation
+@dataclass(frozen=True, eq=False)
+class _WeightedErrors:
+    """Errors of free runs, their weights, and their deviations, all Float[errors]."""
+
+    error: Float
+    weight: Float
+    deviation: Float
+
+    @classmethod
+    def of(cls, runs: Sequence[_BlockRun], uncertainty: FreeRunUncertainty) -> "_WeightedErrors":
+        parts = [
+            (run.error[run.counted], np.full(run.counted.sum(), run.weight / run.counted.sum()), deviation[run.counted])
+            for run in runs
+            for deviation in [run.linearised.deviation(uncertainty)[:, 0]]
+        ]
+        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    @property
+    def scale(self) -> float:
+        """The factor of the deviations with which two of them cover 95.45 % of the weight."""
+        ratio = self.error / self.deviation
         order = np.argsort(ratio)
         share = np.cumsum(self.weight[order]) / self.weight.sum()
-        scale = float(ratio[order[min(np.searchsorted(share, TWO_DEVIATIONS), share.size - 1)]]) / 2
-        half = 2 * scale * deviation
-        excess = np.maximum(self.size - half, 0.0)
-        return float(np.average(2 * half + 2 / (1 - TWO_DEVIATIONS) * excess, weights=self.weight)), scale
+        return float(ratio[order[min(np.searchsorted(share, TWO_DEVIATIONS), share.size - 1)]]) / 2
+
+    @property
+    def score(self) -> float:
+        """The mean interval score of two deviations: the width, and what errors exceed it by, times 2 / 0.0455."""
+        excess = np.maximum(self.error - 2 * self.deviation, 0.0)
+        return float(np.average(4 * self.deviation + 2 / (1 - TWO_DEVIATIONS) * excess, weights=self.weight))
 
 
 def calibrated_uncertainty(
@@ -71,6 +96,7 @@ def calibrated_uncertainty(
     lengths: Float,
     settings: TrainingSettings,
     *,
+    start: float = 0.0,
     trains: bool = True,
     stopped: Stopped = never,
 ) -> FreeRunUncertainty | None:
@@ -84,88 +110,89 @@ def calibrated_uncertainty(
         model: the model that was trained on all of them.
         lengths: length scales of the model, in units of spread.
         settings: of its training for free run.
+        start: the output from which it runs if none is measured.
         trains: whether it was trained for free run, and not only one step ahead.
         stopped: asked between blocks; once it returns true, there is no uncertainty.
 
     Returns:
-        The uncertainty; None if the recordings are too short for blocks, if no model runs freely without one, or if the
-        widths differ between centres.
+        The uncertainty; None if the recordings are too short for blocks, or if no model runs freely without one.
     """
-    if model.size and not np.all(model.widths == model.widths[0]):
+    runs = _block_runs(pieces, lags, model, lengths, settings, trains, stopped)
+    if not runs or stopped():
         return None
+    errors = np.concatenate([run.error[run.counted] for run in runs])
+    unit = float(np.sqrt(np.mean(errors**2)))
+    unmeasured = float(np.sqrt(np.mean(np.concatenate([(piece.y - start)[piece.scored] for piece in pieces]) ** 2)))
+    if unit == 0:
+        return FreeRunUncertainty(0.0, 0.0, 0.0, unmeasured)
+    signals = [signal * _spread_of_bells(model, Runs.of(pieces, lags).points) for signal in SIGNALS]
+    trials = [
+        _scaled(FreeRunUncertainty(signal, unit * noise, unit * process_noise, unmeasured), runs)
+        for (process_noise, noise), signal in product(RATIOS, signals if any(signals) else (0.0,))
+    ]
+    return min(trials, key=lambda trial: _WeightedErrors.of(runs, trial).score)
+
+
+def _spread_of_bells(model: Expansion, points: Float) -> float:
+    if not model.size or not has_equal_widths(model):
+        return 0.0
+    return float(np.std(model(points) - points @ model.slopes))
+
+
+def _scaled(uncertainty: FreeRunUncertainty, runs: Sequence[_BlockRun]) -> FreeRunUncertainty:
+    """Return the uncertainty with a common factor of what each step adds, such that two deviations cover 95.45 %."""
+    for _ in range(ROUNDS):
+        scale = _WeightedErrors.of(runs, uncertainty).scale
+        scaled = {name: scale * getattr(uncertainty, name) for name in ("signal", "noise", "process_noise")}
+        uncertainty = replace(uncertainty, **scaled)
+        if abs(scale - 1) < CLOSE:
+            break
+    return uncertainty
+
+
+def _block_runs(
+    pieces: Sequence[Recording],
+    lags: Lags,
+    model: Expansion,
+    lengths: Float,
+    settings: TrainingSettings,
+    trains: bool,
+    stopped: Stopped,
+) -> list[_BlockRun]:
+    """Return the runs over each block of a model that is trained without it, and of the model itself."""
     large = sum(map(len, pieces)) > SAMPLES
-    divisions = folds(pieces, lags, 2 * BLOCKS if large else BLOCKS, MOST, few=large)
     iterations = min(settings.iterations, FEW_ITERATIONS) if large else settings.iterations
     few = replace(settings, iterations=iterations if trains else 0, moves_centres=False)
-    models, trained_folds = [], []
-    for fold in divisions:
+    result: list[_BlockRun] = []
+    for fold in folds(pieces, lags, 2 * BLOCKS if large else BLOCKS, MOST, few=large):
         if stopped():
-            return None
-        # without the block, a channel may be constant
-        with suppress(ArgumentError):
-            models.append(_trained_without(fold, model, lengths, few))
-            trained_folds.append(fold)
-    points = Runs.of(pieces, lags).points
-    # a small model that leaves the range of the outputs far behind tells nothing of one that does not
-    most = float(np.ptp(points[:, 0]))
-    stays = [
-        free_run_rmse(m, fold.held_out, settings.limits) <= most for m, fold in zip(models, trained_folds, strict=True)
+            break
+        with suppress(ArgumentError):  # without the block, a channel may be constant
+            result += _runs_over(fold, model, _trained_without(fold, model, lengths, few), settings.limits)
+    return result
+
+
+def _runs_over(
+    fold: HoldoutFold, model: Expansion, without: Expansion, limits: tuple[float, float]
+) -> Iterator[_BlockRun]:
+    """Yield the runs over the held-out block, unless one leaves the range of the outputs of the training far behind.
+
+    A model of a part of the data that does so tells nothing of one that does not.
+    """
+    runs = [
+        _BlockRun.of(model, fold.held_out, limits, 1 - LEFT_OUT),
+        _BlockRun.of(without, fold.held_out, limits, LEFT_OUT),
     ]
-    models, runs = list(compress(models, stays)), [fold.held_out for fold in compress(trained_folds, stays)]
-    if not runs:
-        return None
-    unit = _unit(models, runs, settings.limits)
-    nugget = np.full(model.size, JITTER)
-    if unit == 0:
-        return FreeRunUncertainty(0.0, 0.0, 0.0, nugget)
-    spread = float(np.std(model(points) - points @ model.slopes)) if model.size else 0.0
-    trials = [(unit * noise, spread * signal) for noise in PROCESS_NOISES for signal in (SIGNALS if spread else (0.0,))]
-    errors = _FreeRunErrors.joined(
-        [
-            *_errors(models, runs, trials, settings.limits, LEFT_OUT),
-            *_errors([model] * len(runs), runs, trials, settings.limits, 1 - LEFT_OUT),
-        ]
-    )
-    best, noise = min(
-        product(range(len(trials)), unit * np.array(NOISES)), key=lambda trial: errors.calibrated(*trial)[0]
-    )
-    process_noise, signal = trials[best]
-    return FreeRunUncertainty(signal, noise, process_noise, nugget).scaled(errors.calibrated(best, noise)[1])
-
-
-def _unit(models: Sequence[Expansion], runs: Sequence[Runs], limits: tuple[float, float]) -> float:
-    """Return the RMSE of models over their runs."""
-    squares = [free_run_rmse(model, run, limits) ** 2 for model, run in zip(models, runs, strict=True)]
-    return float(np.sqrt(np.mean(squares)))
-
-
-def _errors(
-    models: Sequence[Expansion],
-    runs: Sequence[Runs],
-    trials: Sequence[tuple[float, float]],
-    limits: tuple[float, float],
-    weight: float,
-) -> Iterator[_FreeRunErrors]:
-    """Yield the errors of each model over a run, thinned evenly, unless it diverges."""
-    every = max(sum(run.target.size for run in runs) // COMPARED, 1)
-    process_noise, signal = (np.array(column)[:, None, None] for column in zip(*trials, strict=True))
-    for model, run in zip(models, runs, strict=True):
-        y = simulate(model, run, limits).y
-        if not np.isfinite(y).all():
-            continue
-        path = RunPath.of(model, np.full(model.size, JITTER), run.visited(y), len(run.lags.output))
-        variance = path.variance(process_noise**2 + (signal * path.shares) ** 2, run.lags.output, limits)
-        size, used = np.abs(y - run.target)[:, 0], run.scored[:, 0]
-        yield _FreeRunErrors(
-            size[used][::every], np.full(used.sum(), weight)[::every], variance[:, used, 0][:, ::every]
-        )
+    most = float(np.ptp(fold.training.one_step_target))
+    for run in runs:
+        if run is None or np.sqrt(np.mean(run.error[run.counted] ** 2)) > most:
+            return
+    yield from (run for run in runs if run is not None)
 
 
 def _trained_without(fold: HoldoutFold, model: Expansion, lengths: Float, settings: TrainingSettings) -> Expansion:
     """Return a model like `model`, trained without the held-out block of a fold."""
     if not model.size:
-        target = fold.training.one_step_target
-        inside = (target > settings.limits[0]) & (target < settings.limits[1])
-        return plane(fold.training.points[inside], target[inside])
+        return one_step_plane(fold.training, settings.limits)
     start = one_step_expansion(fold.training, lengths, min(model.size, CENTRES), settings.limits)
     return train_free_run(start, fold.training, settings)

@@ -1,149 +1,140 @@
-"""Predictive deviation of a dynamic model in free run, by a linearised propagation of its errors.
+"""Predictive deviation of a recursion in free run, by a linearised propagation of its errors.
 
-The model's error of one step, w_k, is fed back with its outputs:
+The model's error of one step, w_k, is fed back with its outputs (A. Gelb: Applied Optimal Estimation, 1974, chapter 4):
 
     e_k = sum over output lags l of df/dy_{k-l} e_{k-l} + w_k,   deviation_k^2 = var e_k + noise^2
     var w_k = process_noise^2 + (signal share_k)^2
 
 where share_k is the share of the deviation of a Gaussian process that the centres leave open at the point of step k
-(see `uncertainty`): it grows outside the training data. Beyond its limits the output is linearised statistically: a
-normal error e about f has the variance and the mean slope of the limited output (A. Gelb: Applied Optimal Estimation,
-1974, section 6.2).
+(see `uncertainty`): it grows outside the training data. Limits of the output bound the error, see `recursion_code`.
 """
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
 
 import numpy as np
 
-from kennfeld.arrays import Float, readonly
+from kennfeld.arrays import Bool, Float
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.gp_kernel import bells
-from kennfeld.surrogate.recursion import UNLIMITED, input_slopes
-from kennfeld.surrogate.uncertainty import Deviation, Uncertainty
+from kennfeld.surrogate.gp_kernel import JITTER
+from kennfeld.surrogate.recursion import bells_of, input_slopes
+from kennfeld.surrogate.recursion_code import LARGEST, covariance_code
+from kennfeld.surrogate.uncertainty import Deviation, Uncertainty, has_equal_widths
 
 BLOCK = 4096
-MOST = 1e150  # of a variance
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class FreeRunUncertainty:
-    """The uncertainty of a dynamic model.
+    """The uncertainty of a recursion; all deviations are in the unit of its output.
 
     Attributes:
-        signal: deviation of the model far from its centres, at each step, in the unit of the output.
-        noise: deviation of a measurement about the output, in the unit of the output.
-        process_noise: deviation of the model at each step amidst its centres, which is fed back.
-        nugget: variance of the value at each centre, as a share of signal^2, Float[centres].
+        signal: deviation of the error that each step adds far from the training data.
+        noise: deviation of a measurement about the output.
+        process_noise: deviation of the error that each step adds amid the training data.
+        start: deviation of outputs before the run that are not measured.
 
     Raises:
-        ArgumentError: a deviation is negative, or a nugget is not > 0.
+        ArgumentError: a deviation is negative or not finite.
     """
 
     signal: float
     noise: float
     process_noise: float
-    nugget: Float  # Float[centres]
+    start: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "nugget", readonly(self.nugget))
-        if not 0 <= self.process_noise < np.inf:
-            raise ArgumentError(f"process_noise={self.process_noise} of an uncertainty must be a finite number >= 0")
-        Uncertainty(self.signal, self.noise, self.nugget)
+        for name in (field.name for field in fields(self)):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ArgumentError(f"{name}={getattr(self, name)} of an uncertainty must be a finite number >= 0")
+
+    @property
+    def first(self) -> float:
+        """Deviation of a measurement from the first step after measured outputs, amid the training data."""
+        return float(np.hypot(self.noise, self.process_noise))
 
     def check(self, expansion: Expansion) -> None:
         """Raise `ArgumentError` if this is not an uncertainty of that expansion."""
-        Uncertainty(self.signal, self.noise, self.nugget).check(expansion)
-
-    def scaled(self, factor: float) -> "FreeRunUncertainty":
-        """Return the uncertainty with all deviations multiplied by a factor."""
-        return FreeRunUncertainty(self.signal * factor, self.noise * factor, self.process_noise * factor, self.nugget)
-
-
-def free_run_deviation(
-    expansion: Expansion,
-    uncertainty: FreeRunUncertainty,
-    points: Float,
-    lags: Sequence[int],
-    limits: tuple[float, float],
-) -> Float:
-    """Return the standard deviation of a new measurement from each step of free runs side by side.
-
-    Args:
-        expansion: the model.
-        uncertainty: its uncertainty.
-        points: that the runs go through, from outputs that are known exactly, Float[steps, runs, inputs].
-        lags: of the output, the first inputs of a point, increasing.
-        limits: of the output.
-
-    Returns:
-        Float[steps, runs], infinite where the errors grow beyond all bounds.
-    """
-    path = RunPath.of(expansion, uncertainty.nugget, points, len(lags))
-    steps = uncertainty.process_noise**2 + (uncertainty.signal * path.shares) ** 2
-    return np.sqrt(path.variance(steps, lags, limits) + uncertainty.noise**2)
+        if self.signal and not has_equal_widths(expansion):
+            raise ArgumentError("signal of an uncertainty must be 0 if the widths of the model differ between centres")
 
 
 @dataclass(frozen=True, eq=False)
-class RunPath:
-    """Runs of a model: its value before the limits, its slopes by the past outputs, and its share of the prior."""
+class LinearisedRun:
+    """A model linearised along free runs side by side.
 
-    value: Float  # Float[steps, runs]
-    slopes: Float  # Float[steps, runs, output lags]
-    shares: Float  # Float[steps, runs]
+    Attributes:
+        lags: of the output.
+        limits: of the output.
+        free: the output without the limits, Float[steps, runs].
+        slopes: df/dy by the outputs at the lags, Float[steps, runs, lags].
+        shares: of the deviation of a process that the centres leave open, Float[steps, runs].
+    """
+
+    lags: tuple[int, ...]
+    limits: tuple[float, float]
+    free: Float
+    slopes: Float
+    shares: Float
 
     @classmethod
-    def of(cls, expansion: Expansion, nugget: Float, points: Float, own: int) -> "RunPath":
-        shape = points.shape[:-1]
+    def along(
+        cls, expansion: Expansion, points: Float, lags: Sequence[int], limits: tuple[float, float], *, shares: bool
+    ) -> "LinearisedRun":
+        """Linearise a model at the points that runs go through.
+
+        Args:
+            expansion: the model.
+            points: Float[steps, runs, inputs]; the outputs at the lags are their first inputs.
+            lags: of the output, increasing.
+            limits: of the output.
+            shares: whether the shares are needed; otherwise they are 0.
+        """
+        shape, own = points.shape[:-1], len(lags)
         flat = points.reshape(-1, expansion.inputs)
-        slopes = np.empty((len(flat), own))
+        free, open_shares, slopes = np.empty(len(flat)), np.zeros(len(flat)), np.empty((len(flat), own))
+        process = _unit_process(expansion) if shares and expansion.size else None
         for first in range(0, len(flat), BLOCK):
-            part = flat[first : first + BLOCK]
-            near = bells(part, expansion.centres, expansion.widths[0]) if expansion.size else np.empty((len(part), 0))
-            slopes[first : first + BLOCK] = input_slopes(expansion, part, near, own)
-        shares = np.zeros(len(flat))
-        if expansion.size:
-            shares = Deviation(expansion, Uncertainty(1.0, 0.0, nugget))(flat)
-        return cls(expansion(flat).reshape(shape), slopes.reshape(*shape, own), shares.reshape(shape))
+            part = slice(first, first + BLOCK)
+            x = flat[part]
+            bells = bells_of(expansion, x)
+            free[part] = expansion.offset + x @ expansion.slopes + bells @ expansion.weights
+            slopes[part] = input_slopes(expansion, x, bells, own)
+            if process is not None:
+                open_shares[part] = process.open_share(x, bells)
+        return cls(tuple(lags), limits, free.reshape(shape), slopes.reshape(*shape, own), open_shares.reshape(shape))
 
-    def variance(self, steps: Float, lags: Sequence[int], limits: tuple[float, float]) -> Float:
-        """Return the variance of the propagated error for variances `steps` of each step, Float[..., steps, runs]."""
-        back = max(lags)
-        at = np.array(lags) - 1
-        window = np.zeros((*steps.shape[:-2], steps.shape[-1], back, back))  # covariance of e_{k-1}, ..., e_{k-back}
-        result = np.empty(steps.shape)
-        with np.errstate(over="ignore", invalid="ignore"):
-            for k, slopes in enumerate(self.slopes):
-                across = np.einsum("...ij,...j->...i", window[..., at], slopes)
-                variance = np.einsum("...i,...i->...", across[..., at], slopes) + steps[..., k, :]
-                variance = np.minimum(np.nan_to_num(np.maximum(variance, 0.0), nan=MOST), MOST)
-                variance, gain = _limited(self.value[k], variance, limits)
-                result[..., k, :] = variance
-                window[..., 1:, 1:] = window[..., :-1, :-1]
-                window[..., 0, 0] = variance
-                window[..., 0, 1:] = window[..., 1:, 0] = np.clip(gain[..., None] * across[..., :-1], -MOST, MOST)
-        result[result >= MOST] = np.inf
-        return result
+    def repeated(self, times: int) -> "LinearisedRun":
+        """Return the runs with each step repeated so many times in a row."""
+        free, slopes, shares = (np.repeat(array, times, axis=0) for array in (self.free, self.slopes, self.shares))
+        return replace(self, free=free, slopes=slopes, shares=shares)
+
+    def deviation(self, uncertainty: FreeRunUncertainty, unknown: Bool | None = None) -> Float:
+        """Return the standard deviation of a new measurement from each step, Float[steps, runs].
+
+        It is infinite where errors grow beyond all bounds, and NaN where the output is not a number.
+
+        Args:
+            uncertainty: that of the model.
+            unknown: the outputs before the first step that are not measured, oldest first, Bool[longest lag, runs]; by
+                default all are measured.
+        """
+        steps, runs = self.free.shape
+        back = max(self.lags)
+        rows = np.zeros((back + steps, runs, back + 1))  # covariances with the error so many steps before
+        if unknown is not None:
+            for age in range(back):  # what is not measured has one common error
+                rows[age:back, :, age] = uncertainty.start**2 * (unknown[age:] & unknown[: back - age])
+        added = uncertainty.process_noise**2 + (uncertainty.signal * self.shares) ** 2
+        numbers = [np.array(self.limits, dtype=np.float64), self.free, self.slopes, added]
+        arrays = [np.ascontiguousarray(number, dtype=np.float64) for number in numbers]
+        covariance_code(self.lags)(steps * runs, runs, *(array.ctypes.data for array in arrays), rows.ctypes.data)
+        variance = rows[back:, :, 0]
+        deviation = np.sqrt(np.where(variance < LARGEST, variance, np.inf) + uncertainty.noise**2)
+        return np.where(np.isnan(self.free), np.nan, deviation)
 
 
-def _limited(value: Float, variance: Float, limits: tuple[float, float]) -> tuple[Float, Float]:
-    """Return the variance of a limited output about that of `value`, and its mean slope, for a normal error."""
-    if limits == UNLIMITED:
-        return variance, np.ones_like(variance)
-    from scipy.special import ndtr
-
-    spread = np.sqrt(np.maximum(variance, 1e-300))
-    middle = np.clip(value, *limits)
-    low, high = (np.clip((limit - value) / spread, -1e10, 1e10) for limit in limits)
-    inside = ndtr(high) - ndtr(low)
-    density_low, density_high = (np.exp(-0.5 * end**2) / np.sqrt(2 * np.pi) for end in (low, high))
-    # moments of the error within the limits, about `middle`, then those at the limits
-    shift = value - middle
-    first = spread * (density_low - density_high)
-    second = variance * (inside + low * density_low - high * density_high)
-    square = second + 2 * shift * first + shift**2 * inside
-    for limit, share in ((limits[0], ndtr(low)), (limits[1], ndtr(-high))):
-        if np.isfinite(limit):
-            square = square + share * (limit - middle) ** 2
-    return np.maximum(square, 0.0), inside
+def _unit_process(expansion: Expansion) -> Deviation:
+    return Deviation(expansion, Uncertainty(1.0, 0.0, np.full(expansion.size, JITTER)))

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, get_args
 
@@ -28,7 +28,7 @@ VERSIONS = {"gaussian": 1, "matern52": 2}  # by kernel: readers of version 1 kno
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
 UNCERTAINTY = ("signal", "noise", "nugget")
-FREE_RUN_UNCERTAINTY = ("signal", "noise", "process_noise", "nugget")
+FREE_RUN_UNCERTAINTY = ("signal", "noise", "process_noise", "start")
 REWRITE = "Train it again with `kennfeld surrogate train`."
 NUMBERS = ("rmse", "r2", "max_abs")
 
@@ -303,7 +303,7 @@ def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[An
     inner = reader.inner(key)
     if inner is None:
         return None
-    scalars = ("offset", "threshold", "signal", "noise", "process_noise")
+    scalars = ("offset", "threshold", "signal", "noise", "process_noise", "start")
     values: dict[str, Any] = {name: inner.number(name) if name in scalars else inner.numbers(name) for name in names}
     if any(value is None for value in values.values()):
         return None
@@ -351,22 +351,30 @@ def _shorten(value: Any) -> str:
 
 
 def surrogate_notes(surrogate: Surrogate) -> list[str]:
-    """Return sentences on a surrogate: the noise or the stability, and the remarks of its training."""
-    notes = [*_deviation_notes(surrogate), *(f"Remark: {text.rstrip('.')}." for text in surrogate.remarks)]
-    if isinstance(surrogate, StaticSurrogate) or not surrogate.stability:
-        return notes
-    return [surrogate.stability, *notes]
+    """Return sentences on a surrogate: its stability, its deviation, and the remarks of its training."""
+    stability = "" if isinstance(surrogate, StaticSurrogate) else surrogate.stability
+    remarks = [f"Remark: {text.rstrip('.')}." for text in surrogate.remarks]
+    return [*([stability] if stability else []), deviation_note(surrogate), *remarks]
 
 
-def _deviation_notes(surrogate: Surrogate) -> Iterator[str]:
+def deviation_note(surrogate: Surrogate) -> str:
+    """Return a line with the predictive deviation of a surrogate, or that it is not known."""
     if surrogate.uncertainty is None:
-        return
+        return "deviation of a new measurement: not known"
     unit = surrogate.units[-1] if surrogate.units else ""
-    noise = f"{surrogate.uncertainty.noise:.3g} {unit if unit != '-' else ''}".strip()
+    least = f"{least_deviation(surrogate):.3g} {unit if unit != '-' else ''}".strip()
     if isinstance(surrogate, DynamicSurrogate):
-        yield f"deviation of a new measurement from a free run: {noise} at its first step, more later"
-    else:
-        yield f"deviation of a new measurement: {noise} amidst the training data, more away from them"
+        return f"deviation of a new measurement from a free run: {least} at its first step, or more later"
+    return f"deviation of a new measurement: {least} amidst the training data, more away from them"
+
+
+def least_deviation(surrogate: Surrogate) -> float | None:
+    """Return the deviation of a measurement amid the training data, in the unit of the output; None if unknown.
+
+    Of a recursion it is that of the first step of a free run.
+    """
+    known = surrogate.uncertainty
+    return known.first if isinstance(known, FreeRunUncertainty) else None if known is None else known.noise
 
 
 def as_parameters(surrogates: Iterable[Surrogate]) -> ParameterSet:

@@ -15,7 +15,7 @@ from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, free_run_deviation
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, LinearisedRun
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty
 from kennfeld.surrogate.validity import Validity
@@ -224,17 +224,66 @@ class DynamicSurrogate:
         from `start`.
         """
         inputs = self._inputs(u)
-        first = np.zeros(0) if y0 is None else np.asarray(y0, dtype=np.float64).reshape(-1)[: len(inputs)]
+        first = self._measured(y0, len(inputs))
+        runs = self._runs(inputs, first)
+        if runs is None:
+            return first.copy()
+        return np.concatenate([first, simulate(self.expansion, runs, self.limits).y[:, 0]])
+
+    def deviation(self, u: Float, y0: Float | Sequence[float] | None = None) -> Float:
+        """Return the standard deviation of new measurements from the free run, Float[samples].
+
+        About 95 % of measurements are within two deviations of `simulate(u, y0)`. The deviation grows from that of the
+        first free sample on, since errors are fed back; it is 0 at the measured outputs, and NaN if it is unknown.
+        Outputs before the recording that are not measured have a deviation, too.
+
+        Args:
+            u: inputs, Float[samples, inputs], in their units.
+            y0: the measured outputs after which the run begins, as in `simulate`.
+        """
+        inputs = self._inputs(u)
+        first = self._measured(y0, len(inputs))
+        runs = self._runs(inputs, first)
+        if runs is None or self.uncertainty is None:
+            return np.full(len(inputs), np.nan if self.uncertainty is None else 0.0)
+        points = runs.visited(simulate(self.expansion, runs, self.limits).y)
+        back = max(self.output_lags)
+        unmeasured = np.arange(first.size - back, first.size)[:, None] < 0
+        deviation = self._linearised(points).deviation(self.uncertainty, unmeasured)
+        return np.concatenate([np.zeros(first.size), deviation[:, 0]])
+
+    def deviation_along(self, points: Float, *, repeats: int = 1) -> Float:
+        """Return the same along points of free runs side by side: Float[steps, runs, numbers] -> Float[steps, runs].
+
+        An output before the first step counts as measured unless it is `start`. Each point counts as so many steps.
+        """
+        if self.uncertainty is None:
+            return np.full(points.shape[:-1], np.nan)
+        back = max(self.output_lags)
+        unmeasured = np.zeros((back, points.shape[1]), dtype=bool)
+        for i, lag in enumerate(self.output_lags):
+            unmeasured[back - lag] = points[0, :, i] == self.start
+        return self._linearised(points).repeated(repeats).deviation(self.uncertainty, unmeasured)
+
+    def _linearised(self, points: Float) -> LinearisedRun:
+        shares = self.uncertainty is not None and self.uncertainty.signal > 0
+        return LinearisedRun.along(self.expansion, points, self.output_lags, self.limits, shares=shares)
+
+    def _measured(self, y0: Float | Sequence[float] | None, most: int) -> Float:
+        first = np.zeros(0) if y0 is None else np.asarray(y0, dtype=np.float64).reshape(-1)[:most]
         if not np.isfinite(first).all():
             raise ArgumentError(f"y0 of surrogate {self.name} has values that are not finite")
+        return first
+
+    def _runs(self, inputs: Float, first: Float) -> Runs | None:
+        """Return the free run after measured outputs; None if there is nothing to run."""
         back = max(self.output_lags)
         known = np.concatenate([np.full(back, first[0] if first.size else self.start), first])
         padded = np.concatenate([np.repeat(inputs[:1], back, axis=0), inputs])
         if known.size == len(padded):
-            return first.copy()
+            return None
         recording = Recording(padded, np.concatenate([known, np.zeros(len(padded) - known.size)]))
-        run = simulate(self.expansion, Runs.of([recording], self._lags, known.size), self.limits)
-        return np.concatenate([first, run.y[:, 0]])
+        return Runs.of([recording], self._lags, known.size)
 
     def predict(self, u: Float, y: Float) -> Float:
         """Return one step ahead from measured outputs: u Float[samples, inputs], y Float[samples] -> Float[samples].
@@ -258,24 +307,6 @@ class DynamicSurrogate:
         if self.validity is None:
             return np.zeros(len(y), dtype=bool)
         return self.validity.outside(self.points(u, y))
-
-    def deviation(self, u: Float, y: Float) -> Float:
-        """Return the standard deviation of new measurements from a free run, Float[samples].
-
-        About 95 % of measurements are within two deviations. It is NaN if it is unknown. The outputs before the first
-        sample count as known exactly.
-
-        Args:
-            u: inputs, Float[samples, inputs], in their units.
-            y: the free run over them, Float[samples], in the unit of the output.
-        """
-        return self.deviation_along(self.points(u, np.asarray(y, dtype=np.float64))[:, None])[:, 0]
-
-    def deviation_along(self, points: Float) -> Float:
-        """Return the same for points of free runs side by side: Float[steps, runs, numbers] -> Float[steps, runs]."""
-        if self.uncertainty is None:
-            return np.full(points.shape[:-1], np.nan)
-        return free_run_deviation(self.expansion, self.uncertainty, points, self._lags.output, self.limits)
 
     def _inputs(self, u: Float) -> Float:
         inputs = np.asarray(u, dtype=np.float64)

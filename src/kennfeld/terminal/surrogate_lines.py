@@ -26,14 +26,6 @@ def describe_surrogate(surrogate: Surrogate) -> str:
     return f"{call}, steps of {surrogate.step:g} s, {centres}; lags in samples: {lags}"
 
 
-def noise_of(surrogate: Surrogate) -> float | None:
-    """Return the deviation of a measurement amidst the training data, in the unit of the output; None if unknown.
-
-    Of a dynamic surrogate it is that of the first step of a free run.
-    """
-    return None if surrogate.uncertainty is None else surrogate.uncertainty.noise
-
-
 def quality_table(surrogate: Surrogate) -> list[list[str]]:
     """Return a row for each dataset and mode of evaluation."""
     rows = [
