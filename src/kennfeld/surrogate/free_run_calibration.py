@@ -143,6 +143,8 @@ def _scaled(uncertainty: FreeRunUncertainty, runs: Sequence[_BlockRun]) -> FreeR
     """Return the uncertainty with a common factor of what each step adds, such that two deviations cover 95.45 %."""
     for _ in range(ROUNDS):
         scale = _WeightedErrors.of(runs, uncertainty).scale
+        if scale == 0:  # nearly all errors are 0, as they are at a limit
+            break
         scaled = {name: scale * getattr(uncertainty, name) for name in ("signal", "noise", "process_noise")}
         uncertainty = replace(uncertainty, **scaled)
         if abs(scale - 1) < CLOSE:

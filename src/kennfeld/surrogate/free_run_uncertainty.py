@@ -23,7 +23,7 @@ from kennfeld.surrogate.recursion import bells_of, input_slopes
 from kennfeld.surrogate.recursion_code import LARGEST, covariance_code
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty, has_equal_widths
 
-BLOCK = 4096
+BLOCK = 1024  # points whose bells stay in the cache
 
 
 @dataclass(frozen=True)
