@@ -193,6 +193,14 @@ def test_the_report_lists_the_errors_of_a_surrogate_and_of_the_plane(inside):
     text = re.sub(r"(<[^>]+>)+", "|", report)
     assert re.search(r"bench\|+rig\|+test\|+static\|+12\|+1\.25", text)
     assert re.search(r"bench\|+rig\|+test\|+plane\|+12\|+7\.5", text)
+    assert "bench: deviation of a new measurement: not known" in text
+
+
+def test_a_simulation_warns_if_a_deviation_that_is_asked_for_is_not_known(inside, capsys):
+    assert cli.run(["simulate", str(inside.path), "--deviation"]) == 0
+    assert "surrogate bench: its deviation is not known, so no column is written." in capsys.readouterr().err
+    assert cli.run(["simulate", str(inside.path)]) == 0
+    assert "deviation" not in capsys.readouterr().err
 
 
 def test_the_report_praises_a_surrogate_that_stays_inside(inside):

@@ -79,6 +79,7 @@ class Simulation:
         samples: number of samples of each dataset, by its name; with data in partitions, of those simulated so far.
         files: the short name of each file, by its path or address.
         skipped: the samples of each dataset that are not simulated, by its name, as far as they are known.
+        without_deviation: surrogates whose deviation is asked for and not known.
     """
 
     def __init__(self, problem: Problem, parameters: ParameterSet | None, *, deviation: bool = False) -> None:
@@ -92,6 +93,7 @@ class Simulation:
         self.files = short_names(list(_paths(problem)))
         units = problem.model.graph.units
         self.units = {name: units.get(name, "") for name in problem.model.graph.names}
+        self.without_deviation = [s.name for s in problem.model.surrogates if deviation and s.uncertainty is None]
         if deviation:
             self.units |= {_deviation_name(s): s.units[-1] if s.units else "" for s in _uncertain(problem)}
         for data in problem.datasets:
