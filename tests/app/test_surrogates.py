@@ -72,6 +72,7 @@ def test_training_ends_with_a_surrogate_that_the_formula_can_call(bench: Waiting
     row = rows(session)["engine"]
     assert (row["state"], row["centres"]) == ("trained", 5)
     assert {line["use"] for line in row["quality"]} == {"training", "test"}
+    assert row["deviation"].startswith("deviation of a new measurement: ")
     assert not session.stale, session.findings
     text = session.text_of(session.formula_file)
     session.do(SetText("called", session.formula_file, f"{text}\ny = engine(Speed, Rel_Airmass, 2 * Ignition)\n"))

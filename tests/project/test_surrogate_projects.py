@@ -13,7 +13,15 @@ from kennfeld.analysis.extrapolation import find_extrapolation
 from kennfeld.project import Project, partitioned_loading
 from kennfeld.rbf import Expansion
 from kennfeld.report import document, from_folder
-from kennfeld.surrogate import StaticSurrogate, SurrogateQuality, Validity, write_surrogate
+from kennfeld.surrogate import (
+    DynamicSurrogate,
+    FilteredSurrogate,
+    StaticSurrogate,
+    SurrogateQuality,
+    Validity,
+    write_surrogate,
+)
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty
 from kennfeld.surrogate.uncertainty import Uncertainty
 
 
@@ -67,6 +75,43 @@ def test_a_simulation_has_a_column_with_the_deviation_if_asked(outside, monkeypa
     points = np.column_stack([[2000, 7000, 2500, 6000], [10, 11, 12, 13]])
     np.testing.assert_allclose(deviations["fast"], uncertain_model().deviation(points), rtol=1e-12)
 
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_the_deviation_of_a_dynamic_surrogate_begins_anew_with_each_piece(tmp_path, filtered):
+    u = np.random.default_rng(0).normal(size=(40, 1))
+    if filtered:
+        bells = Expansion(0.0, [0.0, 1.0], [1.0], [[0.0, 0.0]], [[1.0, 1.0]])
+        model = FilteredSurrogate("tank", ("u",), "y", 1.0, (3.0,), bells, uncertainty=Uncertainty(0.2, 0.1, [0.01]))
+    else:
+        bells = Expansion(0.0, [0.9, 0.3], [1.0], [[0.0, 0.0]], [[1.0, 1.0]])
+        uncertainty = FreeRunUncertainty(0.2, 0.1, 0.05, 2.0)
+        model = DynamicSurrogate("tank", ("u",), ((0,),), "y", (1,), 1.0, bells, uncertainty=uncertainty)
+    pieces = [model.deviation(part) for part in (u[:15], u[15:])]
+    write_surrogate(model, tmp_path / "tank.json")
+    time = [*range(15), *range(200, 225)]
+    rows = [f"{t},{value!r},0" for t, value in zip(time, u[:, 0].tolist(), strict=True)]
+    (tmp_path / "data.csv").write_text("\n".join(["time,u,y", *rows]), encoding="utf-8")
+    (tmp_path / "model.kf").write_text("input u\nscalar gain\ny_s = gain * tank(u)\n", encoding="utf-8")
+    (tmp_path / "kennfeld.toml").write_text(PROJECT, encoding="utf-8")
+    parts = Project.read(tmp_path / "kennfeld.toml").simulation(deviation=True).parts()
+    column = np.concatenate([part.data["tank (deviation)"].values for part in parts])
+    np.testing.assert_allclose(column, np.concatenate(pieces), rtol=1e-12)
+
+
+PROJECT = """
+[model]
+file = "model.kf"
+[surrogates]
+tank = "tank.json"
+[parameters.gain]
+initial = 1
+[[criterion]]
+node = "y_s"
+target = { channel = "y" }
+[[dataset]]
+files = ["data.csv"]
+raster = 1
+"""
 
 SENTENCE = (
     "bench is used outside its training data at 2 of 4 samples of fast (50 %), "
@@ -148,6 +193,14 @@ def test_the_report_lists_the_errors_of_a_surrogate_and_of_the_plane(inside):
     text = re.sub(r"(<[^>]+>)+", "|", report)
     assert re.search(r"bench\|+rig\|+test\|+static\|+12\|+1\.25", text)
     assert re.search(r"bench\|+rig\|+test\|+plane\|+12\|+7\.5", text)
+    assert "bench: deviation of a new measurement: not known" in text
+
+
+def test_a_simulation_warns_if_a_deviation_that_is_asked_for_is_not_known(inside, capsys):
+    assert cli.run(["simulate", str(inside.path), "--deviation"]) == 0
+    assert "surrogate bench: its deviation is not known, so no column is written." in capsys.readouterr().err
+    assert cli.run(["simulate", str(inside.path)]) == 0
+    assert "deviation" not in capsys.readouterr().err
 
 
 def test_the_report_praises_a_surrogate_that_stays_inside(inside):

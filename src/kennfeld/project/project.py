@@ -363,8 +363,8 @@ class Project:
     ) -> "Simulation":
         """Return the same as `simulate`, to be computed part by part; data may be in partitions.
 
-        With `deviation`, there is a channel with the predictive deviation of each static
-        surrogate, `engine (deviation)`. `save("after.mf4")` of the result writes a file for other tools.
+        With `deviation`, there is a channel with the predictive deviation of each surrogate,
+        `engine (deviation)`. `save("after.mf4")` of the result writes a file for other tools.
         """
         from kennfeld.project.simulation import Simulation
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kennfeld.arrays import Int
+from kennfeld.arrays import Float, Int
 from kennfeld.dataset import Channel, Dataset
 from kennfeld.errors import ArgumentError, Finding, InputError, Location
 from kennfeld.file_spans import short_names
@@ -27,7 +27,8 @@ from kennfeld.project.simulated_channels import complete, renamed_inputs
 from kennfeld.threads import map_in_order
 
 if TYPE_CHECKING:
-    from kennfeld.surrogate.surrogate_models import StaticSurrogate
+    from kennfeld.surrogate.surrogate_file import Surrogate
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
 
 def simulate_problem(problem: Problem, parameters: ParameterSet | None) -> list[Dataset]:
@@ -50,7 +51,7 @@ class Extent:
     """The channels that a simulation has beside nodes and targets.
 
     Attributes:
-        deviation: the predictive deviation of each static surrogate.
+        deviation: the predictive deviation of each surrogate.
         complete: the inputs of the function, and the error of each criterion: node minus target.
     """
 
@@ -78,6 +79,7 @@ class Simulation:
         samples: number of samples of each dataset, by its name; with data in partitions, of those simulated so far.
         files: the short name of each file, by its path or address.
         skipped: the samples of each dataset that are not simulated, by its name, as far as they are known.
+        without_deviation: surrogates whose deviation is asked for and not known.
     """
 
     def __init__(self, problem: Problem, parameters: ParameterSet | None, *, deviation: bool = False) -> None:
@@ -91,6 +93,7 @@ class Simulation:
         self.files = short_names(list(_paths(problem)))
         units = problem.model.graph.units
         self.units = {name: units.get(name, "") for name in problem.model.graph.names}
+        self.without_deviation = [s.name for s in problem.model.surrogates if deviation and s.uncertainty is None]
         if deviation:
             self.units |= {_deviation_name(s): s.units[-1] if s.units else "" for s in _uncertain(problem)}
         for data in problem.datasets:
@@ -212,26 +215,42 @@ def _skipped(problem: Problem, bound: BoundDataset) -> SkippedSamples | None:
     return SkippedSamples.of(bound, problem.channels, restarts=bool(problem.graph.states))
 
 
-def _uncertain(problem: Problem) -> "list[StaticSurrogate]":
+def _uncertain(problem: Problem) -> "list[Surrogate]":
     """Return the surrogates of a model whose predictions have a known deviation."""
-    if not problem.model.surrogates:
-        return []
-    from kennfeld.surrogate.surrogate_models import StaticSurrogate
-
-    return [s for s in problem.model.surrogates if isinstance(s, StaticSurrogate) and s.uncertainty is not None]
+    return [surrogate for surrogate in problem.model.surrogates if surrogate.uncertainty is not None]
 
 
-def _deviation_name(surrogate: "StaticSurrogate") -> str:
+def _deviation_name(surrogate: "Surrogate") -> str:
     return f"{surrogate.name} (deviation)"
 
 
 def _deviations(problem: Problem, bound: BoundDataset, values: ParameterSet) -> Iterator[Channel]:
     """Yield the predictive deviation of each surrogate, the largest of its calls at a sample."""
     for surrogate in _uncertain(problem):
-        calls = SurrogateCalls(problem, values, surrogate.name)
-        parts = [np.max([surrogate.deviation(x) for x in points], axis=0) for _, points in calls.points(bound)]
-        column = np.concatenate(parts) if parts else np.empty(0)
+        column = _largest_deviation(surrogate, SurrogateCalls(problem, values, surrogate.name), bound)
         yield Channel(_deviation_name(surrogate), column, surrogate.units[-1] if surrogate.units else "")
+
+
+def _largest_deviation(surrogate: "Surrogate", calls: SurrogateCalls, bound: BoundDataset) -> Float:
+    """Return the largest deviation of all calls at each sample, Float[samples]."""
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
+
+    blocks = (points for _, points in calls.points(bound))  # Float[samples, inputs] of each call
+    if isinstance(surrogate, DynamicSurrogate):
+        runs = [_recursion_deviation(surrogate, np.concatenate(parts), bound) for parts in zip(*blocks, strict=True)]
+        return np.max(runs, axis=0) if runs else np.empty(0)
+    deviation_at = surrogate.deviation if isinstance(surrogate, StaticSurrogate) else surrogate.deviation_at
+    parts = [np.max([deviation_at(x) for x in points], axis=0) for points in blocks]
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+def _recursion_deviation(surrogate: "DynamicSurrogate", points: Float, bound: BoundDataset) -> Float:
+    """Return the deviation of one call, Float[samples]; its errors begin anew with each piece."""
+    if bound.hold is not None:  # a point stays in its settled state as long as it is held
+        settled: Float = surrogate.deviation_along(points[None], repeats=bound.hold.samples)[-1]
+        return settled
+    pieces = np.split(points, bound.starts[bound.starts > 0])
+    return np.concatenate([surrogate.deviation_along(piece[:, None])[:, 0] for piece in pieces])
 
 
 def _targets(problem: Problem, data: Dataset, nodes: Collection[str]) -> list[Channel]:

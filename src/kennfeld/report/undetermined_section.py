@@ -47,14 +47,19 @@ def render_undetermined(report: ReportData) -> Html:
 
 
 def _surrogate_errors(surrogates: Sequence["Surrogate"]) -> Html | None:
-    """Return the errors of the surrogates on the data of their training, beside those of linear models."""
+    """Return errors of the surrogates on the data of their training, beside linear models, and their deviations."""
+    from kennfeld.surrogate.surrogate_file import deviation_note
+
     rows = [
         [s.name, q.dataset, q.use, q.mode, str(q.samples), decimal(q.rmse), decimal(q.r2), decimal(q.max_abs)]
         for s in surrogates
         for q in s.quality
     ]
     head = ("surrogate", "dataset", "use", "mode", "samples", "RMSE", "R2", "max |error|")
-    return table(head, rows, words=4, class_="wide") if rows else None
+    deviations = [note(f"{s.name}: {deviation_note(s)}") for s in surrogates]
+    return (
+        element("div", table(head, rows, words=4, class_="wide") if rows else None, *deviations) if surrogates else None
+    )
 
 
 def _extrapolation_table(extrapolation: Sequence[Extrapolation]) -> Html:

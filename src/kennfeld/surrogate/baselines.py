@@ -57,12 +57,12 @@ def arx(
     longest = max(len(piece) for piece in pieces) - 1
     orders = [n for n in ORDERS if 2 * n <= longest] or [1]
     tried = [Lags(tuple(range(1, n + 1)), (tuple(range(first, n + 1)),) * inputs) for n in orders for first in (0, 1)]
-    models = [LinearRecursion(_one_step(pieces, lags, limits), lags) for lags in (*tried, *further)]
+    models = [LinearRecursion(one_step_plane(Runs.of(pieces, lags), limits), lags) for lags in (*tried, *further)]
     return min(models, key=lambda model: free_run_rmse(model, pieces, limits))
 
 
-def _one_step(pieces: Sequence[Recording], lags: Lags, limits: tuple[float, float]) -> Expansion:
-    runs = Runs.of(pieces, lags)
+def one_step_plane(runs: Runs, limits: tuple[float, float]) -> Expansion:
+    """Return the plane of least squares one step ahead, without the samples at the limits."""
     target = runs.one_step_target
     inside = (target > limits[0]) & (target < limits[1])
     return plane(runs.points[inside], target[inside])

@@ -17,9 +17,11 @@ from kennfeld.errors import Findings, InputError, Location
 from kennfeld.formatting import count_noun
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.baselines import LinearRecursion, arx, free_run_residual, plane
+from kennfeld.surrogate.baselines import LinearRecursion, arx, free_run_residual, one_step_plane, plane
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.filtered_training import FilteredModel, train_filtered
+from kennfeld.surrogate.free_run_calibration import calibrated_uncertainty
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty
 from kennfeld.surrogate.model_selection import (
     MIDDLE,
     ModelChoice,
@@ -129,8 +131,9 @@ class _DynamicTraining:
         if alternative is not None:
             self.remarks.append("a linear ARX model has the smallest error on held-out blocks, and is used")
             lengths = np.full(alternative.lags.size, MIDDLE)
-            return self._of_recursion(alternative.lags, alternative.expansion, lengths)
-        return self._of_recursion(lags, self._trained(lags, choice), choice.lengths)
+            linear = ModelChoice(lengths, TrainingSettings(), np.nan)
+            return self._of_recursion(alternative.lags, alternative.expansion, linear)
+        return self._of_recursion(lags, self._trained(lags, choice), choice)
 
     def _alternative(self, choice: ModelChoice) -> FilteredModel | LinearRecursion | None:
         """Return the model that is better than the nonlinear recursion on held-out blocks, if there is one."""
@@ -160,11 +163,13 @@ class _DynamicTraining:
             model.delay,
             Validity.around(model.points, model.points.std(0) * model.lengths, settings.seed),
             limits=self.limits,
+            uncertainty=model.uncertainty,
         )
 
-    def _of_recursion(self, lags: Lags, expansion: Expansion, lengths: Float) -> DynamicSurrogate:
+    def _of_recursion(self, lags: Lags, expansion: Expansion, choice: ModelChoice) -> DynamicSurrogate:
         runs, settings = Runs.of(self.pieces, lags), self.settings
         stability = self._bounded(expansion, runs)
+        start = float(np.mean([run.y[0] for run in self.pieces]))
         return DynamicSurrogate(
             settings.name,
             settings.inputs,
@@ -173,10 +178,26 @@ class _DynamicTraining:
             lags.output,
             self.step,
             expansion,
-            Validity.around(runs.points, runs.points.std(0) * lengths, settings.seed),
-            start=float(np.mean([run.y[0] for run in self.pieces])),
+            Validity.around(runs.points, runs.points.std(0) * choice.lengths, settings.seed),
+            start=start,
             limits=self.limits,
             stability=stability,
+            uncertainty=self._uncertainty(lags, expansion, choice, start),
+        )
+
+    def _uncertainty(
+        self, lags: Lags, expansion: Expansion, choice: ModelChoice, start: float
+    ) -> FreeRunUncertainty | None:
+        """Return the uncertainty of free runs within the limits, which are those of the surrogate."""
+        return calibrated_uncertainty(
+            self.pieces,
+            lags,
+            expansion,
+            choice.lengths,
+            replace(choice.settings, limits=self.limits),
+            start=start,
+            trains=self.settings.free_run,
+            stopped=self.stopped,
         )
 
     def _bounded(self, expansion: Expansion, runs: Runs) -> str:
@@ -298,11 +319,7 @@ def _nearly_constant(training: Sequence[Recording], settings: "SurrogateSettings
 def _linear_error(training: Sequence[Recording], linear: LinearRecursion, limits: Limits) -> float:
     """Return the RMSE of ARX models with these lags on the blocks that are held out of them."""
     divisions = folds(training, linear.lags)
-    fits = []
-    for fold in divisions:
-        target = fold.training.one_step_target
-        inside = (target > limits[0]) & (target < limits[1])
-        fits.append(plane(fold.training.points[inside], target[inside]))
+    fits = [one_step_plane(fold.training, limits) for fold in divisions]
     return held_out_rmse(divisions, fits, TrainingSettings(limits=limits, iterations=0)) if divisions else np.inf
 
 

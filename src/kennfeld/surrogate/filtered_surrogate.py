@@ -11,6 +11,7 @@ from kennfeld.rbf import Expansion
 from kennfeld.surrogate.input_filters import filtered_points
 from kennfeld.surrogate.recursion import UNLIMITED
 from kennfeld.surrogate.surrogate_models import SurrogateQuality, check_names
+from kennfeld.surrogate.uncertainty import Deviation, Uncertainty
 from kennfeld.surrogate.validity import Validity
 
 STABILITY = "The output does not feed back: it stays bounded for bounded inputs."
@@ -38,9 +39,10 @@ class FilteredSurrogate:
         start_inputs: values of the inputs before the recording if a closed loop has none yet; otherwise those of its
             first sample are used.
         remarks: sentences on the training, such as limits that were recognised.
+        uncertainty: that of the output; None if it is unknown.
 
     Raises:
-        ArgumentError: names, time constants and expansion do not match.
+        ArgumentError: names, time constants and expansion do not match, or the uncertainty does not.
 
     >>> slow = Expansion(0.0, [0.0, 1.0], [], np.zeros((0, 2)), np.zeros((0, 2)))
     >>> model = FilteredSurrogate("slow", ("u",), "y", 0.1, (1.0,), slow)
@@ -61,6 +63,7 @@ class FilteredSurrogate:
     units: tuple[str, ...] = ()
     start_inputs: tuple[float, ...] = ()
     remarks: tuple[str, ...] = ()
+    uncertainty: Uncertainty | None = None
 
     def __post_init__(self) -> None:
         check_names(self.name, self.inputs, self.output, self.units)
@@ -76,6 +79,8 @@ class FilteredSurrogate:
         object.__setattr__(self, "start_inputs", tuple(self.start_inputs) or (0.0,) * len(self.inputs))
         if len(self.start_inputs) != len(self.inputs):
             raise ArgumentError(f"start_inputs={self.start_inputs} of surrogate {self.name} must be one per input")
+        if self.uncertainty is not None:
+            self.uncertainty.check(self.expansion)
         if not 0 < self.step < np.inf:
             raise ArgumentError(f"step={self.step} of surrogate {self.name} must be a time in s > 0")
         if not self.limits[0] < self.limits[1]:
@@ -107,3 +112,23 @@ class FilteredSurrogate:
         if self.validity is None:
             return np.zeros(len(u), dtype=bool)
         return self.validity.outside(self.points(u))
+
+    def deviation(self, u: Float, y0: Float | Sequence[float] | None = None) -> Float:
+        """Return the standard deviation of new measurements from the output, Float[samples]; NaN if it is unknown.
+
+        About 95 % of measurements are within two deviations of `simulate(u, y0)`. It is 0 at the measured outputs.
+
+        Args:
+            u: inputs, Float[samples, inputs], in their units.
+            y0: the measured outputs of the first samples, as in `simulate`.
+        """
+        deviation = self.deviation_at(self.points(u))
+        if y0 is not None and self.uncertainty is not None:
+            deviation[: np.size(y0)] = 0.0
+        return deviation
+
+    def deviation_at(self, points: Float) -> Float:
+        """Return the same at points Float[..., numbers] of inputs and filtered inputs."""
+        if self.uncertainty is None:
+            return np.full(np.shape(points)[:-1], np.nan)
+        return Deviation(self.expansion, self.uncertainty)(points)

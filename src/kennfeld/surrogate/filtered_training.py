@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from kennfeld.arrays import Float
+from kennfeld.arrays import Float, Int
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
-from kennfeld.surrogate.gp_kernel import greedy_centres
+from kennfeld.surrogate.gp_kernel import JITTER, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
 from kennfeld.surrogate.input_filters import filtered_points
 from kennfeld.surrogate.model_selection import LONGEST, WORTH, held_out_blocks
@@ -24,6 +24,7 @@ from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.training_data import Scaling
 from kennfeld.surrogate.training_points import TrainingPoints
+from kennfeld.surrogate.uncertainty import Uncertainty, calibrated
 
 MOST_FILTERS = 4
 GRID = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)  # time constants that the search starts from, in samples
@@ -49,6 +50,7 @@ class FilteredModel:
     lengths: Float  # in units of the points' spread
     points: Float  # Float[samples, numbers] that it was trained on
     rmse: float
+    uncertainty: Uncertainty
 
 
 def train_filtered(
@@ -68,43 +70,68 @@ def train_filtered(
         return None
     delay, time_constants = _time_constants(pieces, step, all_blocks)
     shown = ", ".join(f"{T:.3g}" for T in time_constants)
-    data = [_data(piece, delay, step, time_constants, limits) for piece in pieces]
-    x, y = _thinned(np.concatenate([x for x, _ in data]), np.concatenate([y for _, y in data]))
+    filtered = [filtered_points(piece.u, delay, step, time_constants) for piece in pieces]
+    x, y, block = _data(pieces, filtered, all_blocks, limits)
     scaling = Scaling.of(x, y)
     target = (y - scaling.level) / scaling.height
     inner = scaling.inward(x)
     points = TrainingPoints.of(inner, target)
     optimum = sparse_hyperparameters(points, "gaussian", centres, starts, seed, LENGTH_STEPS, stopped)
     lengths, noise = optimum.lengths, optimum.noise
-    filtered = [filtered_points(piece.u, delay, step, time_constants) for piece in pieces]
     longest, factor = _regularisation(_parts(pieces, filtered, all_blocks), limits, lengths, noise, seed)
     rmse = _held_out(_parts(pieces, filtered, blocks), limits, np.minimum(lengths, longest), factor * noise, seed)
     report(f"inputs filtered over {shown} s, length scales up to {longest:g} spreads: {rmse:.4g} on blocks left out")
     cut = np.minimum(lengths, longest)
-    expansion = _fit(x, y, centres, cut, factor * noise, seed)
-    return FilteredModel(delay, time_constants, expansion, cut, x, rmse)
+    process = _process(x, y, centres, cut, factor * noise, seed)
+    expansion = scaling.expansion(*process.terms(), cut)
+    uncertainty = _uncertainty(process, expansion, scaling, x, y, block)
+    return FilteredModel(delay, time_constants, expansion, cut, x, rmse, uncertainty)
 
 
 def _data(
-    piece: Recording, delay: int, step: float, time_constants: Sequence[float], limits: tuple[float, float]
-) -> tuple[Float, Float]:
-    """Return points and outputs of the samples that count and are not held by a limit."""
-    used = piece.scored & (piece.y > limits[0]) & (piece.y < limits[1])
-    return filtered_points(piece.u, delay, step, time_constants)[used], piece.y[used]
-
-
-def _thinned(x: Float, y: Float) -> tuple[Float, Float]:
+    pieces: Sequence[Recording],
+    filtered: Sequence[Float],
+    blocks: Sequence[tuple[int, int, int]],
+    limits: tuple[float, float],
+) -> tuple[Float, Float, Int]:
+    """Return points, outputs and the number of the block of the samples that count and are not held by a limit."""
+    parts = []
+    for i, (piece, points) in enumerate(zip(pieces, filtered, strict=True)):
+        used = piece.scored & (piece.y > limits[0]) & (piece.y < limits[1])
+        number = np.full(len(piece), -1 - i, dtype=np.int64)  # samples of a piece that is too short for a block
+        for at, (of, first, end) in enumerate(blocks):
+            if of == i:
+                number[first:end] = at
+        parts.append((points[used], piece.y[used], number[used]))
+    x, y, block = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     every = max(len(y) // SAMPLES, 1)
-    return x[::every], y[::every]
+    return x[::every], y[::every], block[::every]
 
 
 def _fit(x: Float, y: Float, centres: int, lengths: Float, noise: float, seed: int) -> Expansion:
+    return Scaling.of(x, y).expansion(*_process(x, y, centres, lengths, noise, seed).terms(), lengths)
+
+
+def _process(x: Float, y: Float, centres: int, lengths: Float, noise: float, seed: int) -> Sparse:
     scaling = Scaling.of(x, y)
     inner = scaling.inward(x)
     z = greedy_centres(inner, centres, lengths, seed)
     points = TrainingPoints.of(inner, (y - scaling.level) / scaling.height)
-    process = Sparse.at(points, z, lengths, noise, refine=False)
-    return scaling.expansion(*process.terms(), lengths)
+    return Sparse.at(points, z, lengths, noise, refine=False)
+
+
+def _uncertainty(
+    process: Sparse, expansion: Expansion, scaling: Scaling, x: Float, y: Float, block: Int
+) -> Uncertainty:
+    """Return the uncertainty, scaled to the residuals of the process without the block of each sample."""
+    point = process.points.point
+    first = block[np.unique(point, return_index=True)[1]]
+    left_out = process.left_out([np.flatnonzero(first == number) for number in np.unique(first)])
+    target = (y - scaling.level) / scaling.height
+    residual = scaling.height * (target - process.points.y[point] + left_out[point])
+    signal = scaling.height * float(np.sqrt(process.variance))
+    noise = signal * float(np.sqrt(process.noise))
+    return calibrated(Uncertainty(signal, noise, np.full(expansion.size, JITTER)), expansion, x, residual)
 
 
 def _regularisation(

@@ -70,14 +70,16 @@ class ModelChoice:
     rmse: float
 
 
-def folds(pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES) -> list[HoldoutFold]:
+def folds(
+    pieces: Sequence[Recording], lags: Lags, count: int = BLOCKS, samples: int = SAMPLES, *, few: bool = False
+) -> list[HoldoutFold]:
     """Return folds that hold out one block of the pieces each, with the inputs before it known.
 
-    If there are more than `samples`, blocks are skipped evenly.
+    If there are more than `samples`, blocks are skipped evenly; then, or with `few`, about 4 blocks are held out.
     """
     blocks = held_out_blocks(pieces, lags, count, samples)
     thinned = sum(len(piece) for piece in pieces) > samples
-    step = max(len(blocks) // FEW, 1) if thinned else 1
+    step = max(len(blocks) // FEW, 1) if thinned or few else 1
     result = []
     for number in range(0, len(blocks), step) if len(blocks) > 1 else ():
         i, first, end = blocks[number]

@@ -27,7 +27,7 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
 from kennfeld.surrogate.gp_kernel import bells, factor, greedy_centres
 from kennfeld.surrogate.hyperparameters import sparse_hyperparameters
-from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, run_through, simulate
+from kennfeld.surrogate.recursion import UNLIMITED, FreeRun, Lags, Recording, Runs, input_slopes, run_through, simulate
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
 from kennfeld.surrogate.training_data import Scaling, check_points
@@ -105,21 +105,14 @@ class TrainedValues:
         if not self.moves_centres:
             near = bells(x, expansion.centres, self.lengths)
             whitened = solve_triangular(self.root, near.T, lower=True).T
-            return np.concatenate([*plane, whitened], axis=1), _input_slopes(expansion, x, near, own)
+            return np.concatenate([*plane, whitened], axis=1), input_slopes(expansion, x, near, own)
         distance = (x[:, None, :] - expansion.centres) / expansion.widths
         near = np.exp(-0.5 * np.einsum("imd,imd->im", distance, distance))
         columns = [*plane, solve_triangular(self.root, near.T, lower=True).T]
         steep = (near * (expansion.weights / self.height))[:, :, None] * distance
         columns.append((steep * (self.start.widths / expansion.widths)).reshape(len(x), -1))
         columns.append((steep * distance).reshape(len(x), -1))
-        return np.concatenate(columns, axis=1), _input_slopes(expansion, x, near, own)
-
-
-def _input_slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
-    """Return df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
-    steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
-    pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
-    return expansion.slopes[:own] + pulled
+        return np.concatenate(columns, axis=1), input_slopes(expansion, x, near, own)
 
 
 def train_free_run(

@@ -188,19 +188,43 @@ def _ahead(expansion: Expansion, inputs: Float, own: int) -> Iterator[tuple[int,
     """
     size = expansion.size + -expansion.size % LANES
     block = max(BLOCK // max(size * inputs.shape[1], 1), 1)
-    middle = expansion.centres[:, own:].mean(0) if expansion.size else np.zeros(inputs.shape[2])
-    centres, steep = expansion.centres[:, own:] - middle, 1 / expansion.widths[:, own:] ** 2
-    # -1/2 sum ((x - z) / s)^2 as one product with [x, x^2]; about the middle, so that no digits are lost
-    table = np.zeros((2 * inputs.shape[2], size))
-    table[:, : expansion.size] = np.concatenate([(centres * steep).T, -0.5 * steep.T])
-    constant = np.zeros(size)
-    constant[: expansion.size] = 0.5 * np.sum(centres**2 * steep, axis=1)
+    exponents = _Exponents(expansion.centres[:, own:], expansion.widths[:, own:], size)
     for first in range(0, len(inputs), block):
-        x = inputs[first : first + block] - middle
-        exponent = np.concatenate([x, x**2], axis=-1).reshape(-1, len(table)) @ table
-        exponent -= constant
-        np.minimum(exponent, 0.0, out=exponent)
-        yield first, exponent.reshape(*x.shape[:2], size)
+        x = inputs[first : first + block]
+        yield first, exponents.at(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:2], size)
+
+
+class _Exponents:
+    """-1/2 sum_d ((x_d - z_d) / s_d)^2 of points, as one product with [x, x^2]; 0 of further centres up to `size`."""
+
+    def __init__(self, centres: Float, widths: Float, size: int) -> None:
+        used, inputs = centres.shape
+        self._middle = centres.mean(0) if used else np.zeros(inputs)  # about which no digits are lost
+        distances, steep = centres - self._middle, 1 / widths**2
+        self._table = np.zeros((2 * inputs, size))
+        self._table[:, :used] = np.concatenate([(distances * steep).T, -0.5 * steep.T])
+        self._constant = np.zeros(size)
+        self._constant[:used] = 0.5 * np.sum(distances**2 * steep, axis=1)
+
+    def at(self, x: Float) -> Float:
+        """Return the exponents at points Float[points, inputs] -> Float[points, size]."""
+        shifted = x - self._middle
+        exponent: Float = np.concatenate([shifted, shifted**2], axis=-1) @ self._table
+        exponent -= self._constant
+        return np.minimum(exponent, 0.0, out=exponent)
+
+
+def bells_of(expansion: Expansion, x: Float) -> Float:
+    """Return the Gaussian bell of each centre at points Float[points, inputs] -> Float[points, centres]."""
+    exponent = _Exponents(expansion.centres, expansion.widths, expansion.size).at(x)
+    return np.exp(exponent, out=exponent)
+
+
+def input_slopes(expansion: Expansion, x: Float, near: Float, own: int) -> Float:
+    """Return df/dx of the first `own` inputs at points whose bells are known: Float[points, own]."""
+    steep = expansion.weights[:, None] / expansion.widths[:, :own] ** 2
+    pulled: Float = near @ (steep * expansion.centres[:, :own]) - x[:, :own] * (near @ steep)
+    return expansion.slopes[:own] + pulled
 
 
 def run_through(rows: Float, slopes: Float, lags: Sequence[int]) -> None:

@@ -8,14 +8,22 @@ where `flat` and `ahead` are the shares of the inputs, which are known in advanc
 time; those that fill up the last eight have the weight 0. The derivatives s_k of the free run follow from those of f by
 
     s_k += sum over lags l of df/dy_{k-l} s_{k-l}
+
+An error that is fed back, e_k = sum over lags l of df/dy_{k-l} e_{k-l} + w_k with independent w_k, has the covariances
+c_kj = cov(e_k, e_{k-j}), which follow from those of earlier steps:
+
+    c_kj = sum over lags l of df/dy_{k-l} c_{k-min(l, j), |l - j|} for j > 0
+    c_k0 = sum over lags l of df/dy_{k-l} c_kl + var w_k
 """
 
+from collections.abc import Sequence
 from functools import cache
 
 from kennfeld.machine_code.engine import NativeFunction, compile_written
-from kennfeld.machine_code.ir import EIGHT, LANES, FunctionWriter, Vector
+from kennfeld.machine_code.ir import EIGHT, LANES, ONE, ZERO, FunctionWriter, Vector, literal
 
 LEAST = -700.0  # exponent below which a bell is 0
+LARGEST = 1e150  # magnitude of a covariance; its square is a finite number
 
 
 @cache
@@ -30,12 +38,22 @@ def derivative_code(lags: int) -> NativeFunction:
     return compile_written(_derivatives, lags)["derivatives"]
 
 
+@cache
+def covariance_code(lags: tuple[int, ...]) -> NativeFunction:
+    """Return the compiled function for these output lags; see `write_covariances`."""
+    return compile_written(_covariances, lags)["covariances"]
+
+
 def _free_run(lags: int) -> list[FunctionWriter]:
     return [write_free_run(lags)]
 
 
 def _derivatives(lags: int) -> list[FunctionWriter]:
     return [write_derivatives(lags)]
+
+
+def _covariances(lags: tuple[int, ...]) -> list[FunctionWriter]:
+    return [write_covariances(lags)]
 
 
 def write_free_run(lags: int) -> FunctionWriter:
@@ -110,3 +128,56 @@ def write_derivatives(lags: int) -> FunctionWriter:
             products = [(slope, f.load(earlier, column)) for slope, earlier in zip(steep, before, strict=True)]
             f.store(f.fadd(f.load(row, column), f.dot(products)), row, column)
     return f
+
+
+def write_covariances(lags: Sequence[int]) -> FunctionWriter:
+    """Write `covariances(count, runs, limits, free, slopes, added, rows)`, which sets `rows` from its step 0 on.
+
+    Where a limit cuts off part of the interval of two deviations about the output, the error is multiplied by the share
+    that is left, which is the slope of the secant of the limited output over that interval.
+    """
+    back = max(lags)
+    parameters = (
+        ("i64", "count"),  # steps times runs
+        ("i64", "runs"),  # side by side
+        ("ptr", "limits"),  # [2]
+        ("ptr", "free"),  # [steps, runs]: the output without the limits
+        ("ptr", "slopes"),  # [steps, runs, lags]: df/dy
+        ("ptr", "added"),  # [steps, runs]: var w
+        ("ptr", "rows"),  # [longest lag + steps, runs, longest lag + 1]: c_kj, first those before the first step
+    )
+    f = FunctionWriter("covariances", parameters)
+    limits = [f.load("%limits", i) for i in range(2)]
+    width = back + 1
+    ages = [
+        f.new(f"mul i64 %runs, {back - age}") for age in range(width)
+    ]  # of steps, as offsets to the step `back` ago
+    with f.loop(0, "%count") as at:
+        rows = [f.at("%rows", f.new(f"mul i64 {f.add(at, age)}, {width}")) for age in ages]
+        slopes = [f.load("%slopes", f.add(f.mul(at, len(lags)), i)) for i in range(len(lags))]
+        across = {
+            j: f.dot([(a, f.load(rows[min(lag, j)], abs(lag - j))) for a, lag in zip(slopes, lags, strict=True)])
+            for j in range(1, width)
+        }
+        fed_back = f.dot([(a, across[lag]) for a, lag in zip(slopes, lags, strict=True)])
+        variance = _clamp(f, f.fadd(fed_back, f.load("%added", at)), literal(0.0), literal(LARGEST))
+        share = _share_within(f, f.load("%free", at), variance, limits)
+        f.store(f.fmul(f.fmul(share, share), variance), rows[0], 0)
+        for j in range(1, width):
+            f.store(_clamp(f, f.fmul(share, across[j]), literal(-LARGEST), literal(LARGEST)), rows[0], j)
+    return f
+
+
+def _share_within(f: FunctionWriter, y: str, variance: str, limits: Sequence[str]) -> str:
+    """Return the share of the interval of two deviations about y that is within the limits; 1 without a deviation."""
+    half = f.fmul(literal(2.0), f.new(f"call double @llvm.sqrt.f64(double {variance})"))
+    negative = f.new(f"fneg double {half}")
+    below, above = (_clamp(f, f.new(f"fsub double {limit}, {y}"), negative, half) for limit in limits)
+    inside, whole = f.new(f"fsub double {above}, {below}"), f.new(f"fsub double {half}, {negative}")
+    return f.select(f.new(f"fcmp ogt double {whole}, {ZERO}"), f.new(f"fdiv double {inside}, {whole}"), ONE)
+
+
+def _clamp(f: FunctionWriter, value: str, low: str, high: str) -> str:
+    """Return a double within limits; the upper one for NaN."""
+    least = f.select(f.new(f"fcmp olt double {value}, {high}"), value, high)
+    return f.select(f.new(f"fcmp ogt double {least}, {low}"), least, low)

@@ -19,6 +19,7 @@ from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty
 from kennfeld.surrogate.surrogate_models import DynamicSurrogate, Mode, StaticSurrogate, SurrogateQuality
 from kennfeld.surrogate.uncertainty import Uncertainty
 from kennfeld.surrogate.validity import Validity
@@ -27,6 +28,7 @@ VERSIONS = {"gaussian": 1, "matern52": 2}  # by kernel: readers of version 1 kno
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
 UNCERTAINTY = ("signal", "noise", "nugget")
+FREE_RUN_UNCERTAINTY = ("signal", "noise", "process_noise", "start")
 REWRITE = "Train it again with `kennfeld surrogate train`."
 NUMBERS = ("rmse", "r2", "max_abs")
 
@@ -123,8 +125,9 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
     kernel = surrogate.expansion.kernel
     result["expansion"] = {} if kernel == "gaussian" else {"kernel": kernel}
     result["expansion"] |= {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
-    if isinstance(surrogate, StaticSurrogate) and surrogate.uncertainty is not None:
-        result["uncertainty"] = {name: _plain(getattr(surrogate.uncertainty, name)) for name in UNCERTAINTY}
+    if surrogate.uncertainty is not None:
+        names = FREE_RUN_UNCERTAINTY if isinstance(surrogate, DynamicSurrogate) else UNCERTAINTY
+        result["uncertainty"] = {name: _plain(getattr(surrogate.uncertainty, name)) for name in names}
     if surrogate.validity is not None:
         result["validity"] = {name: _plain(getattr(surrogate.validity, name)) for name in VALIDITY}
     return result
@@ -248,8 +251,12 @@ def _shared(reader: _TableReader) -> dict[str, Any]:
 
 
 def _static(reader: _TableReader) -> dict[str, Any]:
+    return _uncertainty(reader, UNCERTAINTY, Uncertainty)
+
+
+def _uncertainty(reader: _TableReader, names: tuple[str, ...], kind: type[Any]) -> dict[str, Any]:
     known = "uncertainty" in reader.values
-    return {"uncertainty": _inner(reader, "uncertainty", UNCERTAINTY, Uncertainty) if known else None}
+    return {"uncertainty": _inner(reader, "uncertainty", names, kind) if known else None}
 
 
 def _dynamic(reader: _TableReader) -> dict[str, Any]:
@@ -262,6 +269,7 @@ def _dynamic(reader: _TableReader) -> dict[str, Any]:
         "start_inputs": _row(reader, "start_inputs"),
         "limits": _limits(reader),
         "stability": reader.text("stability"),
+        **_uncertainty(reader, FREE_RUN_UNCERTAINTY, FreeRunUncertainty),
     }
 
 
@@ -272,6 +280,7 @@ def _filtered(reader: _TableReader) -> dict[str, Any]:
         "step": reader.number("step"),
         "start_inputs": _row(reader, "start_inputs"),
         "limits": _limits(reader),
+        **_uncertainty(reader, UNCERTAINTY, Uncertainty),
     }
 
 
@@ -294,7 +303,7 @@ def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[An
     inner = reader.inner(key)
     if inner is None:
         return None
-    scalars = ("offset", "threshold", "signal", "noise")
+    scalars = ("offset", "threshold", "signal", "noise", "process_noise", "start")
     values: dict[str, Any] = {name: inner.number(name) if name in scalars else inner.numbers(name) for name in names}
     if any(value is None for value in values.values()):
         return None
@@ -342,15 +351,30 @@ def _shorten(value: Any) -> str:
 
 
 def surrogate_notes(surrogate: Surrogate) -> list[str]:
-    """Return sentences on a surrogate: the noise or the stability, and the remarks of its training."""
-    notes = [f"Remark: {text.rstrip('.')}." for text in surrogate.remarks]
-    if not isinstance(surrogate, StaticSurrogate):
-        return [*([surrogate.stability] if surrogate.stability else []), *notes]
+    """Return sentences on a surrogate: its stability, its deviation, and the remarks of its training."""
+    stability = "" if isinstance(surrogate, StaticSurrogate) else surrogate.stability
+    remarks = [f"Remark: {text.rstrip('.')}." for text in surrogate.remarks]
+    return [*([stability] if stability else []), deviation_note(surrogate), *remarks]
+
+
+def deviation_note(surrogate: Surrogate) -> str:
+    """Return a line with the predictive deviation of a surrogate, or that it is not known."""
     if surrogate.uncertainty is None:
-        return notes
+        return "deviation of a new measurement: not known"
     unit = surrogate.units[-1] if surrogate.units else ""
-    noise = f"{surrogate.uncertainty.noise:.3g} {unit if unit != '-' else ''}".strip()
-    return [f"deviation of a new measurement: {noise} amidst the training data, more away from them", *notes]
+    least = f"{least_deviation(surrogate):.3g} {unit if unit != '-' else ''}".strip()
+    if isinstance(surrogate, DynamicSurrogate):
+        return f"deviation of a new measurement from a free run: {least} at its first step, or more later"
+    return f"deviation of a new measurement: {least} amidst the training data, more away from them"
+
+
+def least_deviation(surrogate: Surrogate) -> float | None:
+    """Return the deviation of a measurement amid the training data, in the unit of the output; None if unknown.
+
+    Of a recursion it is that of the first step of a free run.
+    """
+    known = surrogate.uncertainty
+    return known.first if isinstance(known, FreeRunUncertainty) else None if known is None else known.noise
 
 
 def as_parameters(surrogates: Iterable[Surrogate]) -> ParameterSet:

@@ -15,6 +15,7 @@ from kennfeld.dataset import Use
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion
+from kennfeld.surrogate.free_run_uncertainty import FreeRunUncertainty, LinearisedRun
 from kennfeld.surrogate.recursion import UNLIMITED, Lags, Recording, Runs, simulate
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty
 from kennfeld.surrogate.validity import Validity
@@ -153,9 +154,10 @@ class DynamicSurrogate:
         start_inputs: values of the inputs before the recording if a closed loop has none yet; otherwise those of its
             first sample are used.
         remarks: sentences on the training, such as limits that were recognised.
+        uncertainty: that of a free run; None if it is unknown.
 
     Raises:
-        ArgumentError: names, lags and expansion do not match.
+        ArgumentError: names, lags and expansion do not match, or the uncertainty does not.
 
     >>> half = Expansion(0.0, [0.5, 0.5], [], np.zeros((0, 2)), np.zeros((0, 2)))
     >>> lag = DynamicSurrogate("lag", ("u",), ((1,),), "y", (1,), 0.1, half)
@@ -178,6 +180,7 @@ class DynamicSurrogate:
     stability: str = ""
     start_inputs: tuple[float, ...] = ()
     remarks: tuple[str, ...] = ()
+    uncertainty: FreeRunUncertainty | None = None
     _lags: Lags = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -198,6 +201,8 @@ class DynamicSurrogate:
         object.__setattr__(self, "start_inputs", tuple(self.start_inputs) or (0.0,) * len(self.inputs))
         if len(self.start_inputs) != len(self.inputs):
             raise ArgumentError(f"start_inputs={self.start_inputs} of surrogate {self.name} must be one per input")
+        if self.uncertainty is not None:
+            self.uncertainty.check(self.expansion)
         if not 0 < self.step < np.inf:
             raise ArgumentError(f"step={self.step} of surrogate {self.name} must be a time in s > 0")
         if not self.limits[0] < self.limits[1]:
@@ -219,17 +224,66 @@ class DynamicSurrogate:
         from `start`.
         """
         inputs = self._inputs(u)
-        first = np.zeros(0) if y0 is None else np.asarray(y0, dtype=np.float64).reshape(-1)[: len(inputs)]
+        first = self._measured(y0, len(inputs))
+        runs = self._runs(inputs, first)
+        if runs is None:
+            return first.copy()
+        return np.concatenate([first, simulate(self.expansion, runs, self.limits).y[:, 0]])
+
+    def deviation(self, u: Float, y0: Float | Sequence[float] | None = None) -> Float:
+        """Return the standard deviation of new measurements from the free run, Float[samples].
+
+        About 95 % of measurements are within two deviations of `simulate(u, y0)`. The deviation grows from that of the
+        first free sample on, since errors are fed back; it is 0 at the measured outputs, and NaN if it is unknown.
+        Outputs before the recording that are not measured have a deviation, too.
+
+        Args:
+            u: inputs, Float[samples, inputs], in their units.
+            y0: the measured outputs after which the run begins, as in `simulate`.
+        """
+        inputs = self._inputs(u)
+        first = self._measured(y0, len(inputs))
+        runs = self._runs(inputs, first)
+        if runs is None or self.uncertainty is None:
+            return np.full(len(inputs), np.nan if self.uncertainty is None else 0.0)
+        points = runs.visited(simulate(self.expansion, runs, self.limits).y)
+        back = max(self.output_lags)
+        unmeasured = np.arange(first.size - back, first.size)[:, None] < 0
+        deviation = self._linearised(points).deviation(self.uncertainty, unmeasured)
+        return np.concatenate([np.zeros(first.size), deviation[:, 0]])
+
+    def deviation_along(self, points: Float, *, repeats: int = 1) -> Float:
+        """Return the same along points of free runs side by side: Float[steps, runs, numbers] -> Float[steps, runs].
+
+        An output before the first step counts as measured unless it is `start`. Each point counts as so many steps.
+        """
+        if self.uncertainty is None:
+            return np.full(points.shape[:-1], np.nan)
+        back = max(self.output_lags)
+        unmeasured = np.zeros((back, points.shape[1]), dtype=bool)
+        for i, lag in enumerate(self.output_lags):
+            unmeasured[back - lag] = points[0, :, i] == self.start
+        return self._linearised(points).repeated(repeats).deviation(self.uncertainty, unmeasured)
+
+    def _linearised(self, points: Float) -> LinearisedRun:
+        shares = self.uncertainty is not None and self.uncertainty.signal > 0
+        return LinearisedRun.along(self.expansion, points, self.output_lags, self.limits, shares=shares)
+
+    def _measured(self, y0: Float | Sequence[float] | None, most: int) -> Float:
+        first = np.zeros(0) if y0 is None else np.asarray(y0, dtype=np.float64).reshape(-1)[:most]
         if not np.isfinite(first).all():
             raise ArgumentError(f"y0 of surrogate {self.name} has values that are not finite")
+        return first
+
+    def _runs(self, inputs: Float, first: Float) -> Runs | None:
+        """Return the free run after measured outputs; None if there is nothing to run."""
         back = max(self.output_lags)
         known = np.concatenate([np.full(back, first[0] if first.size else self.start), first])
         padded = np.concatenate([np.repeat(inputs[:1], back, axis=0), inputs])
         if known.size == len(padded):
-            return first.copy()
+            return None
         recording = Recording(padded, np.concatenate([known, np.zeros(len(padded) - known.size)]))
-        run = simulate(self.expansion, Runs.of([recording], self._lags, known.size), self.limits)
-        return np.concatenate([first, run.y[:, 0]])
+        return Runs.of([recording], self._lags, known.size)
 
     def predict(self, u: Float, y: Float) -> Float:
         """Return one step ahead from measured outputs: u Float[samples, inputs], y Float[samples] -> Float[samples].

@@ -48,12 +48,17 @@ class Uncertainty:
         """Raise `ArgumentError` if this is not an uncertainty of that expansion."""
         if self.nugget.size != expansion.size:
             raise ArgumentError(f"nugget of an uncertainty must be one number per centre, {expansion.size}")
-        if expansion.size and not np.all(expansion.widths == expansion.widths[0]):
+        if not has_equal_widths(expansion):
             raise ArgumentError("the widths of a model with an uncertainty must be the same at all centres")
 
     def scaled(self, factor: float) -> "Uncertainty":
         """Return the uncertainty with all deviations multiplied by a factor."""
         return Uncertainty(self.signal * factor, self.noise * factor, self.nugget)
+
+
+def has_equal_widths(expansion: Expansion) -> bool:
+    """Return whether the widths of an expansion are the same at all centres."""
+    return not expansion.size or bool(np.all(expansion.widths == expansion.widths[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,24 +71,23 @@ class Deviation:
 
     expansion: Expansion
     uncertainty: Uncertainty
-    _root: Float = field(init=False, repr=False)  # lower Cholesky factor of K
+    _inverse: Float = field(init=False, repr=False)  # L^-1 of the lower Cholesky factor of K
     _plane: Plane = field(init=False, repr=False)  # at the centres
     _half: Float = field(init=False, repr=False)  # L^-1 U
-    _plane_root: Float = field(init=False, repr=False)  # lower Cholesky factor of U'K^-1 U
+    _plane_inverse: Float = field(init=False, repr=False)  # inverse of the lower Cholesky factor of U'K^-1 U
 
     def __post_init__(self) -> None:
-        from scipy.linalg import solve_triangular
-
         e = self.expansion
         self.uncertainty.check(e)
         if not e.size:
             return
         kernel = kernel_matrix(self._scale(e.centres), self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
-        root = factor(kernel + np.diag(self.uncertainty.nugget))
+        inverse = _inverse(factor(kernel + np.diag(self.uncertainty.nugget)))
         plane = Plane.over(self._scale(e.centres))
-        half: Float = solve_triangular(root, plane.basis, lower=True)
-        plane_root = np.asarray(np.linalg.cholesky(half.T @ half), dtype=np.float64)
-        for name, value in (("_root", root), ("_plane", plane), ("_half", half), ("_plane_root", plane_root)):
+        half = inverse @ plane.basis
+        plane_inverse = _inverse(np.asarray(np.linalg.cholesky(half.T @ half), dtype=np.float64))
+        values = {"_inverse": inverse, "_plane": plane, "_half": half, "_plane_inverse": plane_inverse}
+        for name, value in values.items():
             object.__setattr__(self, name, value)
 
     def __call__(self, x: Float) -> Float:
@@ -93,20 +97,24 @@ class Deviation:
         deviation = np.full(len(points), self.uncertainty.noise)
         for first in range(0, len(points) if self.expansion.size else 0, BLOCK):
             part = slice(first, first + BLOCK)
-            deviation[part] = np.hypot(self.uncertainty.noise, self.uncertainty.signal * self._share(points[part]))
+            deviation[part] = np.hypot(self.uncertainty.noise, self.uncertainty.signal * self.open_share(points[part]))
         deviation[~np.isfinite(points).all(axis=1)] = np.nan
         return deviation.reshape(shape)
 
-    def _share(self, x: Float) -> Float:
-        from scipy.linalg import solve_triangular
+    def open_share(self, x: Float, bells: Float | None = None) -> Float:
+        """Return the share of `signal` that the centres leave open at points Float[points, inputs] -> Float[points].
 
+        `bells` Float[points, centres] are those of the centres, if they are known.
+        """
         e = self.expansion
         scaled = np.nan_to_num(np.clip(self._scale(x), -1e6, 1e6))
-        near = kernel_matrix(scaled, self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
-        explained = solve_triangular(self._root, near.T, lower=True)
+        if bells is None:
+            bells = kernel_matrix(scaled, self._scale(e.centres), np.ones(e.inputs), e.kernel)[0]
+        explained = bells @ self._inverse.T
         basis = np.column_stack([np.ones(len(x)), scaled]) @ self._plane.back
-        tilted = solve_triangular(self._plane_root, self._half.T @ explained - basis.T, lower=True)
-        share: Float = np.sqrt(np.maximum(1 - np.sum(explained**2, axis=0) + np.sum(tilted**2, axis=0), 0.0))
+        tilted = (explained @ self._half - basis) @ self._plane_inverse.T
+        squares = np.einsum("ij,ij->i", tilted, tilted) - np.einsum("ij,ij->i", explained, explained)
+        share: Float = np.sqrt(np.maximum(1 + squares, 0.0))
         return share
 
     def _scale(self, x: Float) -> Float:
@@ -114,6 +122,14 @@ class Deviation:
         e = self.expansion
         scaled: Float = (x - e.centres.mean(0)) / e.widths[0]
         return scaled
+
+
+def _inverse(root: Float) -> Float:
+    """Return the inverse of a lower triangular matrix."""
+    from scipy.linalg import solve_triangular
+
+    inverse: Float = solve_triangular(root, np.eye(len(root)), lower=True)
+    return inverse
 
 
 def calibrated(uncertainty: Uncertainty, expansion: Expansion, x: Float, residual: Float) -> Uncertainty:

@@ -177,9 +177,9 @@ def describe_surrogate_file(file: DescribedFile) -> FileInfo:
     """Describe a surrogate: its quality and the ranges of its training data."""
     path = file.path
     from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
-    from kennfeld.surrogate.surrogate_file import read_surrogate, surrogate_notes
-    from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
-    from kennfeld.terminal.surrogate_lines import describe_surrogate, noise_of, quality_table, ranges_table
+    from kennfeld.surrogate.surrogate_file import least_deviation, read_surrogate, surrogate_notes
+    from kennfeld.surrogate.surrogate_models import DynamicSurrogate
+    from kennfeld.terminal.surrogate_lines import describe_surrogate, quality_table, ranges_table
 
     surrogate = read_surrogate(path)
     ranges = ranges_table(surrogate)
@@ -195,7 +195,7 @@ def describe_surrogate_file(file: DescribedFile) -> FileInfo:
         centres=surrogate.expansion.size,
         quality=list(map(asdict, surrogate.quality)),
         **_select(surrogate, *further),
-        **({"noise": noise_of(surrogate)} if isinstance(surrogate, StaticSurrogate) else {}),
+        noise=least_deviation(surrogate),
         kernel=surrogate.expansion.kernel,
         remarks=list(surrogate.remarks),
         ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},

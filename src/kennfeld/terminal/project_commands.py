@@ -364,7 +364,7 @@ def _cross_validate(project: "Project", folder: Path, folds: int, parts: Any) ->
     "simulation.parquet next to the project file",
     type=PATH,
 )
-@option("--deviation", "Add a column with the predictive deviation of each static surrogate.")
+@option("--deviation", "Add a column with the predictive deviation of each surrogate.")
 @by_file
 @as_json
 @trusted
@@ -393,7 +393,7 @@ def simulate(
         simulation = project.simulation(values, shifts, deviation=deviation)
         remarks = Findings()
         written = write_simulation(simulation, target, follow=output is not None, findings=remarks)
-        print_findings(*remarks)
+        print_findings(*remarks, *map(_unknown_deviation, simulation.without_deviation))
         locations = {entry.name: entry.location for entry in project.file.datasets}
         for name, skipped in simulation.skipped.items():
             print_findings(skipped.finding(locations.get(name, Location(f"dataset {name}"))))
@@ -404,6 +404,12 @@ def simulate(
         _print_fit(project, values, shifts, by_file)
     print_lines(f"Written to {written}")
     return DONE
+
+
+def _unknown_deviation(surrogate: str) -> Finding:
+    message = "its deviation is not known, so no column is written"
+    remedy = "Train it with `kennfeld surrogate train`."
+    return Finding(Location(f"surrogate {surrogate}"), message, remedy, severity="warning")
 
 
 def _as_dict(simulation: "Simulation", written: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from kennfeld.formatting import count_noun
 from kennfeld.optimize.quality import r2_text
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
 from kennfeld.surrogate.surrogate_file import Surrogate
-from kennfeld.surrogate.surrogate_models import DynamicSurrogate, StaticSurrogate
+from kennfeld.surrogate.surrogate_models import DynamicSurrogate
 
 
 def describe_surrogate(surrogate: Surrogate) -> str:
@@ -24,11 +24,6 @@ def describe_surrogate(surrogate: Surrogate) -> str:
     delayed = [*zip(surrogate.inputs, surrogate.lags, strict=True), (surrogate.output, surrogate.output_lags)]
     lags = "; ".join(f"{name} {', '.join(map(str, numbers)) or 'none'}" for name, numbers in delayed)
     return f"{call}, steps of {surrogate.step:g} s, {centres}; lags in samples: {lags}"
-
-
-def noise_of(surrogate: StaticSurrogate) -> float | None:
-    """Return the deviation of a measurement amidst the training data, in the unit of the output; None if unknown."""
-    return None if surrogate.uncertainty is None else surrogate.uncertainty.noise
 
 
 def quality_table(surrogate: Surrogate) -> list[list[str]]:

@@ -81,6 +81,8 @@ def _described(own: "Surrogate") -> dict[str, Any]:
     quality = [
         asdict(line) | {name: finite(getattr(line, name)) for name in ("rmse", "r2", "max_abs")} for line in own.quality
     ]
+    from kennfeld.surrogate.surrogate_file import deviation_note
+
     step = getattr(own, "step", None)
     return {
         "inputs": list(own.inputs),
@@ -89,6 +91,7 @@ def _described(own: "Surrogate") -> dict[str, Any]:
         "centres": own.expansion.size,
         "step": step,
         "stability": getattr(own, "stability", ""),
+        "deviation": deviation_note(own),
         "remarks": list(own.remarks),
         "quality": quality,
         "bounded": own.validity is not None,

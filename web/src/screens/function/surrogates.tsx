@@ -12,7 +12,7 @@ import { Fold, isOpen } from "./fold";
 interface Quality { dataset: string; use: string; mode: string; samples: number; rmse: number | null; r2: number | null; max_abs: number | null }
 interface Surrogate {
   name: string; file: string; state: "trained" | "not trained" | "unreadable"; problem?: string; training: string; trainingProblem: string;
-  inputs?: string[]; output?: string; unit?: string; centres?: number; step?: number | null; stability?: string; quality?: Quality[]; bounded?: boolean;
+  inputs?: string[]; output?: string; unit?: string; centres?: number; step?: number | null; stability?: string; deviation?: string; quality?: Quality[]; bounded?: boolean;
 }
 interface Use { name: string; dataset: string; samples: number; outside: number | null; share: number; text: string }
 
@@ -73,6 +73,7 @@ function Model({ own }: { own: Surrogate }) {
       {ours && training.state !== "idle" && <p class={training.state === "failed" ? "bad" : "q"} role="status">{running ? `Training, ${training.seconds.toFixed(0)} s. ` : ""}{training.lines.at(-1)}</p>}
       {own.quality && own.quality.length > 0 && <QualityTable own={own} />}
       {own.stability && <p class="q">{own.stability}</p>}
+      {own.deviation && <p class="q">{own.deviation}</p>}
       {own.name && <Range own={own} />}
     </div>
   );
