@@ -106,6 +106,8 @@ def _recorded(folder: Path) -> Table:
             spent = float(np.median([time for _, time in fixed]))
             table.add(held, target, *_rank(errors[-1]), seconds(spent), f"{own / spent:.1f} fits")
         table.add("mean", target, *_rank(np.mean(errors, axis=0)))
+        table.add("median", target, *_rank(np.median(errors, axis=0)))
+        table.notes.append(f"{target}: {_compare(np.array(errors))}")
     table.notes.append(f"{SENSOR}: RMSE on the recording held out; {FIXED.size} fixed factors of M from 0.01 to 1e5.")
     table.notes.append("The best fixed factor of a recording is known only afterwards, and is another for the next.")
     return table
@@ -127,6 +129,17 @@ def _outcomes(recordings: dict[str, kf.Dataset], held: str, target: str) -> Iter
         yield result.quality[-1].rmse_after, own
 
 
-def _rank(errors: list[float]) -> tuple[str, str, str]:
+def _compare(errors: np.ndarray) -> str:
+    """Compare the automatic choice with the second best fixed factor, pairwise; Float[recordings, 1 + factors]."""
+    second = 1 + int(np.argsort(errors[:, 1:].mean(axis=0))[1])
+    differences = errors[:, 0] - errors[:, second]
+    deviation = differences.std(ddof=1) / len(differences) ** 0.5
+    return (
+        f"automatic less the second best fixed factor, {FIXED[second - 1]:g}: "
+        f"{differences.mean():+.4f}, standard error {deviation:.4f}."
+    )
+
+
+def _rank(errors: np.ndarray | list[float]) -> tuple[str, str, str]:
     automatic, *fixed = errors
     return f"{automatic:.4f}", f"{min(fixed):.4f}", f"{1 + sum(error < automatic for error in fixed)} of {len(fixed)}"

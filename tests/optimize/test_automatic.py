@@ -292,6 +292,52 @@ def test_lasting_errors_are_not_followed():
     assert np.mean(ratios) <= 1.2
 
 
+def levels(count, seed=0):
+    """Recordings with a level of their own, as of a sensor that is mounted anew."""
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        x = 3 + 2.9 * np.sin(np.cumsum(rng.normal(0, 0.15, 400)))
+        yield kf.Dataset.of(
+            f"level {i}", {"x": x, "wanted": np.sin(3 * x) + rng.normal(0, 0.2)}, time=0.1 * np.arange(400)
+        )
+
+
+@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.slow)])
+def test_blocks_decide_alone_where_errors_last_as_long_as_recordings(seeds):
+    """Hardly a sample is independent of the others, too few for generalised cross-validation of 25 values."""
+    factors = (*FACTORS[::3], "auto")
+    errors = np.zeros(len(factors))
+    for seed in range(1, 1 + seeds):
+        data = list(levels(4, seed))
+        results = [fitted(data, factor, function=lambda x: np.sin(3 * x)) for factor in factors]
+        errors += [result.quality[-1].rmse_after ** 2 for result in results]
+        assert "Smoothness was chosen by 20 held-out blocks of the recordings" in results[-1].message
+    assert errors[-1] <= 1.05**2 * errors[:-1].min()
+
+
+def few(samples, scalars, seed=9):
+    """A straight line under noise on few points, beside scalars that take most of them."""
+    rng = np.random.default_rng(seed)
+    x, others = rng.uniform(0, 6, samples), rng.normal(size=(scalars, samples))
+    names = [f"z{i}" for i in range(scalars)]
+    data = {"x": x, "wanted": x + 0.3 * rng.normal(size=samples)} | dict(zip(names, others, strict=True))
+    formula = " + ".join(["y = C(x)", *(f"a{name} * {name}" for name in names)])
+    start = kf.ParameterSet(
+        [kf.Curve("C", np.linspace(0, 6, 9), np.zeros(9)), *(kf.Scalar(f"a{z}", 0.0) for z in names)]
+    )
+    return kf.calibrate(formula, data, start, target="wanted", smoothness={"C": "auto"})
+
+
+def test_few_samples_beside_many_values_ask_for_larger_factors():
+    """At equal weight of roughness and data no residual would be left to judge by."""
+    assert np.abs(np.diff(few(9, 4).parameters["C"].values, 2)).max() < 0.01
+
+
+def test_factors_that_no_sample_can_judge_are_told():
+    result = few(8, 7)
+    assert "Smoothness could not be chosen, because too few samples are independent" in result.message
+
+
 def test_a_table_that_matters_only_after_others_is_smoothed():
     """Behind a map of zeros a time constant has no effect, so it has no derivative at the start."""
     rng = np.random.default_rng(2)

@@ -15,8 +15,10 @@ If errors are correlated in time, blocks of the data are also held out in turn: 
 linearised fit to all other blocks, the mean of log D_b is a second estimate of the logarithm of the error (S. N. Wood,
 On neighbourhood cross validation, 2024). Logarithms keep a single block with large model errors from dominating. The
 criterion is then a weighted mean of both estimates: GCV is precise but relies on the estimated correlation time, the
-blocks do not but are few. As they tell a factor vaguely, and the least of a vague criterion is often extreme, the
-logarithm of each factor is also assumed to be normally distributed around that of equal weight of roughness and data.
+blocks do not but are few. If errors last so long that fewer samples are independent than values determined, GCV is
+undefined, and the blocks decide alone. As they tell a factor vaguely, and the least of a vague criterion is often
+extreme, the logarithm of each factor is also assumed to be normally distributed around that of equal weight of
+roughness and data.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -59,6 +61,7 @@ class Linearised:
     rows: Float  # directions fixed by equalities, Float[equalities, values]
     samples: float  # number of independent samples
     blocks: tuple[HoldoutBlock, ...] = ()  # parts of the data to be held out in turn
+    holdout_share: float = HOLDOUT_SHARE  # of the estimate from these blocks in the mean
     # weights and target of a quadratic penalty on p - toward that does not depend on the factors, Float[values]
     pull: Float | float = 0.0
     toward: Float | float = 0.0
@@ -116,28 +119,34 @@ class Prediction:
         solve = self._inverse(matrix)
         if solve is None:
             return self._undefined
+        gcv = self._gcv(factors, solve)
+        if not self._fit.blocks:
+            return gcv
+        share = self._fit.holdout_share
+        terms = [(share, self._held_out(factors, matrix)), (1.0, self._typical(logarithms))]
+        if share < 1:
+            terms.append((1 - share, gcv))
+        return _sum(terms, gcv.freedom)
+
+    def _gcv(self, factors: Float, solve: Solve) -> Point:
+        """Return the logarithm of GCV times the samples; infinite if hardly a sample is left as residual."""
         freedom, d_freedom, dd_freedom = self._freedom(factors, solve)
         whole = HoldoutBlock(self._fit.misfit, self._fit.gradient, self._data, 1.0)
         misfit, d_misfit, dd_misfit = self._misfit(factors, self._fit.gradient, whole, solve)
         samples = self._fit.samples
         residual = samples - GAMMA * freedom
         if residual < MIN_RESIDUAL_SHARE * samples:
-            return Point(np.inf, d_misfit, dd_misfit)
+            return Point(np.inf, d_misfit, dd_misfit, freedom)
         value = samples * (np.log(misfit) - 2 * np.log(residual / samples))
         slope = samples * (d_misfit / misfit + 2 * GAMMA * d_freedom / residual)
         curvature = dd_misfit / misfit - np.outer(d_misfit, d_misfit) / misfit**2
         curvature += 2 * GAMMA * dd_freedom / residual + 2 * GAMMA**2 * np.outer(d_freedom, d_freedom) / residual**2
-        point = Point(float(value), slope, samples * curvature, freedom)
-        if not self._fit.blocks:
-            return point
-        held_out, share = self._held_out(factors, matrix), HOLDOUT_SHARE
+        return Point(float(value), slope, samples * curvature, freedom)
+
+    def _typical(self, logarithms: Float) -> Point:
+        """Return twice the negative logarithm of the normal distribution of the factors' logarithms."""
         away = (logarithms - self._balanced) / SPREAD
-        return Point(
-            (1 - share) * point.value + share * held_out.value + float(away @ away),
-            (1 - share) * point.slope + share * held_out.slope + 2 * away / SPREAD,
-            (1 - share) * point.curvature + share * held_out.curvature + 2 * np.eye(away.size) / SPREAD**2,
-            freedom,
-        )
+        return Point(float(away @ away), 2 * away / SPREAD, 2 * np.eye(away.size) / SPREAD**2)
 
     @property
     def _undefined(self) -> Point:
@@ -245,6 +254,16 @@ class Prediction:
             back = solve(each.T).T
             squares.append([np.sum(other * back) for other in pulled])
         return float(np.sum(inner.T * self._probes)), np.array(traces), np.array(squares)
+
+
+def _sum(terms: Sequence[tuple[float, Point]], freedom: float) -> Point:
+    """Return the weighted sum of estimates."""
+    return Point(
+        sum(weight * point.value for weight, point in terms),
+        np.sum([weight * point.slope for weight, point in terms], axis=0),
+        np.sum([weight * point.curvature for weight, point in terms], axis=0),
+        freedom,
+    )
 
 
 def _solve(factor: Factor, scale: Float, rows: Float) -> Float:

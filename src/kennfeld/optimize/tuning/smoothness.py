@@ -25,6 +25,7 @@ from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.table_penalties import Restrained, Restraint, Roughness, move_determined, penalty_of
 from kennfeld.optimize.tuning.holdout_blocks import HoldoutBlock, HoldoutBlocks
 from kennfeld.optimize.tuning.prediction_error import (
+    HOLDOUT_SHARE,
     Linearised,
     Prediction,
     balanced_factor,
@@ -36,6 +37,7 @@ RANGE = 1e7  # largest factor, and reciprocal of the smallest one, relative to t
 MIN_CHANGE = 0.1  # of a logarithm, for another fit
 MAX_ROUNDS = 12
 PATH = (3, 2, 1, 0, -1)  # powers of ten of the factors tried first, relative to the data
+LARGER = range(1, 8)  # powers of ten of the factors, relative to the data, that are tried if GCV is undefined
 LIGHT = -2  # power of ten of the factors for the fit whose errors give the number of independent samples
 MIN_GAIN = 0.005  # for another round: of n times the logarithm of the criterion, for each value that data determine
 POOR, GOOD = 0.25, 0.75  # ratio of actual to predicted gain at which the radius is halved, or doubled
@@ -66,6 +68,11 @@ class Round:
         """True if the user stopped the fit."""
         return self.fit.status == "stopped"
 
+    @property
+    def undefined(self) -> bool:
+        """True if the criterion has no value, because too few samples are independent."""
+        return self.prediction is not None and not np.isfinite(self.value)
+
     def propose(self, radius: float) -> tuple[Float, float]:
         """Return the best factors of the linearised problem within a radius, and their predicted gain."""
         if self.prediction is None:
@@ -90,16 +97,24 @@ class SmoothnessChoice:
     fit: SolverResult
     samples: float
     blocks: int = 0
+    holdout_share: float = HOLDOUT_SHARE
+    undefined: bool = False  # the factors could not be judged
     restraints: Mapping[str, Restraint] = field(default_factory=dict)
 
     @property
     def words(self) -> str:
         """A sentence on how the factors were chosen."""
-        blocks = f" and by {self.blocks} held-out blocks of the recordings" if self.blocks else ""
-        return (
-            f"Smoothness was chosen by generalised cross-validation{blocks}: "
-            "the factors with the least predicted error."
-        )
+        if self.undefined:
+            return (
+                "Smoothness could not be chosen, because too few samples are independent: it weighs as much as the "
+                "data. Set a factor, or fit fewer values."
+            )
+        methods = []
+        if not self.blocks or self.holdout_share < 1:
+            methods.append("generalised cross-validation")
+        if self.blocks:
+            methods.append(f"{self.blocks} held-out blocks of the recordings")
+        return f"Smoothness was chosen by {' and by '.join(methods)}: the factors with the least predicted error."
 
     @property
     def by_direction(self) -> dict[str, dict[str, float]]:
@@ -144,6 +159,7 @@ class SmoothnessSelection:
         self.scored = count_scored(self.compiled)
         self.samples = self.scored  # the same for all rounds, so that these are comparable
         self.holdout: HoldoutBlocks | None = None
+        self.holdout_share = HOLDOUT_SHARE
         self.objective = LeastSquaresObjective(self.compiled)
         blocks = list(_blocks(self.compiled))
         self.automatic = [block for block in blocks if block.factor is None]
@@ -160,6 +176,7 @@ class SmoothnessSelection:
             best = self._search(start)
         else:
             self._set_samples(known.samples)
+            self.holdout_share = known.holdout_share
             self.restraints = known.restraints  # at each new target, values that the data leave open could move on
             best = self._improve(self._round(known.logarithms, start))
         self._use(best.logarithms)
@@ -167,7 +184,16 @@ class SmoothnessSelection:
         fit = replace(best.fit, cost=cost, iterations=self.iterations, evaluations=self.evaluations)
         blocks = self.holdout.sizes.size if self.holdout else 0
         factors = self._factors(best.logarithms)
-        return SmoothnessChoice(factors, best.logarithms, fit, self.samples, blocks, self.restraints)
+        return SmoothnessChoice(
+            factors,
+            best.logarithms,
+            fit,
+            self.samples,
+            blocks=blocks,
+            holdout_share=self.holdout_share,
+            undefined=best.undefined,
+            restraints=self.restraints,
+        )
 
     def _set_samples(self, samples: float) -> None:
         """Set the number of independent samples; hold out blocks if the samples are correlated."""
@@ -190,13 +216,31 @@ class SmoothnessSelection:
         self.restraints = self._restraints(plain.values, move_start=False)
         restrained = self._fit(reference, plain.values)
         self.restraints = self._restraints(restrained.values, move_start=True)
-        best = self._improve(self._judge(reference, restrained))
+        best = self._improve(self._judge_first(reference, restrained))
         if best.fit.cut_short or not smoothable(self.problem):
             return best
         other = self._path(reference, start)
         if other.value < best.value and not other.fit.cut_short:
             other = self._improve(other)
         return other if other.value < best.value or other.stopped else best
+
+    def _judge_first(self, logarithms: Float, fit: SolverResult) -> Round:
+        """Judge the fit with the factors at which the search begins.
+
+        GCV is undefined if hardly more samples are independent than values determined. Held-out blocks then decide
+        alone; without them, the search begins with the least larger factors at which GCV is defined.
+        """
+        first = self._judge(logarithms, fit)
+        if not first.undefined or first.prediction is None:
+            return first
+        if self.holdout:
+            self.holdout_share = 1.0
+            return self._judge(logarithms, fit)
+        for decade in LARGER:
+            larger = logarithms + decade * np.log(10)
+            if np.isfinite(first.prediction.at(larger[first.live]).value):
+                return self._round(larger, fit.values)
+        return first
 
     def _reference(self, start: Float) -> Float:
         """Return the logarithms of the factors with the weight of the data.
@@ -215,12 +259,12 @@ class SmoothnessSelection:
         """Return the best of fits with decreasing factors in constant proportion, each starting at the previous one.
 
         With large factors tables are almost straight, which keeps a chain of tables from starting at a fit of noise.
-        The fits are compared without held-out blocks, which take longer than a fit.
+        The fits are compared without held-out blocks, which take longer than a fit, unless only these decide.
         """
         trials: list[Round] = []
         for decade in PATH:
             logarithms = reference + decade * np.log(10)
-            trials.append(self._judge(logarithms, self._fit(logarithms, start), hold_out=False))
+            trials.append(self._judge(logarithms, self._fit(logarithms, start), hold_out=self.holdout_share == 1))
             start = trials[-1].fit.values
             if trials[-1].fit.cut_short:
                 break
@@ -311,7 +355,7 @@ class SmoothnessSelection:
             fixed.append(penalty.steps)
             pull = {"pull": penalty.weights, "toward": penalty.toward}
         rows = limits.rows.matrix(np.flatnonzero(limits.rows.touching(values, ACTIVE_TOLERANCE)), values.size)
-        fit = Linearised(values, misfit, gradient, matrix, free, rows, self.samples, parts, **pull)
+        fit = Linearised(values, misfit, gradient, matrix, free, rows, self.samples, parts, self.holdout_share, **pull)
         blocks = [block.unit for block, good in zip(self.automatic, live, strict=True) if good]
         return Prediction(fit, blocks, fixed)
 
