@@ -17,11 +17,12 @@ SLOPED = 1e-4  # cosine between residuals and a column of J from which a value s
 HIDDEN = 1e-12  # share of the cost of which four digits are left
 SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
 HELD = "Bounds, pins and limits hold all values where they are: check them."
+LIMITED = "Limits of outputs are reached there: check them."
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
 def find_poor_fits(
-    quality: Sequence[Quality], scored: Collection[str], held: Callable[[], bool], faded: Callable[[], bool]
+    quality: Sequence[Quality], scored: Collection[str], limited: Callable[[], str], faded: Callable[[], bool]
 ) -> Iterator[Finding]:
     """Yield a warning for each criterion that the mean of its target would meet better, in all training datasets.
 
@@ -30,7 +31,7 @@ def find_poor_fits(
     Args:
         quality: of all criteria on all datasets.
         scored: the criteria with a weight.
-        held: returns True if the limits hold all values.
+        limited: returns a remedy if limits keep the values from better ones, else nothing.
         faded: returns True if parameters have lost their effect on the way.
     """
     training = [row for row in quality if row.use == "training" and row.criterion in scored and row.samples]
@@ -38,7 +39,7 @@ def find_poor_fits(
         best = max(row.r2_after for row in rows)  # NaN of a constant target is kept
         if best < POOR:
             message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
-            yield Finding(Location(), message, HELD if held() else OTHER_START, severity="warning")
+            yield Finding(Location(), message, limited() or OTHER_START, severity="warning")
         elif best < MEAN and faded():
             message = (
                 f"{criterion} is reproduced no better than by the mean of its target: values have lost their effect"

@@ -303,3 +303,13 @@ def test_a_direction_leads_away_from_a_curve_that_would_fall():
     result = kf.calibrate("y = C(x) + k*x", data, start, target="q", constraints=rising)
     assert result.parameters["k"].value == pytest.approx(0.2)
     assert found(result.trust, "Lowering k and raising C at 10 and 5")
+
+
+def test_a_direction_that_data_without_noise_determine_is_not_told():
+    x = np.linspace(0, 10, 100)
+    start = {"a": 1.0, "b": 0.4}
+    result = kf.calibrate("y = a*exp(b*x)", {"x": x, "m": 2 * np.exp(0.3 * x)}, start, target="m")
+    assert not result.trust.directions
+    noisy = 2 * np.exp(0.3 * x) + 0.1 * np.random.default_rng(0).standard_normal(x.size)
+    (direction,) = kf.calibrate("y = a*exp(b*x)", {"x": x, "m": noisy}, start, target="m").trust.directions
+    assert direction.determined

@@ -47,6 +47,7 @@ MAX_DIRECTIONS = 12
 MAX_EQUAL_WEIGHT = 0.99  # of a second minimum, beyond which its cost is lower by more than noise
 SCALED = 0.1  # change of values by which factors are told from differences
 NEGLIGIBLE_STEP = 0.05  # standard deviations
+EXACTLY_KNOWN = 1e-9  # standard deviation along a direction, relative to each value, that needs no words
 
 
 class TrustAssessment:
@@ -223,7 +224,7 @@ class TrustAssessment:
         directions += beyond
         towards = [id(minimum.direction) for minimum in minima]
         of_layers: list[tuple[WeakDirection, bool]] = []
-        for direction in (each for each in weak if id(each) not in towards):
+        for direction in (each for each in weak if id(each) not in towards and not self._is_exactly_known(each)):
             parts, weights = split(direction.change), split(direction.weight)
             names = [] if direction.amounts else words.strongest(weights)
             if direction.amounts:
@@ -256,6 +257,13 @@ class TrustAssessment:
         weak, costs = minimum.direction, (self._objective.cost(self.values), minimum.cost)
         equal = minimum.weight < MAX_EQUAL_WEIGHT
         return words.second_minimum(weak, split(weak.change), split(minimum.change), costs, equal=equal)
+
+    def _is_exactly_known(self, direction: WeakDirection) -> bool:
+        """Return True if data without noise determine a direction to nearly all digits."""
+        sizes = np.abs(self.values)
+        least = np.min(sizes[sizes > 0], initial=1.0)
+        steps = direction.deviation * np.abs(direction.change)
+        return not direction.exact and bool(np.all(steps <= EXACTLY_KNOWN * np.maximum(sizes, least)))
 
     def _is_scaled(self, direction: WeakDirection) -> bool:
         """Return True if factors of the values change the cost of the data less than differences do.
