@@ -168,6 +168,10 @@ def test_a_sequence_that_ends_on_a_coarse_grid_says_what_the_whole_one_could_rea
     coarse = kf.Options(steps=(kf.Step(grid_reduction=2),))
     [warning] = kf.calibrate("y = C(z)", data, kf.ParameterSet([curve]), target="m", options=coarse).warnings
     assert "the last step of the sequence keeps some of them, or removes breakpoints" in warning.message
+    optimum = kf.calibrate("y = C(z)", data, kf.ParameterSet([curve]), target="m", smoothness=0.01).parameters
+    [warning] = kf.calibrate("y = C(z)", data, optimum, target="m", smoothness=0.01, options=coarse).warnings
+    assert "The last step of the sequence keeps some values, or removes breakpoints: the RMSE of y" in warning.message
+    assert "End the sequence with a step" in warning.remedy
 
 
 def test_two_terms_that_became_alike_on_the_way_part_again():

@@ -18,6 +18,7 @@ HIDDEN = 1e-12  # share of the cost of which four digits are left
 SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
 HELD = "Bounds, pins and limits hold all values where they are: check them."
 LIMITED = "Limits of outputs are reached there: check them."
+FREE_ALL = "End the sequence with a step that frees all of them on their whole grids."
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
@@ -108,7 +109,7 @@ def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, i
         if certificate.predicted_decrease > STEEP:
             message = f"All free values together would lower the cost by {certificate.predicted_decrease:.0%}"
             message += ": the last step of the sequence keeps some of them, or removes breakpoints"
-            remedy = "End the sequence with a step that frees all of them on their whole grids."
+            remedy = FREE_ALL
     elif not moved and certificate.gradient > SLOPED:
         message = (
             "No value has moved from its start although the gradient is not zero there "

@@ -74,10 +74,17 @@ class EndWarnings:
         steep = steepness(self.compiled.residuals, int(self.limits.movable.sum()))
         fitted = self.compiled.parameters(values)
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
+        slopes = tuple(find_slopes(certificate, steep, moved=moved, in_steps=in_steps))
+        partial_end = in_steps and bool(slopes)
+        worse = tuple(
+            find_worsening(
+                quality, scored_nodes(problem), outweighed=outweighed, share=share, partial_end=partial_end
+            )
+        )
         return (
-            *find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share),
+            *worse,
             *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem), self._what_limits, self._have_faded)),
-            *find_slopes(certificate, steep, moved=moved, in_steps=in_steps),
+            *(() if worse and partial_end and outweighed else slopes),
             *(() if misleading is None else self._slopes(misleading)),
             *(() if problem.partitions is not None else repeat_findings(problem, dataset_location)),
             *find_runaways(self.compiled, self.objective, start, values),
