@@ -46,6 +46,7 @@ from kennfeld.threads import blas_threads
 MAX_DIRECTIONS = 12
 MAX_EQUAL_WEIGHT = 0.99  # of a second minimum, beyond which its cost is lower by more than noise
 SCALED = 0.1  # change of values by which factors are told from differences
+UNCHANGED = 1e-9  # difference of two costs, relative to them, that is rounding
 NEGLIGIBLE_STEP = 0.05  # standard deviations
 EXACTLY_KNOWN = 1e-9  # standard deviation along a direction, relative to each value, that needs no words
 
@@ -268,7 +269,8 @@ class TrustAssessment:
     def _is_scaled(self, direction: WeakDirection) -> bool:
         """Return True if factors of the values change the cost of the data less than differences do.
 
-        Both are the same to first order: the data determine the product of two values or their sum.
+        Both are the same to first order: the data determine the product of two values or their sum. Neither changes a
+        quotient.
         """
         if sum(shape.kind == "scale" for shape, _ in direction.amounts) < 2:
             return True
@@ -277,7 +279,7 @@ class TrustAssessment:
         factors, differences = (
             self._objective.data_cost(values) for values in (self.values * np.exp(relative), self.values + change)
         )
-        return bool(factors <= differences) or not np.isfinite(differences)
+        return bool(factors <= (1 + UNCHANGED) * differences) or not np.isfinite(differences)
 
     def _remark(self, local: Estimate) -> str:
         if self.status == "converged":
