@@ -19,6 +19,7 @@ SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
 HELD = "Bounds, pins and limits hold all values where they are: check them."
 LIMITED = "Limits of outputs are reached there: check them."
 FREE_ALL = "End the sequence with a step that frees all of them on their whole grids."
+SMOOTH = 'Search with continuation = "auto": it crosses kinks of lookups.'
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
@@ -93,7 +94,9 @@ def steepness(residuals: int, values: int) -> float:
     return min(STEEP, variances / max(residuals, 1))
 
 
-def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, in_steps: bool) -> Iterator[Finding]:
+def find_slopes(
+    certificate: Certificate | None, steep: float, *, moved: bool, in_steps: bool, unsmoothed: bool = False
+) -> Iterator[Finding]:
     """Yield a warning if the slopes at an end promise a lower cost than the search reached.
 
     Args:
@@ -101,6 +104,7 @@ def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, i
         steep: see `steepness`.
         moved: if any value differs from its start.
         in_steps: if the search was a sequence, whose last step may keep some of the values.
+        unsmoothed: if a continuation would smooth lookups, but is off.
     """
     if certificate is None:
         return
@@ -120,5 +124,6 @@ def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, i
             f"The slopes at the end promise a cost {certificate.predicted_decrease:.2%} lower, but no step reaches it: "
             "the function has kinks or jumps there"
         )
+        remedy = SMOOTH if unsmoothed else OTHER_START
     if message:
         yield Finding(Location(), message, remedy, severity="warning")

@@ -7,7 +7,7 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.compiled import CompiledProblem, smoothable
 from kennfeld.optimize.doubtful_arguments import find_crossed, find_short_lags
 from kennfeld.optimize.doubtful_ends import HELD, LIMITED, find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
@@ -74,16 +74,19 @@ class EndWarnings:
         steep = steepness(self.compiled.residuals, int(self.limits.movable.sum()))
         fitted = self.compiled.parameters(values)
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
-        slopes = tuple(find_slopes(certificate, steep, moved=moved, in_steps=in_steps))
+        unsmoothed = self.options.continuation == "off" and smoothable(problem)
+        slopes = tuple(find_slopes(certificate, steep, moved=moved, in_steps=in_steps, unsmoothed=unsmoothed))
         partial_end = in_steps and bool(slopes)
         worse = tuple(
-            find_worsening(
-                quality, scored_nodes(problem), outweighed=outweighed, share=share, partial_end=partial_end
-            )
+            find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share, partial_end=partial_end)
         )
         return (
             *worse,
-            *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem), self._what_limits, self._have_faded)),
+            *(
+                ()
+                if outweighed
+                else find_poor_fits(quality, targeted_nodes(problem), self._what_limits, self._have_faded)
+            ),
             *(() if worse and partial_end and outweighed else slopes),
             *(() if misleading is None else self._slopes(misleading)),
             *(() if problem.partitions is not None else repeat_findings(problem, dataset_location)),
