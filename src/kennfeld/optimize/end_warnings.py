@@ -9,7 +9,7 @@ from kennfeld.errors import Finding
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.optimize.compiled import CompiledProblem, smoothable
 from kennfeld.optimize.doubtful_arguments import find_crossed, find_short_lags
-from kennfeld.optimize.doubtful_ends import HELD, LIMITED, find_poor_fits, find_slopes, steepness
+from kennfeld.optimize.doubtful_ends import FREE_ALL, HELD, LIMITED, find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.jumps import find_jumps
 from kennfeld.optimize.kinks import find_kinks, values_at_kinks
@@ -76,7 +76,7 @@ class EndWarnings:
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
         unsmoothed = self.options.continuation == "off" and smoothable(problem)
         slopes = tuple(find_slopes(certificate, steep, moved=moved, in_steps=in_steps, unsmoothed=unsmoothed))
-        partial_end = in_steps and bool(slopes)
+        partial_end = FREE_ALL if in_steps and slopes else ""
         worse = tuple(
             find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share, partial_end=partial_end)
         )

@@ -9,7 +9,6 @@ from kennfeld.arrays import Float
 from kennfeld.errors import Finding, Location
 from kennfeld.native.symmetric import as_array
 from kennfeld.optimize.compiled import CompiledProblem
-from kennfeld.optimize.doubtful_ends import FREE_ALL
 from kennfeld.optimize.quality import Quality
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 
@@ -26,7 +25,7 @@ def find_worsening(
     *,
     outweighed: bool,
     share: float | None,
-    partial_end: bool = False,
+    partial_end: str = "",
 ) -> Iterator[Finding]:
     """Yield a warning if RMSEs are larger than at the start.
 
@@ -35,7 +34,7 @@ def find_worsening(
         scored: the criteria with a weight.
         outweighed: True if the cost of the training data as a whole has risen.
         share: share of the smoothness at which it would not have; None if smoothness is not the cause.
-        partial_end: True if a sequence ended with a step that does not fit all values.
+        partial_end: the remedy if a sequence ended with a step that does not fit all values, else empty.
     """
     rows = [
         row
@@ -54,9 +53,9 @@ def find_worsening(
     yield Finding(Location(), f"{cause}: the RMSE {', '.join(comparisons)}{more}", remedy, severity="warning")
 
 
-def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None, partial_end: bool) -> tuple[str, str]:
+def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None, partial_end: str) -> tuple[str, str]:
     if outweighed and partial_end:
-        return "The last step of the sequence keeps some values, or removes breakpoints", FREE_ALL
+        return "The last step of the sequence keeps some values, or removes breakpoints", partial_end
     if outweighed and share is not None:
         return "Smoothness outweighs the data", f"Multiply the smoothness by about {share:g}, or record more data."
     if outweighed:
