@@ -90,6 +90,15 @@ def test_a_poor_end_that_limits_enforce_names_them():
     assert warning.remedy == "Bounds, pins and limits hold all values where they are: check them."
 
 
+def test_a_poor_end_that_limits_of_outputs_enforce_names_them():
+    data = {"x": X, "m": 3 + 2 * X}
+    options = {"target": "m", "limits": [kf.Limit("y", upper=5.0)]}
+    result = kf.calibrate("y = a + b*x", data, {"a": 0.0, "b": 0.0}, **options)
+    [warning] = result.warnings
+    assert "worse than by the mean" in warning.message
+    assert warning.remedy == "Limits of outputs are reached there: check them."
+
+
 def test_a_minimum_has_a_certificate_and_other_values_have_none():
     random = np.random.default_rng(0)
     y = 2 * np.exp(0.3 * X) + random.normal(0, 0.1, X.size)
@@ -159,6 +168,10 @@ def test_a_sequence_that_ends_on_a_coarse_grid_says_what_the_whole_one_could_rea
     coarse = kf.Options(steps=(kf.Step(grid_reduction=2),))
     [warning] = kf.calibrate("y = C(z)", data, kf.ParameterSet([curve]), target="m", options=coarse).warnings
     assert "the last step of the sequence keeps some of them, or removes breakpoints" in warning.message
+    optimum = kf.calibrate("y = C(z)", data, kf.ParameterSet([curve]), target="m", smoothness=0.01).parameters
+    [warning] = kf.calibrate("y = C(z)", data, optimum, target="m", smoothness=0.01, options=coarse).warnings
+    assert "The last step of the sequence keeps some values, or removes breakpoints: the RMSE of y" in warning.message
+    assert "End the sequence with a step" in warning.remedy
 
 
 def test_two_terms_that_became_alike_on_the_way_part_again():

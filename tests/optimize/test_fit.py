@@ -376,3 +376,22 @@ def test_without_a_tolerance_a_descent_ends_at_what_the_data_can_distinguish(cou
     compiled = CompiledProblem(build_problem("m = A(u, v)", data, start, "y"))
     assert compiled.residuals == samples
     assert default_tolerance(compiled, LeastSquaresObjective(compiled)) == pytest.approx(tolerance)
+
+
+@pytest.mark.parametrize("start", [0.0, -1000.0, 1e-8])
+def test_the_factor_of_a_line_through_an_inner_point_is_exact(start):
+    """A step of a linear function is exact, so that what remains is rounding."""
+    x = np.linspace(0, 100, 101)
+    result = kf.calibrate("y = a * (x - 50)", {"x": x, "m": 3 * (x - 50)}, {"a": start}, target="m")
+    assert result.parameters["a"].value == pytest.approx(3.0, rel=1e-13)
+
+
+def test_a_sequence_that_starts_at_an_optimum_ends_there():
+    x = np.random.default_rng(0).uniform(0, 10, 300)
+    data = {"x": x, "m": np.sin(x) + 0.1 * np.cos(37 * x)}
+    curve = kf.ParameterSet([kf.Curve("C", np.linspace(0, 10, 11), np.zeros(11))])
+    optimum = kf.calibrate("y = C(x)", data, curve, target="m")
+    options = kf.Options(steps=(kf.Step(grid_reduction=5), kf.Step(grid_reduction=2), kf.Step()))
+    result = kf.calibrate("y = C(x)", data, optimum.parameters, target="m", options=options)
+    assert result.converged
+    assert result.cost_after == pytest.approx(optimum.cost_after, rel=1e-8)

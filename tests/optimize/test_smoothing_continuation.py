@@ -92,6 +92,9 @@ def test_the_lowest_cost_wins(both):
 
 def test_switched_off_only_the_plain_descent_runs(plain):
     assert {line.stage for line in plain.trace} == {"plain"}
+    [warning] = plain.warnings
+    assert "no step reaches it" in warning.message
+    assert warning.remedy == 'Search with continuation = "auto": it crosses kinks of lookups.'
 
 
 def test_creases_are_overcome_that_stop_the_plain_descent(both, plain):

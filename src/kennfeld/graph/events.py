@@ -5,6 +5,9 @@ and its exact derivatives do not describe it. A condition alone is no indication
 jump. Jumps are therefore found numerically: inputs, states and lookups get random values, the point at which a
 condition changes is located, and outputs and next states are compared on both sides. The difference of a jump stays the
 same as the sides approach each other; it vanishes at a kink, and grows at a pole, which no value can cross.
+
+A condition may also change because a value in it jumps. If the data alone decide that jump, as that of a flag for the
+first sample, they decide when the condition changes.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -14,7 +17,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from kennfeld.arrays import Float, Int
+from kennfeld.arrays import Bool, Float, Int
 from kennfeld.graph.node import Graph, Node
 from kennfeld.graph.operations import OPERATIONS
 from kennfeld.graph.traversal import ancestors, dependents
@@ -62,7 +65,7 @@ def events(graph: Graph, free: Collection[str], outputs: Collection[str] = ()) -
     ]
     if not candidates:
         return ()
-    jumping = _Step(graph, ends).jumping(candidates[:: -(-len(candidates) // MAX_CONDITIONS)])
+    jumping = _Step(graph, ends, moving).jumping(candidates[:: -(-len(candidates) // MAX_CONDITIONS)])
     reach = {name: dependents(graph, partial(_looks_up, name)) for name in (free if jumping else ())}
     return tuple(
         Event(at, _WORDS[graph.nodes[at].op], _user(graph, at), tuple(name for name in reach if at in reach[name]))
@@ -76,11 +79,20 @@ def _tests_nan(node: Node) -> bool:
 
 
 class _Step:
-    """One time step evaluated at random points; its leaves are inputs, states, lookups and called functions."""
+    """One time step evaluated at random points; its leaves are inputs, states, lookups and called functions.
 
-    def __init__(self, graph: Graph, ends: Sequence[int]) -> None:
+    Args:
+        graph: of the step.
+        ends: outputs and next states.
+        moving: nodes that depend on free parameters.
+    """
+
+    def __init__(self, graph: Graph, ends: Sequence[int], moving: Collection[int]) -> None:
         self.graph, self.ends = graph, ends
         self.cone = ancestors(graph.nodes, ends)
+        choices = {graph.nodes[at].args[0] for at in self.cone if graph.nodes[at].op == "select"}
+        self.settled_choices = sorted(choices.difference(moving))
+        self.settled_jumps = [at for at in self.cone if graph.nodes[at].op in _WORDS and at not in moving]
         self.leaves = [at for at in self.cone if graph.nodes[at].op in LEAVES]
         self.random = np.random.default_rng(0)
         self.points = self._points()
@@ -119,6 +131,7 @@ class _Step:
             gaps.append(self._gaps(low, high, equal))
         apart = (gaps[1] > SHRUNK * gaps[0]) & (gaps[1] > JUMP * self._sizes(origin))
         apart &= gaps[1] < GROWN * gaps[0]
+        apart &= ~self._data_decide(low, high)
         jumps = np.logical_or.reduce(apart, axis=0)
         # an equality jumps in general or, where two values happen to be 0 at once, at a corner that no data reach
         least = {at: 0.5 if at in equal else 0.0 for at in candidates}
@@ -156,6 +169,16 @@ class _Step:
             gaps = np.array([np.abs(after[end] - before[end]) for end in self.ends])
         finite: Float = np.nan_to_num(gaps, nan=0.0, posinf=0.0)
         return finite
+
+    def _data_decide(self, low: Float, high: Float) -> Bool:
+        """Return for each change if a condition that depends on no free parameter changes with it."""
+        below, above = (self._evaluate(side, self.cone) for side in (low, high))
+        changes = np.zeros(low.shape[1], dtype=bool)
+        for at in self.settled_choices:  # every value but 0 is true
+            changes |= (below[at] != 0) != (above[at] != 0)
+        for at in self.settled_jumps:
+            changes |= self._level(at, below) != self._level(at, above)
+        return changes
 
     def _sizes(self, origin: Int) -> Float:
         """Compute the magnitudes of the ends near the changes and in general, shape (ends, changes)."""

@@ -17,11 +17,14 @@ SLOPED = 1e-4  # cosine between residuals and a column of J from which a value s
 HIDDEN = 1e-12  # share of the cost of which four digits are left
 SLIGHT_VARIATION = 1e-5  # of an input, relative to its largest value
 HELD = "Bounds, pins and limits hold all values where they are: check them."
+LIMITED = "Limits of outputs are reached there: check them."
+FREE_ALL = "End the sequence with a step that frees all of them on their whole grids."
+SMOOTH = 'Search with continuation = "auto": it crosses kinks of lookups.'
 OTHER_START = "Start closer to plausible values, set bounds around them, or search from several starts: starts = 10."
 
 
 def find_poor_fits(
-    quality: Sequence[Quality], scored: Collection[str], held: Callable[[], bool], faded: Callable[[], bool]
+    quality: Sequence[Quality], scored: Collection[str], limited: Callable[[], str], faded: Callable[[], bool]
 ) -> Iterator[Finding]:
     """Yield a warning for each criterion that the mean of its target would meet better, in all training datasets.
 
@@ -30,7 +33,7 @@ def find_poor_fits(
     Args:
         quality: of all criteria on all datasets.
         scored: the criteria with a weight.
-        held: returns True if the limits hold all values.
+        limited: returns a remedy if limits keep the values from better ones, else nothing.
         faded: returns True if parameters have lost their effect on the way.
     """
     training = [row for row in quality if row.use == "training" and row.criterion in scored and row.samples]
@@ -38,7 +41,7 @@ def find_poor_fits(
         best = max(row.r2_after for row in rows)  # NaN of a constant target is kept
         if best < POOR:
             message = f"{criterion} is reproduced worse than by the mean of its target (R2 = {best:.3g})"
-            yield Finding(Location(), message, HELD if held() else OTHER_START, severity="warning")
+            yield Finding(Location(), message, limited() or OTHER_START, severity="warning")
         elif best < MEAN and faded():
             message = (
                 f"{criterion} is reproduced no better than by the mean of its target: values have lost their effect"
@@ -91,7 +94,9 @@ def steepness(residuals: int, values: int) -> float:
     return min(STEEP, variances / max(residuals, 1))
 
 
-def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, in_steps: bool) -> Iterator[Finding]:
+def find_slopes(
+    certificate: Certificate | None, steep: float, *, moved: bool, in_steps: bool, unsmoothed: bool = False
+) -> Iterator[Finding]:
     """Yield a warning if the slopes at an end promise a lower cost than the search reached.
 
     Args:
@@ -99,6 +104,7 @@ def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, i
         steep: see `steepness`.
         moved: if any value differs from its start.
         in_steps: if the search was a sequence, whose last step may keep some of the values.
+        unsmoothed: if a continuation would smooth lookups, but is off.
     """
     if certificate is None:
         return
@@ -107,7 +113,7 @@ def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, i
         if certificate.predicted_decrease > STEEP:
             message = f"All free values together would lower the cost by {certificate.predicted_decrease:.0%}"
             message += ": the last step of the sequence keeps some of them, or removes breakpoints"
-            remedy = "End the sequence with a step that frees all of them on their whole grids."
+            remedy = FREE_ALL
     elif not moved and certificate.gradient > SLOPED:
         message = (
             "No value has moved from its start although the gradient is not zero there "
@@ -118,5 +124,6 @@ def find_slopes(certificate: Certificate | None, steep: float, *, moved: bool, i
             f"The slopes at the end promise a cost {certificate.predicted_decrease:.2%} lower, but no step reaches it: "
             "the function has kinks or jumps there"
         )
+        remedy = SMOOTH if unsmoothed else OTHER_START
     if message:
         yield Finding(Location(), message, remedy, severity="warning")

@@ -7,9 +7,9 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import Finding
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.optimize.compiled import CompiledProblem
+from kennfeld.optimize.compiled import CompiledProblem, smoothable
 from kennfeld.optimize.doubtful_arguments import find_crossed, find_short_lags
-from kennfeld.optimize.doubtful_ends import find_poor_fits, find_slopes, steepness
+from kennfeld.optimize.doubtful_ends import FREE_ALL, HELD, LIMITED, find_poor_fits, find_slopes, steepness
 from kennfeld.optimize.equal_neurons import find_equal_neurons
 from kennfeld.optimize.jumps import find_jumps
 from kennfeld.optimize.kinks import find_kinks, values_at_kinks
@@ -24,6 +24,7 @@ from kennfeld.optimize.runaways import find_runaways
 from kennfeld.optimize.solver.certificate import Certificate
 from kennfeld.optimize.solver.levenberg_marquardt import SolverResult
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
+from kennfeld.optimize.strategies.output_limits import OutputLimits
 from kennfeld.optimize.validation import dataset_location
 from kennfeld.optimize.wide_differences import find_misleading_slopes
 from kennfeld.optimize.worsening import admissible_share, find_worsening
@@ -52,6 +53,7 @@ class EndWarnings:
     limits: LinearLimits
     options: Options
     end: SolverResult
+    outputs: OutputLimits | None = None
 
     def find(
         self, quality: Sequence[Quality], certificate: Certificate | None, misleading: Int | None
@@ -72,10 +74,20 @@ class EndWarnings:
         steep = steepness(self.compiled.residuals, int(self.limits.movable.sum()))
         fitted = self.compiled.parameters(values)
         moved, in_steps = not np.array_equal(values, start), bool(self.options.steps)
+        unsmoothed = self.options.continuation == "off" and smoothable(problem)
+        slopes = tuple(find_slopes(certificate, steep, moved=moved, in_steps=in_steps, unsmoothed=unsmoothed))
+        partial_end = FREE_ALL if in_steps and slopes else ""
+        worse = tuple(
+            find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share, partial_end=partial_end)
+        )
         return (
-            *find_worsening(quality, scored_nodes(problem), outweighed=outweighed, share=share),
-            *(() if outweighed else find_poor_fits(quality, targeted_nodes(problem), self._are_held, self._have_faded)),
-            *find_slopes(certificate, steep, moved=moved, in_steps=in_steps),
+            *worse,
+            *(
+                ()
+                if outweighed
+                else find_poor_fits(quality, targeted_nodes(problem), self._what_limits, self._have_faded)
+            ),
+            *(() if worse and partial_end and outweighed else slopes),
             *(() if misleading is None else self._slopes(misleading)),
             *(() if problem.partitions is not None else repeat_findings(problem, dataset_location)),
             *find_runaways(self.compiled, self.objective, start, values),
@@ -84,10 +96,12 @@ class EndWarnings:
             *find_crossed(problem, fitted),
         )
 
-    def _are_held(self) -> bool:
-        """Return True if all values are at bounds, or determined by the limits."""
+    def _what_limits(self) -> str:
+        """Return a remedy if all values are at bounds or determined by limits, or limits of outputs are reached."""
         values, limits = self.end.values, self.limits
-        return not leaves_room(values, limits, (limits.lower < values) & (values < limits.upper))
+        if not leaves_room(values, limits, (limits.lower < values) & (values < limits.upper)):
+            return HELD
+        return "" if self.outputs is None or self.outputs.near_active(values) is None else LIMITED
 
     def _have_faded(self) -> bool:
         """Return whether parameters have lost all their effect since the start, also a tenth of the way back there.

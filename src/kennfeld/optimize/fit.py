@@ -622,7 +622,7 @@ class FitRun:
     ) -> tuple[Finding, ...]:
         if end.status in ("infeasible", "failed"):
             return ()
-        warnings = EndWarnings(self.exact, self.objective, limits, self.options, end)
+        warnings = EndWarnings(self.exact, self.objective, limits, self.options, end, self.outputs)
         sloped = self.options.method != "global" and not self._is_solved(end, self.objective.start)
         misleading = self._misleading(end.values, limits) if sloped else None
         return warnings.find(quality, certificate if end.status == "converged" else None, misleading)

@@ -20,7 +20,12 @@ MAX_LISTED = 4  # datasets in a warning
 
 
 def find_worsening(
-    quality: Sequence[Quality], scored: Collection[str], *, outweighed: bool, share: float | None
+    quality: Sequence[Quality],
+    scored: Collection[str],
+    *,
+    outweighed: bool,
+    share: float | None,
+    partial_end: str = "",
 ) -> Iterator[Finding]:
     """Yield a warning if RMSEs are larger than at the start.
 
@@ -29,6 +34,7 @@ def find_worsening(
         scored: the criteria with a weight.
         outweighed: True if the cost of the training data as a whole has risen.
         share: share of the smoothness at which it would not have; None if smoothness is not the cause.
+        partial_end: the remedy if a sequence ended with a step that does not fit all values, else empty.
     """
     rows = [
         row
@@ -43,11 +49,13 @@ def find_worsening(
         for row in rows[:MAX_LISTED]
     ]
     more = f", and {len(rows) - MAX_LISTED} more" if len(rows) > MAX_LISTED else ""
-    cause, remedy = _cause(rows, outweighed, share)
+    cause, remedy = _cause(rows, outweighed, share, partial_end)
     yield Finding(Location(), f"{cause}: the RMSE {', '.join(comparisons)}{more}", remedy, severity="warning")
 
 
-def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None) -> tuple[str, str]:
+def _cause(rows: Sequence[Quality], outweighed: bool, share: float | None, partial_end: str) -> tuple[str, str]:
+    if outweighed and partial_end:
+        return "The last step of the sequence keeps some values, or removes breakpoints", partial_end
     if outweighed and share is not None:
         return "Smoothness outweighs the data", f"Multiply the smoothness by about {share:g}, or record more data."
     if outweighed:

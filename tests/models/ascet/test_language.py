@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kennfeld.errors import InputError
+from kennfeld.graph.events import events
 from kennfeld.models.ascet.importing import esdl, import_esdl
 from kennfeld.models.formula import formula, to_text
 from kennfeld.parameter_set import ParameterSet
@@ -140,6 +141,20 @@ def test_a_return_within_a_branch_ends_the_method(tmp_path):
         "if (x > 1.0) { return 1.0; } if (x < 0.0) { n = n + 1.0; return n; } return x;", members="real n = 10.0;"
     )
     assert outputs(tmp_path, text, {"x": [2.0, -1.0, 0.5, -3.0]})["calc"].tolist() == [1.0, 11.0, 0.5, 12.0]
+
+
+def test_a_lag_behind_a_limit_does_not_jump_depending_on_them(tmp_path):
+    """The branches meet at the limit; the first sample alone decides where the state is set."""
+    members = """@dT real dT = 0.0; characteristic real tau = 1.0; characteristic real limit = 2.0;
+        real z = 0.0; boolean first = true;"""
+    body = """
+        if (first) { z = x; first = false; } else { z = z + (x - z) * dT / (tau + dT); }
+        if (z > limit) { return limit; }
+        return z;"""
+    graph = class_model(tmp_path, method(body, members=members)).graph
+    assert events(graph, ["tau", "limit"]) == ()
+    jumping = class_model(tmp_path, method(body.replace("return limit", "return 5.0"), members=members)).graph
+    assert [event.word for event in events(jumping, ["tau", "limit"])] == [">"]
 
 
 def test_group_tables_share_an_axis_that_is_searched(tmp_path):

@@ -248,6 +248,15 @@ def test_values_are_scaled_only_if_factors_have_no_effect(text, truth, sentence)
     assert direction.sentence == sentence
 
 
+def test_rounding_does_not_decide_if_the_values_of_a_quotient_are_scaled():
+    """Factors and differences have no effect, either of them."""
+    x = np.linspace(0, 10, 200)
+    for seed in range(4):
+        data = {"x": x, "m": 3 * x + 0.1 * np.random.default_rng(seed).standard_normal(x.size)}
+        (direction,) = kf.calibrate("y = a / b * x", data, {"a": 1.0, "b": 1.5}, target="m").trust.directions
+        assert direction.sentence == "Scaling a by 1.01 and b by 1.01 has no effect on the fit."
+
+
 def test_a_pin_is_suggested_at_the_value_of_the_fit_if_that_of_the_start_violates_bounds():
     """The scale is open: a curve between 0 and 1 whose start is far outside."""
     rng = np.random.default_rng(0)
@@ -303,3 +312,13 @@ def test_a_direction_leads_away_from_a_curve_that_would_fall():
     result = kf.calibrate("y = C(x) + k*x", data, start, target="q", constraints=rising)
     assert result.parameters["k"].value == pytest.approx(0.2)
     assert found(result.trust, "Lowering k and raising C at 10 and 5")
+
+
+def test_a_direction_that_data_without_noise_determine_is_not_told():
+    x = np.linspace(0, 10, 100)
+    start = {"a": 1.0, "b": 0.4}
+    result = kf.calibrate("y = a*exp(b*x)", {"x": x, "m": 2 * np.exp(0.3 * x)}, start, target="m")
+    assert not result.trust.directions
+    noisy = 2 * np.exp(0.3 * x) + 0.1 * np.random.default_rng(0).standard_normal(x.size)
+    (direction,) = kf.calibrate("y = a*exp(b*x)", {"x": x, "m": noisy}, start, target="m").trust.directions
+    assert direction.determined

@@ -47,6 +47,22 @@ def test_a_second_minimum_of_equal_cost_is_told_and_counts_as_error(start, rise)
     assert not any("determined" in str(direction) for direction in result.trust.directions)
 
 
+def test_the_minima_of_several_pairs_of_factors_are_all_told():
+    """Each of two cells has two solutions, and the factor at the second breakpoint is the same in two of the four."""
+    rng = np.random.default_rng(0)
+    n, load = rng.uniform(1000, 6000, 1500), rng.uniform(0, 100, 1500)
+    loads = np.array([0.0, 50.0, 100.0])
+    rise, factor = np.interp(load, loads, [1.0, 1.3, 1.35]), np.interp(load, loads, [1.0, 1.1, 1.25])
+    data = {"n": n, "L": load, "m": (50 + 0.01 * n) * rise * factor + 0.1 * rng.standard_normal(n.size)}
+    tables = [kf.Map("M", SPEED, loads, np.full((4, 3), 80.0)), kf.Curve("C", loads, [1.0, 1.4, 1.4])]
+    result = kf.calibrate("y = M(n, L) * C(L)", data, kf.ParameterSet(tables), "m", pins=[PIN])
+    here = result.parameters["C"].values
+    minima = [here, *(here + direction.parts["C"] for direction in result.trust.directions)]
+    assert sorted(float(values[1]) for values in minima) == pytest.approx([1.1, 1.1, 1.3, 1.3], abs=0.03)
+    assert all(direction.sentence.startswith("Other values fit") for direction in result.trust.directions)
+    assert np.all(np.abs([1.1, 1.25] - here[1:]) < 2 * result.trust.deviation["C"][1:])
+
+
 def test_a_product_without_a_second_minimum_is_coupled_but_determined():
     result = map_times_curve(1.0, rise=[0.0, 0.2, 0.5, -0.3], noise=0.01)
     (direction,) = result.trust.directions

@@ -46,7 +46,9 @@ from kennfeld.threads import blas_threads
 MAX_DIRECTIONS = 12
 MAX_EQUAL_WEIGHT = 0.99  # of a second minimum, beyond which its cost is lower by more than noise
 SCALED = 0.1  # change of values by which factors are told from differences
+UNCHANGED = 1e-9  # difference of two costs, relative to them, that is rounding
 NEGLIGIBLE_STEP = 0.05  # standard deviations
+EXACTLY_KNOWN = 1e-9  # standard deviation along a direction, relative to each value, that needs no words
 
 
 class TrustAssessment:
@@ -105,7 +107,7 @@ class TrustAssessment:
         local = estimate(compiled, limits, self.values, self._residual_groups, touched)
         if local is None:
             return Trust(informed=self.informed)
-        samples, deviation = count_touching_samples(compiled, full), local.deviation(error=True)
+        samples = count_touching_samples(compiled, full)
         split = _Split(problem, compiled)
         moved = self.values != compiled.start[: self.values.size]
         informed = {name: self.informed.get(name, also) for name, also in split(local.informed | moved).items()}
@@ -117,9 +119,9 @@ class TrustAssessment:
         words = Describer(problem.model.graph, parameters, problem.parameters, split(samples), axes, admits)
         moving = {table for axis in split.axes.values() for table, _ in axis.places}
         weak = self._weak_directions(local, split, parameters)
-        minima = self._second_minima(limits, local, weak, outputs)
-        for minimum in minima:
-            deviation = np.sqrt(deviation**2 + minimum.weight * minimum.change**2)
+        minima = self._second_minima(limits, local, weak, outputs, split)
+        apart = np.max([minimum.weight * minimum.change**2 for minimum in minima], axis=0, initial=0.0)
+        deviation = np.sqrt(local.deviation(error=True) ** 2 + apart)
         holdings = [
             *describe_distances(problem.free_axes, compiled.values, full, {a.key: n for n, a in split.axes.items()})
         ]
@@ -166,13 +168,25 @@ class TrustAssessment:
         return weak_directions(local, candidates, changes, MAX_DIRECTIONS)
 
     def _second_minima(
-        self, limits: LinearLimits, local: Estimate, weak: Sequence[WeakDirection], outputs: OutputLimits | None
+        self,
+        limits: LinearLimits,
+        local: Estimate,
+        weak: Sequence[WeakDirection],
+        outputs: OutputLimits | None,
+        split: "_Split",
     ) -> list[SecondMinimum]:
         if self.status != "converged":
             return []
-        named = [direction for direction in weak if direction.amounts]
+
+        def surroundings(values: Float) -> tuple[Estimate, list[WeakDirection]] | None:
+            touched = None if outputs is None else outputs.near_active(values)
+            there = estimate(self.compiled, limits, values, self._residual_groups, touched)
+            if there is None:
+                return None
+            return there, _named(self._weak_directions(there, split, self.compiled.parameters(values)))
+
         allowed = (lambda values: True) if outputs is None else outputs.is_satisfied
-        return [*second_minima(self._objective, limits, self.values, local, named, allowed)]
+        return [*second_minima(self._objective, limits, self.values, local, _named(weak), surroundings, allowed)]
 
     def _directions(
         self,
@@ -187,7 +201,8 @@ class TrustAssessment:
     ) -> tuple[Direction, ...]:
         """Describe undetermined values and those only `searched`, table by table; then the weak directions.
 
-        A direction in which another minimum is known is described by that alone.
+        A direction in which another minimum is known is described by that alone, and what determines the values of its
+        tables around this one is not told.
         """
         fixed = split(local.reduction.fixed)
         tables = {name: where for name, where in fixed.items() if name not in split.axes}
@@ -206,10 +221,11 @@ class TrustAssessment:
             for name, where in flat.items()
             if where.any() and name not in words.layers
         ]
-        directions += [self._describe_minimum(minimum, split, words) for minimum in minima]
+        beyond = [self._describe_minimum(minimum, split, words) for minimum in minima]
+        directions += beyond
         towards = [id(minimum.direction) for minimum in minima]
         of_layers: list[tuple[WeakDirection, bool]] = []
-        for direction in (each for each in weak if id(each) not in towards):
+        for direction in (each for each in weak if id(each) not in towards and not self._is_exactly_known(each)):
             parts, weights = split(direction.change), split(direction.weight)
             names = [] if direction.amounts else words.strongest(weights)
             if direction.amounts:
@@ -222,6 +238,8 @@ class TrustAssessment:
             worst, alone = max(of_layers, key=lambda pair: pair[1])
             parts = {name: part for name, part in split(worst.change).items() if name in words.layers}
             directions += describe_weights(worst, parts, split(local.deviation(error=True)), parameters, alone=alone)
+        ambiguous = {name for direction in beyond for name in direction.parts}
+        directions = [each for each in directions if not (each.determined and ambiguous.intersection(each.parts))]
         return tuple(sorted(directions, key=lambda direction: direction.determined))
 
     def _jumping(self) -> frozenset[str]:
@@ -241,10 +259,18 @@ class TrustAssessment:
         equal = minimum.weight < MAX_EQUAL_WEIGHT
         return words.second_minimum(weak, split(weak.change), split(minimum.change), costs, equal=equal)
 
+    def _is_exactly_known(self, direction: WeakDirection) -> bool:
+        """Return True if data without noise determine a direction to nearly all digits."""
+        sizes = np.abs(self.values)
+        least = np.min(sizes[sizes > 0], initial=1.0)
+        steps = direction.deviation * np.abs(direction.change)
+        return not direction.exact and bool(np.all(steps <= EXACTLY_KNOWN * np.maximum(sizes, least)))
+
     def _is_scaled(self, direction: WeakDirection) -> bool:
         """Return True if factors of the values change the cost of the data less than differences do.
 
-        Both are the same to first order: the data determine the product of two values or their sum.
+        Both are the same to first order: the data determine the product of two values or their sum. Neither changes a
+        quotient.
         """
         if sum(shape.kind == "scale" for shape, _ in direction.amounts) < 2:
             return True
@@ -253,7 +279,7 @@ class TrustAssessment:
         factors, differences = (
             self._objective.data_cost(values) for values in (self.values * np.exp(relative), self.values + change)
         )
-        return bool(factors <= differences) or not np.isfinite(differences)
+        return bool(factors <= (1 + UNCHANGED) * differences) or not np.isfinite(differences)
 
     def _remark(self, local: Estimate) -> str:
         if self.status == "converged":
@@ -271,6 +297,11 @@ def _keeps_limits(limits: LinearLimits, values: Float, change: Float) -> bool:
     changed = values + change
     within = (limits.lower <= changed) & (changed <= limits.upper)
     return bool(np.all(within | (change == 0))) and limits.violation(changed) <= FEASIBLE
+
+
+def _named(directions: Sequence[WeakDirection]) -> list[WeakDirection]:
+    """Return the directions that are combinations of table changes."""
+    return [direction for direction in directions if direction.amounts]
 
 
 def _coupled_tables(local: Estimate, columns: Mapping[str, Int], tables: Sequence[str]) -> dict[str, list[str]]:

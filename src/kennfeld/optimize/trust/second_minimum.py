@@ -6,9 +6,12 @@ half-way between both ends the Jacobian is singular. With the curvature S = 1 / 
 direction, where f is the amount of it in a change, the root of S is the length of the slope. Its values here and a
 short way off tell where it vanishes; the other minimum, if any, is about as far beyond it, and a descent from there
 finds it. A direction without a fold costs one linearisation, or three if the slope only seems to vanish, at a kink.
+
+If several factors may change places, the poorly determined directions of one minimum do not lead to all others: those
+of each minimum are followed in turn.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -17,14 +20,15 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.native.symmetric import as_array, as_sparse
 from kennfeld.optimize.objective import LeastSquaresObjective
 from kennfeld.optimize.projection import project
-from kennfeld.optimize.solver.levenberg_marquardt import SolverSettings, levenberg_marquardt
+from kennfeld.optimize.solver.levenberg_marquardt import SolverResult, SolverSettings, levenberg_marquardt
 from kennfeld.optimize.solver.linear_constraints import LinearLimits
 from kennfeld.optimize.trust.covariance import Estimate
 from kennfeld.optimize.trust.matrices import part
 from kennfeld.optimize.trust.table_changes import WeakDirection
 from kennfeld.optimize.trust.weak_directions import solve_singular
 
-MAX_DIRECTIONS = 3  # that are followed
+MAX_DIRECTIONS = 3  # that are followed from each minimum
+MAX_MINIMA = 7  # with the first one, those of three pairs of factors
 WAY = (1e-3, 0.1)  # least and most of the size of the values, for the change that shows a fold
 DEVIATIONS = 2.0  # this change if it is between both
 REACH = 10.0  # times the size of the values: a fold that is farther off is none
@@ -41,7 +45,7 @@ class SecondMinimum:
     `weight` is the probability of the place, from the costs alone: 1/2 if both are equal.
     """
 
-    direction: WeakDirection  # on the way there
+    direction: WeakDirection  # in which it was found
     change: Float  # Float[values], from the end of the fit to there
     cost: float
     weight: float
@@ -53,6 +57,7 @@ def second_minima(
     values: Float,
     local: Estimate,
     directions: Iterable[WeakDirection],
+    surroundings: Callable[[Float], tuple[Estimate, Sequence[WeakDirection]] | None] = lambda values: None,
     allowed: Callable[[Float], bool] = lambda values: True,
 ) -> Iterator[SecondMinimum]:
     """Yield the second minima beyond folds of poorly determined directions.
@@ -63,24 +68,44 @@ def second_minima(
         values: the end of the fit, Float[values].
         local: the estimate there.
         directions: the poorly determined directions, worst first.
+        surroundings: returns the estimate and the poorly determined directions at a second minimum, if there are any.
         allowed: returns True for values that keep the output limits.
     """
     cost, variance = objective.cost(values), local.dispersion
     known: list[Float] = []
-    determined = [each for each in directions if np.isfinite(each.deviation) and not each.exact]
-    for direction in determined[:MAX_DIRECTIONS] if variance > 0 else ():
-        beyond = _beyond_fold(objective, values, local, direction)
-        start = None if beyond is None else project(values + beyond, limits)[0]
-        if start is None or not np.isfinite(objective.cost(start)):
-            continue
-        end = levenberg_marquardt(objective, start, limits, DESCENT)
-        rise, change = (end.cost - cost) / variance, end.values - values
-        narrow = local.narrow(change)
-        said = float(narrow @ (local.data @ narrow) + narrow @ (local.smoothness @ narrow)) / variance
-        new = not any(np.allclose(change, other, rtol=0.1, atol=0.0) for other in known)
-        if rise <= EQUAL and said >= max(APART, APART * rise) and new and allowed(end.values):
+    places = [(values, local, list(directions))] if variance > 0 else []
+    while places:
+        place, around, ways = places.pop(0)
+        for direction, end in _ends_beyond_folds(objective, limits, place, around, ways):
+            rise, change = (end.cost - cost) / variance, end.values - values
+            narrow = local.narrow(change)
+            said = float(narrow @ (local.data @ narrow) + narrow @ (local.smoothness @ narrow)) / variance
+            new = not any(np.allclose(change, other, rtol=0.1, atol=0.0) for other in known)
+            if rise > EQUAL or said < max(APART, APART * rise) or not new or not allowed(end.values):
+                continue
             known.append(change)
             yield SecondMinimum(direction, change, end.cost, float(1 / (1 + np.exp(np.clip(rise / 2, -700, 700)))))
+            if len(known) == MAX_MINIMA:
+                return
+            beside = surroundings(end.values)
+            if beside is not None:
+                places.append((end.values, beside[0], list(beside[1])))
+
+
+def _ends_beyond_folds(
+    objective: LeastSquaresObjective,
+    limits: LinearLimits,
+    values: Float,
+    local: Estimate,
+    directions: Iterable[WeakDirection],
+) -> Iterator[tuple[WeakDirection, SolverResult]]:
+    """Yield the end of a descent from beyond the fold of each direction that has one."""
+    determined = [each for each in directions if np.isfinite(each.deviation) and not each.exact]
+    for direction in determined[:MAX_DIRECTIONS]:
+        beyond = _beyond_fold(objective, values, local, direction)
+        start = None if beyond is None else project(values + beyond, limits)[0]
+        if start is not None and np.isfinite(objective.cost(start)):
+            yield direction, levenberg_marquardt(objective, start, limits, DESCENT)
 
 
 def _beyond_fold(
