@@ -18,7 +18,10 @@ class SearchSettings:
         "gauss-newton",
     )
     max_evaluations: int = key(
-        "maximum number of cost evaluations of the global search", 0, least=1, default_text="500 (values + 4)"
+        "maximum number of cost evaluations of the global search",
+        0,
+        least=1,
+        default_text="2000 (values + 4) up to 5 values, else 500 (values + 4)",
     )
     continuation: Literal["auto", "off"] = key(
         '`"off"` searches on the exact model only: faster, and sufficient for smooth surfaces; see '

@@ -63,6 +63,60 @@ def test_restarts_find_the_lowest_of_many_valleys(size, evaluations):
     assert any(lowest(seed, evaluations) < 1e-6 for seed in misled)
 
 
+def stripes(values):
+    """A bowl with stripes, which runs end on."""
+    return 1 + np.sum((values - 0.3) ** 2) + 0.1 * np.sum(np.floor(20 * values) % 2)
+
+
+def stairs(values):
+    return 2.0 - np.sum(np.floor(values * 400)) / 400 / values.size
+
+
+@pytest.mark.parametrize("cost", [stripes, stairs])
+@pytest.mark.parametrize("size", [1, 2])
+def test_a_converged_end_has_no_lower_neighbour(cost, size):
+    statuses = set()
+    for evaluations in (60, 600):
+        for seed in range(3):
+            settings = GlobalSettings(evaluations * size, seed)
+            end = global_search(Function(cost), np.full(size, 0.05), box(*[(0, 1)] * size), settings)
+            statuses.add(end.status)
+            steps = [sign * share * axis for sign in (1, -1) for share in (1e-2, 1e-3, 1e-4) for axis in np.eye(size)]
+            lowest = min(cost(np.clip(end.values + step, 0, 1)) for step in steps)
+            assert end.status == "max_iterations" or lowest >= (1 - 1e-4) * end.cost
+    assert "converged" in statuses
+
+
+def test_a_cost_that_is_constant_nearly_everywhere_is_searched_on():
+    """A first run agrees at once, without a point in the hundredth of the space that is lower."""
+
+    def cost(values):
+        return 0.5 if np.abs(values - 0.8).max() < 0.05 else 1.0
+
+    end = global_search(Function(cost), np.array([0.1, 0.1]), box((0, 1), (0, 1)), GlobalSettings(2000))
+    assert (end.status, end.cost) == ("converged", 0.5)
+
+
+def test_values_without_an_effect_are_a_failure_with_a_sentence():
+    end = global_search(Function(lambda values: 3.0), np.zeros(2), box((0, 1), (0, 1)), GlobalSettings(200))
+    assert end.status == "failed"
+    assert "The cost is the same at all of" in end.message
+
+
+def test_a_cost_of_zero_is_the_lowest():
+    end = global_search(Function(lambda values: 0.0), np.zeros(2), box((0, 1), (0, 1)), GlobalSettings(200))
+    assert (end.status, end.cost) == ("converged", 0.0)
+
+
+@pytest.mark.parametrize("size", [2, 5])
+def test_a_smooth_cost_needs_part_of_the_evaluations(size):
+    function = Function(lambda values: 1 + np.sum((values - 0.3) ** 2))
+    end = global_search(function, np.full(size, 0.9), box(*[(0, 1)] * size), GlobalSettings())
+    assert end.status == "converged"
+    assert end.values == pytest.approx(np.full(size, 0.3), abs=1e-3)
+    assert len(function.asked) < 600 * (size + 4)
+
+
 @pytest.mark.parametrize("size", mostly_slow([1, 2, 5], [1, 5]))
 def test_every_point_lies_within_the_bounds_and_the_end_is_the_best_of_them(size):
     function = Function(lambda values: np.sum(np.round(values * 3) ** 2) + 0.5)

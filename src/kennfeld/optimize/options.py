@@ -104,7 +104,8 @@ class Options(SearchSettings):
         continuation: `auto` smooths lookups first if that is possible, or `off`.
         method: `gauss-newton`, or `global` to search without gradients, for few values and a discontinuous cost; all
             values then need bounds.
-        max_evaluations: budget of the global search; 0 stands for 500 (values + 4).
+        max_evaluations: budget of the global search; 0 stands for 2000 (values + 4) up to 5 values,
+            else for 500 (values + 4).
         starts: number of starts; the first one is the given start.
         seed: of the random starts and of the global search.
         spread: distance of the random starts; without bounds, in units of the largest value of the table.

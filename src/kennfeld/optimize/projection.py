@@ -28,7 +28,7 @@ def project(values: Float, limits: LinearLimits) -> tuple[Float | None, str]:
     """
     clipped = limits.clip(values)
     count = int(np.count_nonzero((clipped != values) & ~np.isnan(values)))
-    if limits.violation(clipped) <= FEASIBLE:
+    if not limits.rows.lower.size or limits.violation(clipped) <= FEASIBLE:
         verb = "was" if count == 1 else "were"
         return clipped, f"{count_noun(count, 'start value')} outside the bounds {verb} clipped." if count else ""
     movable = np.flatnonzero(limits.movable)

@@ -16,6 +16,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
@@ -42,6 +43,10 @@ from kennfeld.optimize.strategies.limit_excess import FEASIBLE
 from kennfeld.optimize.strategies.output_limits import AugmentedLagrangian, OutputLimits
 
 FEW = 30  # values up to which a search without gradients is a good idea
+FEWEST = 5  # values up to which restarts can cover the space; a jagged cost needs them
+EVALUATIONS, EVALUATIONS_OF_FEWEST = 500, 2000  # by default, for each value and 4 more
+RUNS_SHARE = 0.95  # of the evaluations; the rest compares the end with its neighbours
+NEIGHBOURS = (1e-2, 1e-3, 1e-4)  # distances, as shares of the bounds' distance, at which an end must be the lowest
 SPREAD = 0.3  # first standard deviation of a run, as a share of the bounds' distance
 CONVERGED = 1e-6  # relative differences of the cost at which a run ends
 MIN_GAIN = 1e-4  # relative decrease of the cost that makes a run a success
@@ -61,9 +66,10 @@ class CostFunction(Protocol):
 
 @dataclass(frozen=True)
 class GlobalSettings:
-    """Budget and seed of a search; 0 evaluations stand for 500 (values + 4).
+    """Budget and seed of a search.
 
-    The generation in which the evaluations run out is completed.
+    0 evaluations stand for 2000 (values + 4) up to `FEWEST` values, and for 500 (values + 4) above. The generation in
+    which the evaluations run out is completed, and the end is compared with its neighbours.
     """
 
     max_evaluations: int = 0
@@ -123,8 +129,9 @@ class _Search:
         self.lower = limits.lower[self.movable]
         self.span = limits.upper[self.movable] - self.lower
         self.random = np.random.default_rng(search.seed)
-        self.budget = search.max_evaluations or 500 * (self.movable.size + 4)
-        self.cost = np.inf
+        size = self.movable.size
+        self.budget = search.max_evaluations or (EVALUATIONS_OF_FEWEST if size <= FEWEST else EVALUATIONS) * (size + 4)
+        self.cost, self.highest = np.inf, -np.inf
         self.evaluations = self.generations = 0
         self.reported = time.monotonic()
 
@@ -140,23 +147,64 @@ class _Search:
     def _restarted(self) -> SolverResult:
         first = (self.start[self.movable] - self.lower) / self.span
         runs_without_gain = runs = 0
-        while runs_without_gain < PATIENCE and self.evaluations < self.budget:
+        while runs_without_gain < PATIENCE and self.evaluations < RUNS_SHARE * self.budget:
             before = self.cost
             origin = first if runs == 0 else self.random.uniform(size=first.size)
             converged = self._one_run(origin, 2**runs)
-            runs_without_gain = 0 if self.cost < (1 - MIN_GAIN) * before else runs_without_gain + 1
+            gains = self.cost < (1 - MIN_GAIN) * before or self._is_flat
+            runs_without_gain = 0 if gains else runs_without_gain + 1
             runs += converged
+        return self._judged(runs, runs_without_gain >= PATIENCE)
+
+    @property
+    def _is_flat(self) -> bool:
+        """True if all costs so far are equal; one of 0 cannot be lower anywhere."""
+        return self.cost == self.highest != 0
+
+    def _judged(self, runs: int, exhausted: bool) -> SolverResult:
+        """Return the end of so many converged runs; `exhausted` if further ones brought no gain."""
         if not np.isfinite(self.cost):
             return self._end("failed", f"The cost is not a finite number at any of {self.evaluations} points.")
+        if self._is_flat:
+            message = (
+                f"The cost is the same at all of {self.evaluations} points: no value has an effect within its bounds."
+            )
+            return self._end("failed", message)
+        more = "Increase max_evaluations, or narrow the bounds."
         if runs == 0:
-            message = f"The search had not converged after {self.evaluations} evaluations. Increase max_evaluations."
+            message = f"The search had not converged after {self.evaluations} evaluations. {more}"
             return self._end("max_iterations", message)
-        return self._end("converged", f"The global search ended after {count_noun(runs, 'converged run')}.")
+        if not self._descend_to_neighbours():
+            message = f"After {self.evaluations} evaluations, values beside the best ones still lower the cost. {more}"
+            return self._end("max_iterations", message)
+        message = f"The global search ended after {count_noun(runs, 'converged run')}."
+        if not exhausted:
+            message += (
+                " The last runs still lowered the cost: more evaluations or narrower bounds may lower it further."
+            )
+        return self._end("converged", message)
+
+    def _descend_to_neighbours(self) -> bool:
+        """Move to neighbours that lower the cost while evaluations are left; return True if none lowers it."""
+        while self._lower_neighbour():
+            if self.evaluations >= self.budget:
+                return False
+        return True
+
+    def _lower_neighbour(self) -> bool:
+        """Evaluate the neighbours of the best values along each value until one has a lower cost."""
+        before, here = self.cost, self.best
+        for share, number, sign in product(NEIGHBOURS, range(self.movable.size), (1.0, -1.0)):
+            values = here.copy()
+            values[self.movable[number]] += sign * share * self.span[number]
+            if self._try(self.limits.clip(values)) < (1 - MIN_GAIN) * before:
+                return True
+        return False
 
     def _one_run(self, origin: Float, population_factor: int) -> bool:
         """Run the strategy once; return True if it converged within the evaluations."""
         strategy = _strategy(origin, population_factor, self.random)
-        while self.evaluations < self.budget:
+        while self.evaluations < RUNS_SHARE * self.budget:
             if strategy.stop():
                 return True
             points = strategy.ask()
@@ -184,8 +232,10 @@ class _Search:
             return np.inf
         cost = self.objective.cost(kept)
         self.evaluations += 1
-        if np.isfinite(cost) and cost < self.cost:
-            self.cost, self.best = cost, kept
+        if np.isfinite(cost):
+            self.highest = max(cost, self.highest)
+            if cost < self.cost:
+                self.cost, self.best = cost, kept
         return cost
 
     def _report_best(self, spread: float) -> None:
