@@ -195,6 +195,13 @@ def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance)
         yield Difference(name, "content", "an expansion", "another expansion")
     if isinstance(first, RBF) and isinstance(second, RBF) and first.kernel != second.kernel:
         yield Difference(name, "kernel", first.kernel, second.kernel)
+    if isinstance(first, RBF) and isinstance(second, RBF) and first.hinges != second.hinges:
+        yield Difference(name, "hinges", _hinges_text(first), _hinges_text(second))
+
+
+def _hinges_text(member: RBF) -> str:
+    """Return input, position and height of each hinge."""
+    return "; ".join(f"{member.value_name(1 + h.input)[9:]} {h.position:g} {h.height:g}" for h in member.hinges) or "none"
 
 
 def _axis_differences(name: str, prefix: str, first: Axis, second: Axis, allowed: Tolerance) -> Iterator[Difference]:
