@@ -250,7 +250,7 @@ class RBF(Parameter):
 
     Attributes:
         kernel: the shape of a bell, that of the expansion.
-        hinges: those of the expansion; they are no values, so that calibration leaves them as they are.
+        hinges: those of the expansion, which are not among the values; calibration leaves them as they are.
 
     Raises:
         ArgumentError: the number of inputs is not that of the expansion.

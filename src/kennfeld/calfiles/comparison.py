@@ -199,9 +199,10 @@ def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance)
         yield Difference(name, "hinges", _hinges_text(first), _hinges_text(second))
 
 
-def _hinges_text(member: RBF) -> str:
+def _hinges_text(expansion: RBF) -> str:
     """Return input, position and height of each hinge."""
-    return "; ".join(f"{member.value_name(1 + h.input)[9:]} {h.position:g} {h.height:g}" for h in member.hinges) or "none"
+    names = [name or f"input {d + 1}" for d, name in enumerate(expansion.inputs)]
+    return "; ".join(f"{names[d]} {position:g} {height:g}" for d, position, height in expansion.hinges) or "none"
 
 
 def _axis_differences(name: str, prefix: str, first: Axis, second: Axis, allowed: Tolerance) -> Iterator[Difference]:

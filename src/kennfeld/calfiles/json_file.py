@@ -6,8 +6,9 @@
                "weights": [2], "centres": [[3]], "widths": [[0.5]]}}
 
 `description`, `functions`, `display_name` and `variant`, and `x_name`, `x_unit`, `x_input` of each axis, are omitted
-if empty, `extrapolation` of a table if it is "clip", `kernel` of an rbf if it is "gaussian", and its `hinges` if there are none; `others` lists further
-variants as entries of their own. A group axis that no table uses is an entry of kind "axis". Non-finite numbers are
+if empty, `extrapolation` of a table if it is "clip", and of an rbf `kernel` if it is "gaussian" and `hinges`, rows of
+input, position and height, if there are none; `others` lists further variants as entries of their own. A group axis
+that no table uses is an entry of kind "axis". Non-finite numbers are
 null.
 """
 

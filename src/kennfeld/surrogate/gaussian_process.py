@@ -16,8 +16,8 @@ from kennfeld.lazy_dataclass import dataclass
 from kennfeld.rbf import Expansion, Hinge, Kernel
 from kennfeld.surrogate.exact_gp import Exact
 from kennfeld.surrogate.gp_kernel import JITTER, Plane, greedy_centres
-from kennfeld.surrogate.hyperparameters import Hyperparameters, exact_hyperparameters, sparse_hyperparameters
 from kennfeld.surrogate.hinge_selection import evaluate_hinges, select_hinges
+from kennfeld.surrogate.hyperparameters import Hyperparameters, exact_hyperparameters, sparse_hyperparameters
 from kennfeld.surrogate.outliers import far_inputs, gross_errors
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
@@ -38,7 +38,7 @@ WORTH = 0.99  # a process stays if its left-out residuals are at most this share
 MORE_NOISE = (10.0, 10.0)  # factors by which the noise of a recording is increased, one after the other
 CERTAIN = 6.0  # deviations from the model trained without it, beyond which a value is an error
 WIDE = 4.0  # deviations beyond which residuals belong to the tails
-LIKELIER = 0.05  # least gain of log-likelihood per row for which Student noise is taken
+LIKELIER = 0.25  # least gain of log-likelihood per row for which Student noise is taken
 REWEIGHTED = 3  # times
 CALIBRATED = 5000  # points that the deviation is calibrated on
 GROUPS = 10  # of points that are left out together while hinges are selected
@@ -99,8 +99,8 @@ def gaussian_process(
     most 2000 points, its noise on all; `seed` draws these points and some of the `starts` of the search.
 
     The kernel is the one with the smaller residuals of points left out; a plane is returned if these are not smaller
-    than the plane's. With `kinks`, the plane gets hinges if that makes them smaller by more than chance. Noise is normal
-    or, if that is more likely for residuals of points left out, Student's. Points of the same number in `blocks`
+    than the plane's. With `kinks`, the plane gets hinges if that makes them smaller by more than chance. Noise is
+    normal or, if that is more likely for residuals of points left out, Student's. Points of the same number in `blocks`
     Int[points] are left out together. `names` of the inputs appear in messages.
 
     Once `stopped` returns true, the search ends at the best so far. Raises `ArgumentError` if the points cannot be
@@ -264,9 +264,10 @@ class _Training:
 
     def _is_better(self, before: Float, after: Float, blocks: Int | None) -> bool:
         """Return if the squares of residuals Float[rows] are smaller by more than chance, by points or blocks."""
-        gain = (before**2 - after**2)[self.used]
+        gain: Float = (before**2 - after**2)[self.used]
         if blocks is not None:
-            gain = np.bincount(np.unique(blocks[self.used], return_inverse=True)[1], gain)
+            own = blocks[self.used]
+            gain = np.bincount(own, gain).astype(np.float64)[np.unique(own)]
         scatter = np.sqrt(gain.size) * float(gain.std(ddof=1)) if gain.size > 1 else np.inf
         is_worth = np.nanmean(after**2) <= WORTH**2 * np.nanmean(before**2)
         return bool(is_worth and gain.sum() > SIGNIFICANT * scatter)

@@ -15,7 +15,7 @@ from kennfeld.errors import ArgumentError, Findings, InputError, Location
 from kennfeld.file_errors import convert_errors
 from kennfeld.files.functions import SURROGATE_KINDS
 from kennfeld.files.functions import recognises_surrogate as recognises_surrogate
-from kennfeld.formatting import join_names, nearest
+from kennfeld.formatting import nearest
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.rbf import RBF, Expansion
 from kennfeld.surrogate.filtered_surrogate import FilteredSurrogate
@@ -79,7 +79,7 @@ def read_surrogate(path: str | Path) -> Surrogate:
     version = reader.number("version")
     versions = (*VERSIONS.values(), WITH_HINGES)
     if version is not None and version not in versions:
-        known = join_names(list(map(str, versions)))
+        known = f"{', '.join(map(str, versions[:-1]))} and {versions[-1]}"
         reader.report("version", f"version {version:g} is not supported, only {known}", "Update kennfeld.")
     findings.finish()
     make, further = _READERS.get(kind, _READERS[SURROGATE_KINDS["static"]])

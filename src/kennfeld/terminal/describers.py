@@ -194,6 +194,7 @@ def describe_surrogate_file(file: DescribedFile) -> FileInfo:
         **_select(surrogate, *further),
         **({"noise": noise_of(surrogate)} if isinstance(surrogate, StaticSurrogate) else {}),
         kernel=surrogate.expansion.kernel,
+        kinks=len(surrogate.expansion.hinges),
         remarks=list(surrogate.remarks),
         ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},
     )
