@@ -39,9 +39,11 @@ MORE_NOISE = (10.0, 10.0)  # factors by which the noise of a recording is increa
 CERTAIN = 6.0  # deviations from the model trained without it, beyond which a value is an error
 WIDE = 4.0  # deviations beyond which residuals belong to the tails
 LIKELIER = 0.25  # least gain of log-likelihood per row for which Student noise is taken
+PROMISING = 0.5  # share of that gain from which the length scales for Student noise are searched
 REWEIGHTED = 3  # times
 CALIBRATED = 5000  # points that the deviation is calibrated on
 GROUPS = 10  # of points that are left out together while hinges are selected
+HOPELESS = 2.0  # times the residuals of the process, beyond which those of a kinked plane rule out kinks
 SIGNIFICANT = 2.0  # standard errors by which squared residuals must be smaller for hinges to be kept
 
 
@@ -228,6 +230,9 @@ class _Training:
                 self.x, self.measured, self.used, self.method, self.given, self.seed, weights, self.hinges
             )
             if round_ == REWEIGHTED - 1:
+                gain = student_gain(before, robust.left_out[self.used])
+                if not forced and gain < PROMISING * LIKELIER:
+                    return normal
                 at = training.search((at.kernel,), starts, stopped, at)[0]
             robust = training.choose([at], blocks, normal.outliers)
             sigma = student_scale(robust.left_out[self.used]) or sigma
@@ -247,6 +252,8 @@ class _Training:
         straight = self._by_row(_plane_left_out(self.points, groups))
         bent = self._by_row(choice.left_out)
         if not choice.hinges or not self._is_better(straight, bent, blocks):
+            return self, smooth
+        if np.nanmean(bent**2) > HOPELESS**2 * np.nanmean(smooth.left_out**2):
             return self, smooth
         hinges = self.scaling.outward(choice.hinges)
         kinked = _Training(self.x, self.y, self.used, self.method, self.given, self.seed, hinges=hinges)
