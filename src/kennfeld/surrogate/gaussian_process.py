@@ -399,7 +399,8 @@ def _plane_left_out(points: TrainingPoints, blocks: Sequence[Int] | None) -> Flo
         own = plane.basis[block]
         inside = np.eye(plane.rank) * (1 + 1e-12) - own.T @ own
         residual[block] = rest[block] + own @ np.linalg.solve(inside, own.T @ rest[block])
-    return residual / roots
+    residual /= roots
+    return residual
 
 
 def _remarks(at: Hyperparameters, is_plane: bool) -> list[str]:

@@ -93,7 +93,8 @@ def _candidates(x: Float) -> list[Hinge]:
 def _columns(hinges: Sequence[Hinge], x: Float) -> Float:
     """Return the hinges with height 1 at each point, Float[points, hinges]."""
     along = [hinge.input for hinge in hinges]
-    return np.maximum(x[:, along] - np.array([hinge.position for hinge in hinges]), 0.0)
+    columns: Float = np.maximum(x[:, along] - np.array([hinge.position for hinge in hinges]), 0.0)
+    return columns
 
 
 def _kinked(points: TrainingPoints, hinges: Sequence[Hinge], x: Float) -> Float:
