@@ -129,7 +129,7 @@ def test_a_model_adds_the_hinges_of_a_surrogate_and_fits_through_them():
     data = kf.Dataset.of("d", {"a": a, "b": b, "y": target})
     np.testing.assert_allclose(kf.simulate(model, data, {"gain": 1.3})["y"].values, target, rtol=1e-12)
     values = model.carried.merged(kf.ParameterSet([kf.Scalar("gain", 1.3)]))
-    np.testing.assert_allclose(evaluate(model.graph, values, {"a": a, "b": b})["y"], target, rtol=1e-12)
+    np.testing.assert_allclose(evaluate(model.graph, {"a": a, "b": b}, values)["y"], target, rtol=1e-12)
     assert abs(float(kf.calibrate(model, data, {"gain": 1.0}, target="y").parameters["gain"].values) - 1.3) < 1e-6
 
 
