@@ -43,7 +43,7 @@ PROMISING = 0.5  # share of that gain from which the length scales for Student n
 REWEIGHTED = 3  # times
 CALIBRATED = 5000  # points that the deviation is calibrated on
 GROUPS = 10  # of points that are left out together while hinges are selected
-HOPELESS = 2.0  # times the residuals of the process, beyond which those of a kinked plane rule out kinks
+HOPELESS = 1.5  # times the residuals of the process, beyond which those of a kinked plane rule out kinks
 SIGNIFICANT = 2.0  # standard errors by which squared residuals must be smaller for hinges to be kept
 
 
