@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from kennfeld.errors import ArgumentError
 from kennfeld.native.rbf_code import KERNELS
-from kennfeld.rbf import Expansion
+from kennfeld.rbf import Expansion, Hinge
 from tests.draws import few_or_many
 
 
@@ -57,6 +57,47 @@ def test_the_gradient_agrees_with_differences(seed, inputs, centres, kernel):
         step = 1e-6 * np.eye(inputs)[d]
         difference = (model(x + step) - model(x - step)) / 2e-6
         np.testing.assert_allclose(model.gradient(x)[..., d], difference, rtol=1e-6, atol=1e-7)
+
+
+HINGES = (Hinge(0, 0.2, 3.0), Hinge(1, -0.1, -1.5), Hinge(0, 0.9, 1.0))
+
+
+def hinged(hinges=HINGES):
+    e = random_expansion(0)
+    return Expansion(e.offset, e.slopes, e.weights, e.centres, e.widths, e.kernel, hinges)
+
+
+def test_hinges_are_added_and_change_the_slope_from_their_kink_on():
+    x = np.random.default_rng(0).normal(size=(50, 2))
+    added = 3 * np.maximum(x[:, 0] - 0.2, 0) - 1.5 * np.maximum(x[:, 1] + 0.1, 0) + np.maximum(x[:, 0] - 0.9, 0)
+    np.testing.assert_allclose(hinged()(x) - random_expansion(0)(x), added, atol=1e-12)
+    step = 1e-6 * np.eye(2)
+    differences = [(hinged()(x + d) - hinged()(x - d)) / 2e-6 for d in step]
+    np.testing.assert_allclose(hinged().gradient(x), np.transpose(differences), rtol=1e-5, atol=1e-6)
+    at = np.array([0.2, -0.1])
+    np.testing.assert_allclose(hinged().gradient(at) - random_expansion(0).gradient(at), [3.0, -1.5])
+
+
+def test_hinges_belong_to_what_makes_expansions_equal():
+    assert hinged() == hinged() != random_expansion(0) == hinged().without_hinges
+    assert hash(hinged()) != hash(hinged(HINGES[:1]))
+
+
+@pytest.mark.parametrize(
+    ("hinges", "message"),
+    [
+        ([(2, 0.0, 1.0)], "along inputs 0 to 1, counted from 0, not 2"),
+        ([(-1, 0.0, 1.0)], "not -1"),
+        ([(0.5, 0.0, 1.0)], "not 0.5"),
+        ([(0, np.nan, 1.0)], "finite numbers"),
+        ([(0, 1.0)], "rows of input, position and height"),
+        ([1.0], "rows of input, position and height"),
+        ([("x", 0.0, 1.0)], "rows of input, position and height"),
+    ],
+)
+def test_hinges_that_cannot_be_used_are_named(hinges, message):
+    with pytest.raises(ArgumentError, match=message):
+        hinged(hinges)
 
 
 def test_points_keep_their_shape():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import kennfeld as kf
 from kennfeld.calfiles.comparison import compare
 from kennfeld.errors import ArgumentError, InputError
+from kennfeld.graph.interpreter import evaluate
 from kennfeld.native.rbf_code import KERNELS
 from kennfeld.rbf import parts
 from tests.draws import few_or_many
@@ -102,6 +103,34 @@ def test_a_broken_file_is_answered(tmp_path, change, expected):
 def test_formats_that_cannot_hold_it_say_so(tmp_path, ending):
     with pytest.raises(InputError, match="cannot store"):
         kf.ParameterSet([rbf()]).save(tmp_path / f"p.{ending}")
+
+
+def hinged():
+    e = rbf().expansion
+    return kf.Expansion(e.offset, e.slopes, e.weights, e.centres, e.widths, e.kernel, ((0, 0.2, 3.0), (1, -0.1, -1.5)))
+
+
+def test_hinges_stay_through_changes_and_files(tmp_path):
+    made = kf.RBF("F", hinged(), ["a", "b"])
+    assert made.with_values(2 * made.values).expansion.hinges == made.hinges == hinged().hinges
+    path = tmp_path / "p.json"
+    kf.ParameterSet([made]).save(path)
+    assert kf.read_parameters(path)["F"].expansion == hinged()
+    [difference] = compare(kf.ParameterSet([made]), kf.ParameterSet([rbf()])).differences
+    assert (difference.aspect, difference.left, difference.right) == ("hinges", "a 0.2 3; b -0.1 -1.5", "none")
+
+
+def test_a_model_adds_the_hinges_of_a_surrogate_and_fits_through_them():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 80))
+    surrogate = kf.StaticSurrogate("engine", ("a", "b"), "y", (), hinged())
+    model = kf.formula("y = engine(gain * a, b)\nscalar gain", surrogates=[surrogate])
+    target = hinged()(np.column_stack([1.3 * a, b]))
+    data = kf.Dataset.of("d", {"a": a, "b": b, "y": target})
+    np.testing.assert_allclose(kf.simulate(model, data, {"gain": 1.3})["y"].values, target, rtol=1e-12)
+    values = model.carried.merged(kf.ParameterSet([kf.Scalar("gain", 1.3)]))
+    np.testing.assert_allclose(evaluate(model.graph, {"a": a, "b": b}, values)["y"], target, rtol=1e-12)
+    assert abs(float(kf.calibrate(model, data, {"gain": 1.0}, target="y").parameters["gain"].values) - 1.3) < 1e-6
 
 
 def test_inputs_must_be_as_many_as_the_expansion_has():

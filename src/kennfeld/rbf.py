@@ -1,10 +1,10 @@
-"""Radial basis functions: a plane plus a sum of bells.
+"""Radial basis functions: a plane, perhaps with kinks, plus a sum of bells.
 
 `Expansion` is the function, which every data-driven model of this package evaluates; `RBF` is the parameter that holds
 its values, so that they can be calibrated, for example in place of a large map.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from itertools import pairwise
 from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
@@ -41,12 +41,24 @@ def kernel_of_square(square: Float, kernel: Kernel) -> tuple[Float, Float]:
     return (1.0 + s + s * s / 3.0) * fading, 5.0 / 3.0 * (1.0 + s) * fading
 
 
+class Hinge(NamedTuple):
+    """The term height max(x_input - position, 0): the slope along an input changes by `height` at a kink.
+
+    `input` counts from 0; `position` is in the unit of that input.
+    """
+
+    input: int
+    position: float
+    height: float
+
+
 @dataclass(frozen=True, eq=False)
 class Expansion:
     """y(x) = offset + slopes . x + sum_i weights_i bell(r_i), r_i^2 = sum_d ((x_d - centres_id) / widths_id)^2.
 
     `x` and `y` are in physical units, and `kernel_of_square` gives the bell. The mean of a Gaussian process has this
-    form, and so does a network of radial basis functions. Two are equal if all their numbers are, bit for bit.
+    form, and so does a network of radial basis functions. Hinges, if there are any, are added. Two are equal if all
+    their numbers are, bit for bit.
 
     Attributes:
         offset: in the unit of y.
@@ -55,9 +67,11 @@ class Expansion:
         centres: Float[centres, inputs].
         widths: Float[centres, inputs], > 0.
         kernel: the shape of a bell: "gaussian", or "matern52" of the Matern kernel of order 5/2.
+        hinges: terms that kink the plane; at a kink, the slope is that above it.
 
     Raises:
-        ArgumentError: shapes are inconsistent, a number is not finite, a width is not > 0, or the kernel is unknown.
+        ArgumentError: shapes are inconsistent, a number is not finite, a width is not > 0, the kernel is unknown, or a
+            hinge is along an input that does not exist.
 
     >>> bell = Expansion(1.0, [0.0], [2.0], [[3.0]], [[0.5]])
     >>> float(bell(np.array([3.0])))
@@ -70,6 +84,7 @@ class Expansion:
     centres: Float  # Float[centres, inputs]
     widths: Float  # Float[centres, inputs]
     kernel: Kernel = "gaussian"
+    hinges: tuple[Hinge, ...] = ()
 
     def __post_init__(self) -> None:
         check_kernel(self.kernel)
@@ -91,6 +106,7 @@ class Expansion:
                 raise ArgumentError(f"{name} of an expansion have shape {own}, weights and slopes require {shape}")
         if not np.all(self.widths > 0):
             raise ArgumentError(f"widths of an expansion must be > 0, the smallest is {self.widths.min():g}")
+        object.__setattr__(self, "hinges", _checked_hinges(self.hinges, self.slopes.size))
 
     @property
     def inputs(self) -> int:
@@ -110,6 +126,8 @@ class Expansion:
             value[part] = kernel_of_square(square, self.kernel)[0] @ self.weights
         with np.errstate(invalid="ignore", over="ignore"):
             value += self.offset + points @ self.slopes
+            for along, position, height in self.hinges:
+                value += height * np.maximum(points[:, along] - position, 0.0)
         return value.reshape(shape)
 
     def gradient(self, x: Float) -> Float:
@@ -120,7 +138,15 @@ class Expansion:
             weighted = kernel_of_square(square, self.kernel)[1] * self.weights
             for d in range(self.inputs):
                 slopes[part, d] = self.slopes[d] - np.sum(weighted * distances[d] / self.widths[:, d], axis=1)
+        for along, position, height in self.hinges:
+            slopes[:, along] += np.where(points[:, along] >= position, height, 0.0)
         return slopes.reshape((*shape, self.inputs))
+
+    @property
+    def without_hinges(self) -> "Expansion":
+        """The plane and the bells alone."""
+        parts = (self.offset, self.slopes, self.weights, self.centres, self.widths, self.kernel)
+        return Expansion(*parts) if self.hinges else self
 
     def _points(self, x: Float) -> tuple[Float, tuple[int, ...]]:
         """Return the points one after another, and the shape that their values have."""
@@ -153,7 +179,7 @@ class Expansion:
 
     @property
     def _content(self) -> tuple[str, int, bytes, bytes]:
-        numbers = np.concatenate([[self.offset], self.slopes, self.weights])
+        numbers = np.concatenate([[self.offset], self.slopes, self.weights, *self.hinges])
         return self.kernel, self.size, numbers.tobytes(), self.centres.tobytes() + self.widths.tobytes()
 
 
@@ -161,6 +187,20 @@ def check_kernel(kernel: str) -> None:
     """Raise `ArgumentError` if there is no such kernel."""
     if kernel not in get_args(Kernel):
         raise ArgumentError(f"kernel={kernel!r} of an expansion must be {' or '.join(get_args(Kernel))}")
+
+
+def _checked_hinges(hinges: Sequence[Sequence[float]], inputs: int) -> tuple[Hinge, ...]:
+    try:
+        checked = tuple(Hinge(int(along), float(position), float(height)) for along, position, height in hinges)
+    except (TypeError, ValueError, OverflowError):
+        raise ArgumentError("hinges of an expansion must be rows of input, position and height") from None
+    for hinge, given in zip(checked, hinges, strict=True):
+        if hinge.input != given[0] or not 0 <= hinge.input < inputs:
+            message = f"hinges of an expansion are along inputs 0 to {inputs - 1}, counted from 0, not {given[0]}"
+            raise ArgumentError(message)
+        if not np.isfinite(hinge).all():
+            raise ArgumentError(f"hinges of an expansion must have finite numbers, got {tuple(hinge)}")
+    return checked
 
 
 def _finite(name: str, values: Float) -> Float:
@@ -210,6 +250,7 @@ class RBF(Parameter):
 
     Attributes:
         kernel: the shape of a bell, that of the expansion.
+        hinges: those of the expansion, which are not among the values; calibration leaves them as they are.
 
     Raises:
         ArgumentError: the number of inputs is not that of the expansion.
@@ -223,6 +264,7 @@ class RBF(Parameter):
 
     inputs: tuple[str, ...] = ()
     kernel: Kernel = "gaussian"
+    hinges: tuple[Hinge, ...] = ()
 
     def __init__(self, name: str, expansion: Expansion, inputs: ArrayLike = (), **attributes: Any) -> None:
         labels = tuple(map(str, np.atleast_1d(np.asarray(inputs)))) or ("",) * expansion.inputs
@@ -230,6 +272,7 @@ class RBF(Parameter):
             raise ArgumentError(f"{name} has {expansion.inputs} inputs, got inputs={list(labels)}")
         object.__setattr__(self, "inputs", labels)
         object.__setattr__(self, "kernel", expansion.kernel)
+        object.__setattr__(self, "hinges", expansion.hinges)
         tables = (expansion.centres.T.ravel(), expansion.widths.T.ravel())
         values = np.concatenate([[expansion.offset], expansion.slopes, expansion.weights, *tables])
         super().__init__(name=name, values=values, **attributes)
@@ -270,7 +313,7 @@ class RBF(Parameter):
             self.values[part].reshape(self.coordinates, self.centres).T for part in (at.centres, at.widths)
         )
         slopes, weights = self.values[at.slopes], self.values[at.weights]
-        return Expansion(float(self.values[0]), slopes, weights, centres, widths, self.kernel)
+        return Expansion(float(self.values[0]), slopes, weights, centres, widths, self.kernel, self.hinges)
 
     @property
     def packed(self) -> Float:
@@ -300,7 +343,7 @@ class RBF(Parameter):
 
     def changed(self, **changes: Any) -> Self:
         copy = object.__new__(type(self))
-        for name in ("inputs", "kernel"):
+        for name in ("inputs", "kernel", "hinges"):
             object.__setattr__(copy, name, changes.pop(name, getattr(self, name)))
         Parameter.__init__(copy, **({f.name: getattr(self, f.name) for f in fields(Parameter)} | changes))
         return copy

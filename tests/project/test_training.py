@@ -90,7 +90,7 @@ def test_every_key_is_read(training):
     keys = (
         'name = "tank"\nfile = "t.json"\nmethod = "sparse"\ncentres = 12\nseed = 3\nstarts = 2\nstep = 0.5\n'
         "lags = { u = [0, 2] }\noutput_lags = [1, 3]\nlongest_lag = 7\nlimits = [0, 10]\nfree_run = false\n"
-        "moves_centres = true\nhold = 0.5\niterations = 4\nheld = 'u'\nstructure = 'narx'\n"
+        "moves_centres = true\nhold = 0.5\niterations = 4\nheld = 'u'\nstructure = 'narx'\nkinks = false\n"
     )
     made = read_training(training(DYNAMIC, ("[[dataset]]", f"{keys}[[dataset]]")))
     assert made.target.name == "t.json"
@@ -99,6 +99,7 @@ def test_every_key_is_read(training):
         *({"u": (0, 2)}, (1, 3), 7, (0.0, 10.0), False, True, 0.5, 4),
         held=("u",),
         structure="narx",
+        kinks=False,
     )
 
 

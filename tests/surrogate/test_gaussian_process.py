@@ -280,6 +280,41 @@ def test_large_errors_count_less_with_student_noise(noise):
     np.testing.assert_array_equal(robust.plane_left_out, normal.plane_left_out)
 
 
+@pytest.mark.parametrize("wrong", [lambda y: y + 3, lambda y: 0 * y - 1.2], ids=["offset", "stuck"])
+def test_wild_values_that_are_alike_do_not_decide_for_normal_noise(wrong):
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, (150, 2))
+    true = np.sin(3 * x[:, 0]) + x[:, 1] ** 2
+    y = true + 0.05 * rng.normal(size=150)
+    y = np.where(rng.uniform(size=150) < 0.1, wrong(y), y)
+    robust, normal = (
+        gaussian_process(x, y, kernel="gaussian", noise=n, starts=1, kinks=False) for n in ("auto", "gaussian")
+    )
+    assert rmse(robust.expansion(x) - true) < 0.3 * rmse(normal.expansion(x) - true)
+
+
+def kinked(count, seed=0):
+    x = np.random.default_rng(seed).uniform(-1, 1, (count, 3))
+    true = 2 * np.maximum(x[:, 0] - 0.3, 0) + 1.5 * np.minimum(x[:, 1] + 0.4, 0) + 0.5 * x[:, 2]
+    return x, true, true + 0.1 * np.random.default_rng(seed + 1).normal(size=count)
+
+
+def test_a_kinked_plane_is_found_where_it_is_better():
+    x, _, y = kinked(200)
+    new, true, _ = kinked(1000, seed=9)
+    bent, smooth = (gaussian_process(x, y, kernel="gaussian", starts=1, kinks=kinks) for kinks in (True, False))
+    assert {hinge.input for hinge in bent.expansion.hinges} == {0, 1}
+    assert rmse(bent.expansion(new) - true) < 0.7 * rmse(smooth.expansion(new) - true)
+    np.testing.assert_array_equal(bent.plane_left_out, smooth.plane_left_out)
+    assert rmse(bent.left_out) < rmse(smooth.left_out)
+
+
+def test_a_smooth_function_gets_no_kinks():
+    x, y = points(150, inputs=2)
+    bent, smooth = (gaussian_process(x, y, kernel="gaussian", starts=1, kinks=kinks) for kinks in (True, False))
+    assert bent.expansion == smooth.expansion
+
+
 def test_normal_noise_is_not_taken_for_wide_tails():
     x, y = points(200, inputs=2)
     found = [gaussian_process(x, y, kernel="gaussian", noise=noise, starts=1) for noise in ("auto", "gaussian")]

@@ -81,6 +81,15 @@ def test_a_file_of_another_kernel_is_not_read_as_one_of_version_1(tmp_path):
     assert not {"kernel", "uncertainty", "remarks"} & {*contents[1], *contents[1]["expansion"]}
 
 
+def test_hinges_come_back_in_a_file_that_earlier_readers_refuse(tmp_path):
+    e = random_expansion(0, 2, 3)
+    hinges = ((1, 1 / 3, -2.0), (0, 0.1, 1e-7))
+    bent = Expansion(e.offset, e.slopes, e.weights, e.centres, e.widths, "matern52", hinges)
+    write_surrogate(StaticSurrogate("f", ("a", "b"), "y", (), bent), tmp_path / "f.json")
+    assert read_surrogate(tmp_path / "f.json").expansion == bent
+    assert json.loads((tmp_path / "f.json").read_text("utf-8"))["version"] == 3
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -123,7 +132,7 @@ def broken(tmp_path, change, made=None):
         (lambda c: c.update(kind="kennfeld-dynamc-surrogate"), "Did you mean kennfeld-dynamic-surrogate?"),
         (
             lambda c: c.update(version=7),
-            "model.json version: version 7 is not supported, only 1 and 2. Update kennfeld.",
+            "model.json version: version 7 is not supported, only 1, 2 and 3. Update kennfeld.",
         ),
         (
             lambda c: c["expansion"].update(offset=None),

@@ -195,6 +195,14 @@ def _member_differences(first: Parameter, second: Parameter, allowed: Tolerance)
         yield Difference(name, "content", "an expansion", "another expansion")
     if isinstance(first, RBF) and isinstance(second, RBF) and first.kernel != second.kernel:
         yield Difference(name, "kernel", first.kernel, second.kernel)
+    if isinstance(first, RBF) and isinstance(second, RBF) and first.hinges != second.hinges:
+        yield Difference(name, "hinges", _hinges_text(first), _hinges_text(second))
+
+
+def _hinges_text(expansion: RBF) -> str:
+    """Return input, position and height of each hinge."""
+    names = [name or f"input {d + 1}" for d, name in enumerate(expansion.inputs)]
+    return "; ".join(f"{names[d]} {position:g} {height:g}" for d, position, height in expansion.hinges) or "none"
 
 
 def _axis_differences(name: str, prefix: str, first: Axis, second: Axis, allowed: Tolerance) -> Iterator[Difference]:

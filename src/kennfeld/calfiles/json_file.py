@@ -6,10 +6,10 @@
                "weights": [2], "centres": [[3]], "widths": [[0.5]]}}
 
 `description`, `functions`, `display_name` and `variant`, and `x_name`, `x_unit`, `x_input` of each axis, are omitted
-if empty, `extrapolation` of a table if it is "clip", and `kernel` of an rbf if it is "gaussian"; `others` lists further
-variants as entries of their own. Breakpoints always rise; `"x_falling": true` tells that other formats store the axis
-from the greatest one on. A group axis that no table uses is an entry of kind "axis", with `falling`. Non-finite numbers
-are null.
+if empty, `extrapolation` of a table if it is "clip", and of an rbf `kernel` if it is "gaussian" and `hinges`, rows of
+input, position and height, if there are none; `others` lists further variants as entries of their own. Breakpoints
+always rise; `"x_falling": true` tells that other formats store the axis from the greatest one on. A group axis that no
+table uses is an entry of kind "axis", with `falling`. Non-finite numbers are null.
 """
 
 import json
@@ -63,7 +63,8 @@ def _entry(item: Item) -> dict[str, Any]:
     if isinstance(item, RBF):
         parts = {part: np.asarray(getattr(item.expansion, part)).tolist() for part in _PARTS}
         kernel = {} if item.kernel == "gaussian" else {"kernel": item.kernel}
-        return entry | {"inputs": list(item.inputs)} | parts | kernel
+        hinges = {"hinges": [list(hinge) for hinge in item.hinges]} if item.hinges else {}
+        return entry | {"inputs": list(item.inputs)} | parts | kernel | hinges
     for letter, axis in zip(AXIS_LETTERS, item.axes, strict=False):
         entry |= {f"{letter}_{key}": getattr(axis, key) for key in _AXIS_ATTRIBUTES if getattr(axis, key)}
         entry[letter] = axis.breakpoints.tolist()
@@ -199,7 +200,7 @@ class _JsonReader:
 
     def _report_unknown_keys(self, name: str, kind: str, entry: _Pairs) -> None:
         special: dict[str, set[str]] = {text: {"text"} for text in _TEXTS}
-        special |= {"axis": {"x", "input", "falling"}, "rbf": {"inputs", *_PARTS, "kernel"}}
+        special |= {"axis": {"x", "input", "falling"}, "rbf": {"inputs", *_PARTS, "kernel", "hinges"}}
         known = {"kind", "unit", "others", *LABELS} | special.get(kind, set())
         if kind not in special:
             letters = _TABLES.get(kind, "")
@@ -272,7 +273,7 @@ class _JsonReader:
             parts.append(numbers)
         slopes, weights, positions, widths = parts[1:]
         kernel = entry.get("kernel", "gaussian")
-        expansion = Expansion(float(parts[0]), slopes, weights, positions, widths, kernel)
+        expansion = Expansion(float(parts[0]), slopes, weights, positions, widths, kernel, entry.get("hinges", ()))
         return RBF(name, expansion, list(map(str, entry["inputs"])), **attributes)
 
     def _axis(self, name: str, entry: _Pairs, letter: str) -> Axis | None:

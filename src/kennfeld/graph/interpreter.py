@@ -159,10 +159,10 @@ class Interpreter:
                 sides = [s if i == axis else w for i, (w, s) in enumerate(self._sides(table, args))]
                 return interpolate(self.parameters[table.name].values, sides)
             case "expansion":
-                return self._rbf(payload).expansion(_points(args))
+                return self._rbf(payload).expansion.without_hinges(_points(args))
             case "expansion_slope":
                 ref, axis = payload
-                along: Float = self._rbf(ref).expansion.gradient(_points(args))[:, axis]
+                along: Float = self._rbf(ref).expansion.without_hinges.gradient(_points(args))[:, axis]
                 return along
             case "external":
                 return evaluate_points(payload.function, _points(args))[0][:, payload.number]

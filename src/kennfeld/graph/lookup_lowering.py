@@ -3,7 +3,7 @@
 Axes with equal breakpoints are merged, so tables over the same axes share their searches.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from kennfeld.graph.traversal import dependents, rewrite
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.parameter_set import ParameterSet
 from kennfeld.parameters import Extrapolation, Parameter
-from kennfeld.rbf import RBF, Kernel
+from kennfeld.rbf import RBF, Hinge, Kernel
 
 Free = Collection[str | AxisKey]  # parameters and axes whose values are fitted
 
@@ -91,7 +91,7 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
         parameter = parameters[payload]
         if isinstance(parameter, RBF):
             ref = ExpansionRef(payload, parameter.coordinates, parameter.centres, parameter.kernel)
-            return b.node("expansion", args, ref)
+            return _with_hinges(b, b.node("expansion", args, ref), parameter.hinges, args)
         refs = tuple(axis_ref(parameter, i) for i in range(len(args)))
         smoothed = tuple(
             a in moving and ref.key is None and kept[ref.number].size > 1 for a, ref in zip(old, refs, strict=True)
@@ -103,6 +103,14 @@ def lower_lookups(graph: Graph, parameters: ParameterSet, smooth: Collection[str
 
     shapes = {name: parameters[name].values.shape for name in graph.parameters}
     return LoweredGraph(rewrite(graph, resolve), tuple(kept), MappingProxyType(shapes))
+
+
+def _with_hinges(b: GraphBuilder, y: int, hinges: Sequence[Hinge], args: tuple[int, ...]) -> int:
+    """Return the value of an expansion with hinges, given that of its plane and bells."""
+    for along, position, height in hinges:
+        beyond = b.call("max", b.call("sub", args[along], b.const(position)), b.const(0.0))
+        y = b.call("add", y, b.call("mul", b.const(height), beyond))
+    return y
 
 
 def _check(graph: Graph, parameters: ParameterSet) -> None:

@@ -118,9 +118,14 @@ class SurrogateEntry:
         SurrogateSettings.kernel,
     )
     noise: Literal["auto", "gaussian", "student"] = key(
-        'distribution of the noise; with `"student"`, large errors count less. `"auto"` takes it if residuals of '
-        "points left out have wide tails and become smaller but for these. Static surrogates only",
+        'distribution of the noise; with `"student"`, large errors count less. `"auto"` takes it for '
+        "points without time if it is clearly more likely for residuals of points left out. Static surrogates only",
         SurrogateSettings.noise,
+    )
+    kinks: bool = key(
+        "a Gaussian process may have kinks along single inputs, if residuals of points left out become smaller by more "
+        "than chance. Static surrogates only",
+        SurrogateSettings.kinks,
     )
     centres: int | None = key(
         "maximum number of centres", None, least=1, default_text="one per point up to 1000 points, else 300"

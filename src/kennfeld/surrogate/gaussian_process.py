@@ -13,13 +13,15 @@ import numpy as np
 from kennfeld.arrays import Bool, Float, Int
 from kennfeld.errors import ArgumentError
 from kennfeld.lazy_dataclass import dataclass
-from kennfeld.rbf import Expansion, Kernel
+from kennfeld.rbf import Expansion, Hinge, Kernel
 from kennfeld.surrogate.exact_gp import Exact
 from kennfeld.surrogate.gp_kernel import JITTER, Plane, greedy_centres
+from kennfeld.surrogate.hinge_selection import evaluate_hinges, select_hinges
 from kennfeld.surrogate.hyperparameters import Hyperparameters, exact_hyperparameters, sparse_hyperparameters
 from kennfeld.surrogate.outliers import far_inputs, gross_errors
 from kennfeld.surrogate.sparse_gp import Sparse
 from kennfeld.surrogate.stopping import Stopped, never
+from kennfeld.surrogate.student_noise import FREEDOM, student_gain, student_scale
 from kennfeld.surrogate.training_data import Scaling, check_points
 from kennfeld.surrogate.training_points import TrainingPoints
 from kennfeld.surrogate.uncertainty import Deviation, Uncertainty, calibrated
@@ -35,14 +37,14 @@ CENTRES = 300  # of a sparse process, unless the number is given
 WORTH = 0.99  # a process stays if its left-out residuals are at most this share of the plane's
 MORE_NOISE = (10.0, 10.0)  # factors by which the noise of a recording is increased, one after the other
 CERTAIN = 6.0  # deviations from the model trained without it, beyond which a value is an error
-FREEDOM = 4.0  # degrees of freedom of Student's distribution
-NORMAL = 1.4826  # deviation of a normal distribution in median absolute deviations
-WIDE = 4.0  # deviations
-WIDE_SHARE, FEW_WIDE = 0.003, 2  # tails are wide if more residuals than this share and this number are beyond
-CUT = 3.0  # deviations at which residuals are cut to compare noise
-BETTER = 0.8  # share of the squares that Student noise must come down to
+WIDE = 4.0  # deviations beyond which residuals belong to the tails
+LIKELIER = 0.25  # least gain of log-likelihood per row for which Student noise is taken
+PROMISING = 0.5  # share of that gain from which the length scales for Student noise are searched
 REWEIGHTED = 3  # times
 CALIBRATED = 5000  # points that the deviation is calibrated on
+GROUPS = 10  # of points that are left out together while hinges are selected
+HOPELESS = 1.5  # times the residuals of the process, beyond which those of a kinked plane rule out kinks
+SIGNIFICANT = 2.0  # standard errors by which squared residuals must be smaller for hinges to be kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,7 @@ class GaussianProcess:
     """The mean of a trained process, the range it is valid in, and its residuals; all in physical units.
 
     Attributes:
-        expansion: the mean; a plane without centres if the process is not better.
+        expansion: the mean; a plane, perhaps with hinges, without centres if the process is not better.
         validity: the neighbourhood of the training points.
         uncertainty: the predictive deviation.
         left_out: residual at each row of the training data, Float[rows], without its point or block, in closed form.
@@ -59,6 +61,7 @@ class GaussianProcess:
         plane_left_out: its residuals, each without its point or block.
         outliers: rows that were not used because of a gross error, Bool[rows].
         hyperparameters: of the process; None of a plane.
+        tried: those of the best process, even if the plane is better.
         repeated: number of rows that repeat the inputs of another one.
         remarks: sentences on the training for the user.
     """
@@ -71,6 +74,7 @@ class GaussianProcess:
     plane_left_out: Float
     outliers: Bool
     hyperparameters: Hyperparameters | None
+    tried: Hyperparameters
     repeated: int
     remarks: tuple[str, ...]
 
@@ -87,6 +91,7 @@ def gaussian_process(
     seed: int = 0,
     names: Sequence[str] = (),
     blocks: Int | None = None,
+    kinks: bool = True,
     stopped: Stopped = never,
 ) -> GaussianProcess:
     """Train a process on points `x` Float[points, inputs] and values `y` Float[points], in physical units.
@@ -96,8 +101,11 @@ def gaussian_process(
     most 2000 points, its noise on all; `seed` draws these points and some of the `starts` of the search.
 
     The kernel is the one with the smaller residuals of points left out; a plane is returned if these are not smaller
-    than the plane's. Noise is normal or, if the residuals have wide tails and become smaller but for these, Student's.
-    Points of the same number in `blocks` Int[points] are left out together. `names` of the inputs appear in messages.
+    than the plane's. With `kinks`, the plane gets hinges if that makes them smaller by more than chance. Noise is
+    normal or, if that is more likely for residuals of points left out, Student's. Points of the same number in `blocks`
+    Int[points], stretches of recordings, are left out together; their noise is normal unless Student's is asked for:
+    neighbouring errors are alike, so that a stretch in which the model is wrong would pass for a tail. `names` of the
+    inputs appear in messages.
 
     Once `stopped` returns true, the search ends at the best so far. Raises `ArgumentError` if the points cannot be
     used.
@@ -130,7 +138,9 @@ def gaussian_process(
     if np.any(wrong != outliers):
         training = _Training(rows, values, ~wrong, method, centres, seed)
     process = training.choose(candidates, blocks, wrong)
-    if noise == "gaussian" or process.hyperparameters is None or stopped():
+    if kinks and not stopped():
+        training, process = training.with_hinges(process, blocks, stopped)
+    if noise == "gaussian" or (noise == "auto" and blocks is not None) or stopped():
         return process
     return training.with_student_noise(process, blocks, starts, forced=noise == "student", stopped=stopped)
 
@@ -156,15 +166,18 @@ class _Training:
         centres: int | None,
         seed: int,
         weights: Float | None = None,
+        hinges: tuple[Hinge, ...] = (),
     ) -> None:
-        self.x, self.y, self.used, self.method, self.seed = x, y, used, method, seed
-        self.scaling = Scaling.of(x[used], y[used])
-        target = (y[used] - self.scaling.level) / self.scaling.height
+        self.x, self.measured, self.used, self.method, self.seed = x, y, used, method, seed
+        self.y = y - evaluate_hinges(hinges, x)
+        self.scaling = Scaling.of(x[used], self.y[used])
+        target = (self.y[used] - self.scaling.level) / self.scaling.height
         shares = None if weights is None else weights[used]
         self.points = TrainingPoints.of(self.scaling.inward(x[used]), target, shares)
         most = MOST_EXACT if centres is None else min(centres, MOST_EXACT)
         self.exact = method == "exact" or (method == "auto" and len(self.points) <= most)
         self.given, self.centres = centres, centres or CENTRES
+        self.hinges = hinges
 
     def search(
         self, kernels: Sequence[Kernel], starts: int, stopped: Stopped, near: Hyperparameters | None = None
@@ -203,33 +216,70 @@ class _Training:
     def with_student_noise(
         self, normal: GaussianProcess, blocks: Int | None, starts: int, *, forced: bool, stopped: Stopped
     ) -> GaussianProcess:
-        """Return the process with Student noise, if its residuals have wide tails and are smaller but for these.
+        """Return the process with Student noise, if that is clearly more likely for residuals of points left out.
 
         The noise of a row is normal with a variance that is drawn; its mean weight, given the residual r of the row
         left out, is (nu + 1) / (nu + (r / sigma)^2): K. L. Lange, R. J. A. Little, J. M. G. Taylor: Robust statistical
         modeling using the t distribution, 1989.
         """
-        at, residual = normal.hyperparameters, normal.left_out
-        sigma = NORMAL * float(np.median(np.abs(residual[self.used])))
-        wide = np.count_nonzero(np.abs(residual[self.used]) > WIDE * sigma)
-        if at is None or sigma == 0 or not (forced or wide > max(WIDE_SHARE * self.used.sum(), FEW_WIDE)):
+        at, robust, before = normal.tried, normal, normal.left_out[self.used]
+        sigma = student_scale(before)
+        if sigma == 0 or not (forced or student_gain(before, before) > 0):
             return normal
-        robust = normal
         for round_ in range(REWEIGHTED):
             weights = (FREEDOM + 1) / (FREEDOM + (np.nan_to_num(robust.left_out) / sigma) ** 2)
-            training = _Training(self.x, self.y, self.used, self.method, self.given, self.seed, weights)
+            training = _Training(
+                self.x, self.measured, self.used, self.method, self.given, self.seed, weights, self.hinges
+            )
             if round_ == REWEIGHTED - 1:
+                gain = student_gain(before, robust.left_out[self.used])
+                if not forced and gain < PROMISING * LIKELIER:
+                    return normal
                 at = training.search((at.kernel,), starts, stopped, at)[0]
             robust = training.choose([at], blocks, normal.outliers)
-            if robust.hyperparameters is None:
-                return normal
-        before, after = (process.left_out[self.used] for process in (normal, robust))
-        cut = np.mean(np.minimum(after**2, (CUT * sigma) ** 2)) / np.mean(np.minimum(before**2, (CUT * sigma) ** 2))
-        is_better = cut < BETTER and np.mean(after**2) < np.mean(before**2) / WORTH
-        if not (forced or is_better):
+            sigma = student_scale(robust.left_out[self.used]) or sigma
+        after = robust.left_out[self.used]
+        if robust.hyperparameters is None or not (forced or _is_likelier(before, after)):
             return normal
         remarks = (*robust.remarks, "the noise has wide tails; large errors count less")
         return replace(robust, plane=normal.plane, plane_left_out=normal.plane_left_out, remarks=remarks)
+
+    def with_hinges(
+        self, smooth: GaussianProcess, blocks: Int | None, stopped: Stopped
+    ) -> "tuple[_Training, GaussianProcess]":
+        """Return the process about a plane with kinks, if it is better on points left out by more than chance."""
+        together = self._together(blocks)
+        groups = self._groups() if together is None else together
+        choice = select_hinges(self.points, groups)
+        straight = self._by_row(_plane_left_out(self.points, groups))
+        bent = self._by_row(choice.left_out)
+        if not choice.hinges or not self._is_better(straight, bent, blocks):
+            return self, smooth
+        if np.nanmean(bent**2) > HOPELESS**2 * np.nanmean(smooth.left_out**2):
+            return self, smooth
+        hinges = self.scaling.outward(choice.hinges)
+        kinked = _Training(self.x, self.y, self.used, self.method, self.given, self.seed, hinges=hinges)
+        process = kinked.choose(kinked.search((smooth.tried.kernel,), 1, stopped), blocks, smooth.outliers)
+        if process.hyperparameters is None:
+            process = replace(process, left_out=bent)  # for which hinges were selected anew
+        if not self._is_better(smooth.left_out, process.left_out, blocks):
+            return self, smooth
+        return kinked, replace(process, plane=smooth.plane, plane_left_out=smooth.plane_left_out)
+
+    def _groups(self) -> list[Int]:
+        """Return points that are drawn into a few groups."""
+        order = np.random.default_rng(self.seed).permutation(len(self.points))
+        return np.array_split(order, min(GROUPS, len(order)))
+
+    def _is_better(self, before: Float, after: Float, blocks: Int | None) -> bool:
+        """Return if the squares of residuals Float[rows] are smaller by more than chance, by points or blocks."""
+        gain: Float = (before**2 - after**2)[self.used]
+        if blocks is not None:
+            own = blocks[self.used]
+            gain = np.bincount(own, gain).astype(np.float64)[np.unique(own)]
+        scatter = np.sqrt(gain.size) * float(gain.std(ddof=1)) if gain.size > 1 else np.inf
+        is_worth = np.nanmean(after**2) <= WORTH**2 * np.nanmean(before**2)
+        return bool(is_worth and gain.sum() > SIGNIFICANT * scatter)
 
     def choose(self, candidates: Sequence[Hyperparameters], blocks: Int | None, outliers: Bool) -> GaussianProcess:
         """Return the process, or the plane, with the smallest residuals of points or blocks left out."""
@@ -248,7 +298,7 @@ class _Training:
         if not is_plane:
             expansion = self.scaling.expansion(*process.terms(), process.lengths, process.kernel)
         return GaussianProcess(
-            expansion,
+            replace(expansion, hinges=self.hinges),
             Validity.around(self.x[self.used], self.scaling.spread * process.lengths, self.seed),
             self._uncertainty(process, expansion, residual[self.used]),
             residual,
@@ -256,6 +306,7 @@ class _Training:
             self._by_row(plane),
             outliers,
             None if is_plane else candidates[best],
+            candidates[best],
             int(self.used.sum()) - len(self.points),
             (*self._remarks(), *_remarks(candidates[best], is_plane)),
         )
@@ -294,10 +345,10 @@ class _Training:
         return [np.flatnonzero(block == number) for number in np.unique(block)]
 
     def _rmse(self, residual: Float) -> float:
-        """Return the RMSE over the rows of points, given the residuals of their means."""
-        counts = 1 + self.points.repeats
-        squares = counts * residual**2 + self.points.scatter
-        return float(np.sqrt(squares.sum() / counts.sum()))
+        """Return the weighted RMSE over the rows of points, given the residuals of their means."""
+        weights = self.points.weights
+        squares = weights * residual**2 + self.points.scatter
+        return float(np.sqrt(squares.sum() / weights.sum()))
 
     def _by_row(self, residual: Float) -> Float:
         """Return residuals of points at each row, in physical units; NaN at rows that are not used."""
@@ -321,6 +372,17 @@ class _Training:
         return calibrated(Uncertainty(float(signal), noise, nugget), expansion, self.x[self.used][some], residual[some])
 
 
+def _is_likelier(before: Float, after: Float) -> bool:
+    """Return if Student noise is clearly more likely for residuals left out, and nothing predicts its tails.
+
+    Residuals Float[rows] are `before` of normal and `after` of Student noise. A share p of wild values that nothing
+    predicts raises the squares by 1 / (1 - p) at most if the process no longer follows them.
+    """
+    wild = float(np.mean(np.abs(after) > WIDE * student_scale(after)))
+    predicted = (1 - wild) * np.mean(after**2) > np.mean(before**2) / WORTH
+    return bool(not predicted and student_gain(before, after) > LIKELIER)
+
+
 def _plane_through(points: TrainingPoints, scaling: Scaling) -> Expansion:
     """Return the plane of least squares through points in units of `scaling`."""
     plane = Plane.over(points.x, points.weights)
@@ -339,7 +401,8 @@ def _plane_left_out(points: TrainingPoints, blocks: Sequence[Int] | None) -> Flo
         own = plane.basis[block]
         inside = np.eye(plane.rank) * (1 + 1e-12) - own.T @ own
         residual[block] = rest[block] + own @ np.linalg.solve(inside, own.T @ rest[block])
-    return residual / roots
+    residual /= roots
+    return residual
 
 
 def _remarks(at: Hyperparameters, is_plane: bool) -> list[str]:

@@ -71,6 +71,7 @@ def train_static(
             seed=settings.seed,
             names=settings.inputs,
             blocks=blocks,
+            kinks=settings.kinks,
             stopped=stopped,
         )
         expansion, validity, plane = process.expansion, process.validity, process.plane

@@ -25,6 +25,7 @@ from kennfeld.surrogate.uncertainty import Uncertainty
 from kennfeld.surrogate.validity import Validity
 
 VERSIONS = {"gaussian": 1, "matern52": 2}  # by kernel: readers of version 1 know Gaussian bells only
+WITH_HINGES = 3  # version of files with hinges, which readers of version 2 do not know
 EXPANSION = ("offset", "slopes", "weights", "centres", "widths")
 VALIDITY = ("centres", "lengths", "threshold", "least", "most")
 UNCERTAINTY = ("signal", "noise", "nugget")
@@ -78,8 +79,9 @@ def read_surrogate(path: str | Path) -> Surrogate:
     if kind and kind not in SURROGATE_KINDS.values():
         reader.report("kind", f"unknown kind {kind!r}", nearest(kind, SURROGATE_KINDS.values()) or REWRITE)
     version = reader.number("version")
-    if version is not None and version not in VERSIONS.values():
-        known = " and ".join(map(str, VERSIONS.values()))
+    versions = (*VERSIONS.values(), WITH_HINGES)
+    if version is not None and version not in versions:
+        known = f"{', '.join(map(str, versions[:-1]))} and {versions[-1]}"
         reader.report("version", f"version {version:g} is not supported, only {known}", "Update kennfeld.")
     findings.finish()
     make, further = _READERS.get(kind, _READERS[SURROGATE_KINDS["static"]])
@@ -96,7 +98,7 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
     kind = next(name for name, (make, _) in _READERS.items() if isinstance(surrogate, make))
     result: dict[str, Any] = {
         "kind": kind,
-        "version": VERSIONS[surrogate.expansion.kernel],
+        "version": WITH_HINGES if surrogate.expansion.hinges else VERSIONS[surrogate.expansion.kernel],
         "name": surrogate.name,
         "inputs": list(surrogate.inputs),
         "output": surrogate.output,
@@ -125,6 +127,8 @@ def _tables(surrogate: Surrogate) -> dict[str, Any]:
     kernel = surrogate.expansion.kernel
     result["expansion"] = {} if kernel == "gaussian" else {"kernel": kernel}
     result["expansion"] |= {name: _plain(getattr(surrogate.expansion, name)) for name in EXPANSION}
+    if surrogate.expansion.hinges:
+        result["expansion"]["hinges"] = [list(hinge) for hinge in surrogate.expansion.hinges]
     if surrogate.uncertainty is not None:
         names = FREE_RUN_UNCERTAINTY if isinstance(surrogate, DynamicSurrogate) else UNCERTAINTY
         result["uncertainty"] = {name: _plain(getattr(surrogate.uncertainty, name)) for name in names}
@@ -309,6 +313,8 @@ def _inner(reader: _TableReader, key: str, names: tuple[str, ...], kind: type[An
         return None
     if "kernel" in inner.values:
         values["kernel"] = inner.text("kernel")
+    if "hinges" in inner.values:
+        values["hinges"] = inner.check("hinges", inner.get("hinges"), _is_list_of(list), "a list of lists") or ()
     if key == "expansion" and not values["weights"].size:
         empty = np.empty((0, values["slopes"].size))
         values |= {"centres": empty, "widths": empty}

@@ -191,6 +191,8 @@ class DynamicSurrogate:
             )
         if self.expansion.kernel != "gaussian":
             raise ArgumentError(f"kernel={self.expansion.kernel!r} of dynamic surrogate {self.name} must be gaussian")
+        if self.expansion.hinges:
+            raise ArgumentError(f"the expansion of dynamic surrogate {self.name} has hinges; only a static one may")
         lags = Lags(self.output_lags, self.lags)
         if lags.size != self.expansion.inputs:
             raise ArgumentError(

@@ -32,8 +32,10 @@ class SurrogateSettings:
         kind: "static" for points, "dynamic" for recordings over time.
         method: "auto", "exact" or "sparse" (Gaussian processes), or "expansion": few centres by k-means, static only.
         kernel: "gaussian" or "matern52"; by "auto" the one with the smaller residuals of points left out. Static only.
-        noise: "gaussian" or "student", whose large errors count less; "auto" takes the latter if residuals of points
-            left out have wide tails and become smaller but for these. Static only.
+        noise: "gaussian" or "student", whose large errors count less; "auto" takes the latter for
+            points without time if it is clearly more likely for residuals of points left out. Static only.
+        kinks: whether the mean of a static Gaussian process may be kinked along single inputs, if residuals of points
+            left out become smaller by more than chance.
         centres: maximum number; by default one per point up to 1000 points, else 300.
         seed: of the search for length scales.
         starts: number of starts of that search.
@@ -80,6 +82,7 @@ class SurrogateSettings:
     noise: NoiseChoice = "auto"
     held: tuple[str, ...] = ()
     structure: Literal["auto", "narx", "filtered"] = "auto"
+    kinks: bool = True
 
     @property
     def most_centres(self) -> int:

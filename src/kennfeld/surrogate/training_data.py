@@ -11,7 +11,7 @@ from kennfeld.file_spans import short_names
 from kennfeld.formatting import join_names, nearest
 from kennfeld.lazy_dataclass import dataclass
 from kennfeld.measurement.resampling import even_grid, is_stepped, resample
-from kennfeld.rbf import Expansion, Kernel
+from kennfeld.rbf import Expansion, Hinge, Kernel
 from kennfeld.surrogate.recursion import Recording
 
 EVEN = 1e-3  # share of a step by which time stamps may be off
@@ -157,6 +157,13 @@ class Scaling:
         """Return points in units of spread."""
         scaled: Float = (x - self.centre) / self.spread
         return scaled
+
+    def outward(self, hinges: Sequence[Hinge]) -> tuple[Hinge, ...]:
+        """Return hinges over scaled inputs in physical units."""
+        return tuple(
+            Hinge(d, float(self.centre[d] + self.spread[d] * position), self.height * height / float(self.spread[d]))
+            for d, position, height in hinges
+        )
 
     def expansion(
         self,

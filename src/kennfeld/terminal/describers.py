@@ -197,6 +197,7 @@ def describe_surrogate_file(file: DescribedFile) -> FileInfo:
         **_select(surrogate, *further),
         noise=least_deviation(surrogate),
         kernel=surrogate.expansion.kernel,
+        kinks=len(surrogate.expansion.hinges),
         remarks=list(surrogate.remarks),
         ranges={name: [float(lowest), float(highest)] for name, _, lowest, highest in ranges[1:]},
     )

@@ -14,7 +14,9 @@ def describe_surrogate(surrogate: Surrogate) -> str:
     """Return a sentence with the inputs, lags and size of a surrogate."""
     call = f"{surrogate.output} = {surrogate.name}({', '.join(surrogate.inputs)})"
     shape = " of a Matern kernel" if surrogate.expansion.kernel == "matern52" else ""
-    centres = f"{surrogate.expansion.size} centres{shape}"
+    hinges = surrogate.expansion.hinges
+    kinks = f" and {count_noun(len(hinges), 'kink')}" if hinges else ""
+    centres = f"{surrogate.expansion.size} centres{shape}{kinks}"
     if isinstance(surrogate, FilteredSurrogate):
         filters = ", ".join(f"{T:.4g}" for T in surrogate.time_constants)
         late = f", {count_noun(surrogate.delay, 'sample')} late" if surrogate.delay else ""
